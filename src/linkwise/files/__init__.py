@@ -210,7 +210,7 @@ def check_record_file(path: str | Path) -> None:
 
 def _writer(path: Path) -> ModuleType:
     """The module that writes a file of this suffix; RecordError for one that is not written."""
-    writable = [suffix for suffix, each in FORMATS.items() if each.writable]
+    writable = [suffix for suffix, entry in FORMATS.items() if entry.writable]
     if path.suffix.lower() not in writable:
         raise RecordError(
             f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writable)}",
@@ -237,8 +237,8 @@ def _format(path: Path) -> Format:
     """The format of a file; RecordError for an unknown suffix and for a library that is not installed."""
     suffix = path.suffix
     if suffix.lower() not in FORMATS:
-        what = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
-        raise RecordError(f"{what}; choose from {', '.join(FORMATS)}", path)
+        problem = f"unknown suffix {suffix!r}" if suffix else "the file name has no suffix"
+        raise RecordError(f"{problem}; choose from {', '.join(FORMATS)}", path)
     entry = FORMATS[suffix.lower()]
     if entry.library is not None and find_spec(entry.library) is None:
         raise RecordError(

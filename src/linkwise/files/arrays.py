@@ -60,9 +60,9 @@ def spelled_as_channel(column: Column) -> Column:
 
 @dataclass(frozen=True)
 class Unread:
-    """Stands for a value that cannot be read as numbers; `what` says what it is."""
+    """Stands for a value that cannot be read as numbers; `description` says what it is."""
 
-    what: str
+    description: str
 
 
 def _leaves(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
@@ -79,7 +79,7 @@ def _columns_of_leaf(path: str, value: Any) -> Iterator[Column]:
         yield from _columns(path, value)
         return
     if isinstance(value, Unread):
-        instead = value.what
+        instead = value.description
     elif value is None or (isinstance(value, np.ndarray) and value.size == 0):
         instead = "empty"
     elif isinstance(value, list | tuple):

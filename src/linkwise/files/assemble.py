@@ -79,7 +79,7 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
         source=table.source or file,
         notes=(*notes, *remarks),
         interpolation={name: kind for name, kind in table.interpolation.items() if name in columns},
-        units={each.name: each.unit for each in chosen if each.kind == "state" and each.unit},
+        units={choice.name: choice.unit for choice in chosen if choice.kind == "state" and choice.unit},
     )
     stated, unread = _statements(table, file, chosen, mapping)
     record = with_statements(replace(record, notes=(*record.notes, *unread)), stated, file)
@@ -92,11 +92,11 @@ def _statements(
     """What the mapping states of the sensors, and what the file states beside it, with remarks on that."""
     stated: dict[str, SensorStatement] = {}
     unread: tuple[str, ...] = ()
-    for each in (each for each in chosen if each.name != "time"):
-        attributes, of_file = table.columns[each.column].attributes, table.sensors.get(each.name)
+    for choice in (choice for choice in chosen if choice.name != "time"):
+        attributes, of_file = table.columns[choice.column].attributes, table.sensors.get(choice.name)
         if attributes or of_file:
-            of_column, more = statement_of(attributes, each.name)
-            stated[each.name] = SensorStatement.of(of_file or {}, each.name, file).over(of_column)
+            of_column, more = statement_of(attributes, choice.name)
+            stated[choice.name] = SensorStatement.of(of_file or {}, choice.name, file).over(of_column)
             unread += more
     if COMMON in table.sensors:
         stated[COMMON] = SensorStatement.of(table.sensors[COMMON], COMMON, file)
@@ -104,7 +104,7 @@ def _statements(
         stated[name] = own.over(stated.get(name, SensorStatement()))
     if mapping.calibration is not None:
         general = SensorStatement(gain=StatedError(1.0, mapping.calibration))
-        for name in (each.name for each in chosen if each.name != "time"):
+        for name in (choice.name for choice in chosen if choice.name != "time"):
             if not Channel.parse(name).is_input:
                 stated[name] = stated.get(name, SensorStatement()).over(general)
     return stated, unread

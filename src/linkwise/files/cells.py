@@ -42,12 +42,12 @@ class Dialect:
 
 def _without_units(header: str) -> str:
     """The header with quoted and bracketed text blanked out: a comma there is not a delimiter."""
-    depth, quoted, kept = 0, False, []
+    depth, quoted, blanked = 0, False, []
     for letter in header:
         quoted ^= letter == '"'
         depth += (letter in "[(") - (letter in "])")
-        kept.append(" " if quoted or depth > 0 else letter)
-    return "".join(kept)
+        blanked.append(" " if quoted or depth > 0 else letter)
+    return "".join(blanked)
 
 
 def parse_number(cell: str) -> float | None:

@@ -140,7 +140,7 @@ def _recognised(
     table: Table, file: str, mapped: tuple[ColumnChoice, ...], known_masses: tuple[str, ...] | None
 ) -> tuple[ColumnChoice, ...]:
     """The columns whose headers name a channel or the time, except what the user has mapped."""
-    taken = {choice.name for choice in mapped}
+    mapped_names = {choice.name for choice in mapped}
     used = {choice.column for choice in mapped}
     recognised: dict[str, ColumnChoice] = {}
     for index, column in enumerate(table.columns):
@@ -148,7 +148,7 @@ def _recognised(
         if header is None or index in used:
             continue
         name = "time" if header.is_time else str(header.channel)
-        if name in taken:
+        if name in mapped_names:
             continue
         if name in recognised:
             raise RecordError(

@@ -43,36 +43,36 @@ def table_of(
     `files.read_record`.
     """
     header, first = _header(lines) if named_header is None else _named(lines, named_header, path)
-    kept = _data_lines(lines, first)
-    if not len(kept):
+    data_lines = _data_lines(lines, first)
+    if not len(data_lines):
         line = None if header is None else header + 1 + lines_before
         raise RecordError("there are no data below the header", path, line)
-    body = lines[first:] if len(kept) == len(lines) - first else [lines[i] for i in kept]
+    body = lines[first:] if len(data_lines) == len(lines) - first else [lines[i] for i in data_lines]
     opening = lines[first].strip() if header is None else _uncommented(lines[header])
     dialect = Dialect.of(opening, body)
     cells = dialect.split(opening)
     headers = [str(i + 1) for i in range(len(cells))] if header is None else cells
     if header is not None and not headers[-1] and len(dialect.split(body[0])) == len(headers) - 1:
         headers.pop()  # a trailing delimiter in the header only
-    kept += lines_before
+    data_lines += lines_before
     units = None if header is None else _units(dialect.split(body[0]), headers)
     if units is not None and len(body) > 1:
-        headers, body, kept = units, body[1:], kept[1:]
-    columns = columns_of(body, kept + 1, headers, dialect, str(path))
+        headers, body, data_lines = units, body[1:], data_lines[1:]
+    columns = columns_of(body, data_lines + 1, headers, dialect, str(path))
     skipped = sum(not _is_blank_or_comment(line) for line in lines[: header or 0])
-    found = [f"Lines of text skipped above the header: {skipped}."] if skipped else []
+    assumptions = [f"Lines of text skipped above the header: {skipped}."] if skipped else []
     if units is not None:
-        found.append("The line below the header was read as the units of the columns.")
+        assumptions.append("The line below the header was read as the units of the columns.")
     if dialect.decimal_comma:
-        found.append("Commas were read as decimal points.")
+        assumptions.append("Commas were read as decimal points.")
     return Table(
         columns,
-        lines=kept + 1,
+        lines=data_lines + 1,
         header_line=None if header is None else header + 1 + lines_before,
         named=header is not None,
         opening=opening,
         rate=rate,
-        notes=(*notes, *found),
+        notes=(*notes, *assumptions),
     )
 
 
@@ -158,10 +158,10 @@ def _named(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
                 arguments=("header",),
             )
         return header - 1, header
-    found = next((number for number, line in enumerate(lines) if header in line), None)
-    if found is None:
+    index = next((number for number, line in enumerate(lines) if header in line), None)
+    if index is None:
         raise RecordError(f"no line contains {header!r}", path, arguments=("header",))
-    return found, found + 1
+    return index, index + 1
 
 
 def _names_columns(cells: list[str]) -> bool:

@@ -78,8 +78,8 @@ def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
 
 def _free_mass(channels: Iterable[str]) -> str:
     """The first of m1, m2, ... that none of the channels has."""
-    taken = {name.rpartition(":")[2] for name in channels}
-    return next(f"m{number}" for number in count(1) if f"m{number}" not in taken)
+    mass_names = {name.rpartition(":")[2] for name in channels}
+    return next(f"m{number}" for number in count(1) if f"m{number}" not in mass_names)
 
 
 def _guessed(header: ColumnHeader) -> tuple[str, str]:

@@ -104,10 +104,10 @@ def main() -> None:
 def _limit(seconds: int, memory: int) -> None:
     """Let the system end this process after `seconds` of processor time, and refuse it more than `memory` bytes."""
     if sys.platform != "win32":
-        for what, most in (
+        for limit, most in (
             (resource.RLIMIT_CPU, seconds),
             (resource.RLIMIT_AS, memory),
             (resource.RLIMIT_CORE, 0),
         ):
-            hard = resource.getrlimit(what)[1]
-            resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+            hard = resource.getrlimit(limit)[1]
+            resource.setrlimit(limit, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))

@@ -135,16 +135,16 @@ class RecordMapping:
             Both.
         """
         own = {_channel(key) for key in self.channels}
-        kept = {key: column for key, column in other.channels.items() if _channel(key) not in own}
+        added_channels = {key: column for key, column in other.channels.items() if _channel(key) not in own}
         sensors = dict(other.sensors)
         for name, stated in self.sensors.items():
             sensors[name] = stated.over(sensors.get(name, SensorStatement()))
-        rest = {
-            each.name: getattr(self, each.name)
-            for each in fields(self)
-            if each.name not in ("channels", "sensors") and getattr(self, each.name) not in (None, {}, "")
+        settings = {
+            member.name: getattr(self, member.name)
+            for member in fields(self)
+            if member.name not in ("channels", "sensors") and getattr(self, member.name) not in (None, {}, "")
         }
-        return replace(other, channels={**kept, **self.channels}, sensors=sensors, **rest)
+        return replace(other, channels={**added_channels, **self.channels}, sensors=sensors, **settings)
 
 
 def _channel(key: str) -> str:

@@ -34,8 +34,8 @@ def read_table(path: Path) -> Table:
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise RecordError(f"its metadata are not those of a record: {error}", path) from error
     columns = tuple(
-        replace(Column.of(each.name, _values(content.column(i))), attributes=_stated_in(each))
-        for i, each in enumerate(content.schema)
+        replace(Column.of(field.name, _values(content.column(i))), attributes=_stated_in(field))
+        for i, field in enumerate(content.schema)
     )
     return Table(
         columns,

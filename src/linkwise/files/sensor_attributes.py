@@ -34,8 +34,8 @@ def _plain(value: Any) -> object:
     if array.size == 1 and array.dtype.kind in "iuf":
         return float(array.flat[0])
     if array.size == 1 and array.dtype.kind in "SUO":
-        one = array.flat[0]
-        return one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)
+        scalar = array.flat[0]
+        return scalar.decode("utf-8", "replace") if isinstance(scalar, bytes) else str(scalar)
     return str(value)
 
 
@@ -65,11 +65,11 @@ def with_attributes(
     """The columns with the `attributes` of the arrays that they are from, by the name of the array without its unit."""
     if not any(attributes.values()):
         return columns
-    found = []
+    annotated = []
     for column in columns:
         name = ColumnHeader.parse(column.header.partition("(:,")[0]).name
-        found.append(replace(column, attributes=attributes.get(name, {})))
-    return tuple(found)
+        annotated.append(replace(column, attributes=attributes.get(name, {})))
+    return tuple(annotated)
 
 
 def as_statements(stated: object, file: Path) -> dict[str, dict[str, object]]:
