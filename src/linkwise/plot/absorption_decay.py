@@ -141,10 +141,10 @@ def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float)
     for run, decay, color, text in runs:
         x = run.x[:, run.structure.mass_names.index(mass.name)] - decay.rest
         axes.plot(*envelope(result.time, x * factor), color=color, linewidth=0.7, label=text)
-    kept = _before_tail(result)
+    before_tail = _before_tail(result)
     for (run, _, _, text), (line, shade) in zip(runs, (("--", "#555555"), ("-", TRUE)), strict=True):
-        bound = run.envelope[kept, number] * factor
-        axes.plot(result.time[kept], bound, line, color=shade, linewidth=0.9, label=f"envelope {text}")
+        bound = run.envelope[before_tail, number] * factor
+        axes.plot(result.time[before_tail], bound, line, color=shade, linewidth=0.9, label=f"envelope {text}")
     level = mass.level * factor
     axes.axhspan(-level, level, color=VISITED, zorder=0, label=f"settled: {100 * result.settle:g} %")
     if mass.with_sinks.settled is not None:
@@ -152,11 +152,11 @@ def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float)
 
 
 def _draw_band(axes: Axes, result: AbsorptionIntervals, number: int, factor: float) -> None:
-    kept = _before_tail(result.absorption)
+    before_tail = _before_tail(result.absorption)
     axes.fill_between(
-        result.absorption.time[kept],
-        result.lower[kept, number] * factor,
-        result.upper[kept, number] * factor,
+        result.absorption.time[before_tail],
+        result.lower[before_tail, number] * factor,
+        result.upper[before_tail, number] * factor,
         color=WELL,
         alpha=0.35,
         linewidth=0,

@@ -44,11 +44,11 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
     >>> len(lw.plot.evidence(found).get_yticklabels()) >= len(found.kept)
     True
     """
-    kept, dropped = _rows(discovery)
-    rows = [*kept, *dropped]
+    selected, dropped = _rows(discovery)
+    rows = [*selected, *dropped]
     with axes_for(ax, height=_height(len(rows))) as axes:
-        _bars(axes, kept, 0, IDENTIFIED, "kept")
-        _bars(axes, dropped, len(kept), MEASURED, "dropped")
+        _bars(axes, selected, 0, IDENTIFIED, "kept")
+        _bars(axes, dropped, len(selected), MEASURED, "dropped")
         if rows:
             penalties = [term.penalty for term in rows]
             axes.plot(penalties, range(len(rows)), "|", color=WELL, markersize=9, label="penalty of the term")
@@ -59,8 +59,8 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         log_scale(axes, "x", linear_to=10.0)
         axes.set_xlim(0.0, None)
         axes.set_xlabel("misfit that the term takes away, in -2 log likelihood")
-        axes.set_title(f"evidence term by term{_left_out(discovery, len(kept), len(dropped))}")
-        axes.axhline(len(kept) - 0.5, color=TRUE, linewidth=0.6)
+        axes.set_title(f"evidence term by term{_left_out(discovery, len(selected), len(dropped))}")
+        axes.axhline(len(selected) - 0.5, color=TRUE, linewidth=0.6)
         if legend:
             axes.legend()
     return axes
@@ -103,10 +103,10 @@ def _identifiable(discovery: Discovery) -> list[TermEvidence]:
     return [term for term in discovery.terms if not term.kept and term.identifiable]
 
 
-def _left_out(discovery: Discovery, kept: int, dropped: int) -> str:
+def _left_out(discovery: Discovery, selected: int, dropped: int) -> str:
     """How many terms are not drawn, in brackets."""
-    counts = ((len(discovery.kept) - kept, "kept"), (len(_identifiable(discovery)) - dropped, "dropped"))
-    listed = ", ".join(f"{count} more {what}" for count, what in counts if count)
+    counts = ((len(discovery.kept) - selected, "kept"), (len(_identifiable(discovery)) - dropped, "dropped"))
+    listed = ", ".join(f"{count} more {kind}" for count, kind in counts if count)
     return f" ({listed})" if listed else ""
 
 

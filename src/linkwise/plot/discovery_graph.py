@@ -41,7 +41,7 @@ _FAINT = 12  # dropped links that are drawn
 class Edge:
     """A line from node to node in the drawing: masses come first, then a node for every end at the ground or the base.
 
-    `kept` is False for a link that was dropped in doubt, `certain` says whether the link is there beyond doubt and
+    `selected` is False for a link that was dropped in doubt, `certain` says whether the link is there beyond doubt and
     `doubtful_term` whether one of its terms is not.
     """
 
@@ -49,7 +49,7 @@ class Edge:
     second: int
     kind: str
     stiffness: float
-    kept: bool
+    selected: bool
     certain: bool
     doubtful_term: bool
 
@@ -201,13 +201,13 @@ def _edges(discovery: Discovery, bodies: Sequence[str]) -> tuple[list[Edge], lis
                 *nodes(link.link.between),
                 kind=link.kind,
                 stiffness=max(abs(float(link.link.force(end))) for end in (-reach, reach)) / reach,
-                kept=True,
+                selected=True,
                 certain=discovery.decision(name) is Decision.CERTAIN,
                 doubtful_term=name in unsure,
             )
         )
     for between in _dropped_in_doubt(discovery):
-        edges.append(Edge(*nodes(between), "", 0.0, kept=False, certain=False, doubtful_term=True))
+        edges.append(Edge(*nodes(between), "", 0.0, selected=False, certain=False, doubtful_term=True))
     return edges, fixed
 
 
@@ -261,7 +261,7 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
             a, b = a + offset, b + offset
         width = _width(edge, stiffnesses)
         dashes = (0, (_DASH / width, _GAP / width))  # matplotlib counts in line widths
-        style = ":" if not edge.kept else "-" if edge.certain else dashes
+        style = ":" if not edge.selected else "-" if edge.certain else dashes
         axes.plot(
             *np.stack([a, b], axis=1),
             color=_color(edge),
@@ -270,7 +270,7 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
             solid_capstyle="round",
             zorder=1,
         )
-        if labelled and edge.kept:
+        if labelled and edge.selected:
             x, y = 0.5 * (a + b)
             axes.text(
                 x,
@@ -286,13 +286,13 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
 
 
 def _color(edge: Edge) -> str:
-    return _COLORS.get(edge.kind, _OTHER) if edge.kept else MEASURED
+    return _COLORS.get(edge.kind, _OTHER) if edge.selected else MEASURED
 
 
 def _width(edge: Edge, stiffnesses: Sequence[float]) -> float:
     """Width in points: the wider, the stiffer, in equal steps a decade."""
     thin, thick = _WIDTHS
-    if not (edge.kept and edge.stiffness > 0.0):
+    if not (edge.selected and edge.stiffness > 0.0):
         return thin
     decades = log10(max(stiffnesses) / min(stiffnesses))
     share = log10(edge.stiffness / min(stiffnesses)) / decades if decades > 0.3 else 0.5
@@ -374,13 +374,13 @@ def _free_direction(number: int, positions: Floats) -> float:
 
 
 def _legend_handles(edges: Sequence[Edge]) -> list[Line2D]:
-    kinds = dict.fromkeys(edge.kind for edge in edges if edge.kept)
+    kinds = dict.fromkeys(edge.kind for edge in edges if edge.selected)
     handles = [
         Line2D([], [], color=_COLORS.get(kind, _OTHER), linewidth=2.5, label=label(kind)) for kind in kinds
     ]
-    if any(edge.kept and not edge.certain for edge in edges):
+    if any(edge.selected and not edge.certain for edge in edges):
         handles.append(Line2D([], [], color=TRUE, linestyle=(0, (4, 2.5)), label="in doubt"))
-    if any(not edge.kept for edge in edges):
+    if any(not edge.selected for edge in edges):
         handles.append(Line2D([], [], color=MEASURED, linestyle=":", label="dropped, in doubt"))
     handles.append(Line2D([], [], color="none", label="wider: stiffer"))
     return handles

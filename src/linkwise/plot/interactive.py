@@ -75,7 +75,7 @@ def to_plotly(figure: Figure) -> dict[str, Any]:
     for number, axes in enumerate(panels, start=1):
         suffix = "" if number == 1 else str(number)
         layout |= _axis_layouts(axes, suffix, panels)
-        for artist in sorted(_drawn(axes), key=lambda each: each.get_zorder()):
+        for artist in sorted(_drawn(axes), key=lambda drawn_artist: drawn_artist.get_zorder()):
             for part in _converted(artist, axes, suffix, named):
                 (shapes if "type" in part and part["type"] in ("rect", "line") else data).append(part)
     layout["shapes"] = shapes
@@ -176,7 +176,7 @@ def _axis_layouts(axes: Axes, suffix: str, panels: Sequence[Axes]) -> dict[str, 
     """Where the axes stand, what they show, and with which of the panels before they zoom."""
     (left, right), (bottom, top) = _domains(axes)
     joined = axes.get_shared_x_axes().joined
-    shared = next(other for other in panels if other is axes or joined(axes, other))
+    shared = next(panel for panel in panels if panel is axes or joined(axes, panel))
     number = panels.index(shared) + 1
     across: dict[str, Any] = {
         **_axis(axes.get_xlabel(), axes.get_xlim(), axes.get_xscale()),

@@ -40,9 +40,9 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     with axes_for(ax) as axes:
         for name, colour, marker in kinds:
             points = [
-                (level, getattr(each, name))
-                for level, each in zip(comparison.levels, comparison.distortions, strict=True)
-                if each is not None and getattr(each, name) is not None
+                (level, getattr(level_distortion, name))
+                for level, level_distortion in zip(comparison.levels, comparison.distortions, strict=True)
+                if level_distortion is not None and getattr(level_distortion, name) is not None
             ]
             text = "scatter" if name == "noise" else name
             if points:

@@ -50,17 +50,19 @@ def level_response(
     first = comparison.responses[0]
     with axes_for(ax) as axes:
         shades = np.linspace(*_RANGE, len(comparison.levels))
-        for each, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
-            values = each.magnitude if quantity == "magnitude" else each.coherence
+        for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
+            values = response.magnitude if quantity == "magnitude" else response.coherence
             colour = _lighter(SERIES[0], float(shade))
-            axes.plot(each.frequency, values, color=colour, linewidth=0.9, label=label(f"{level:.3g} N"))
+            axes.plot(response.frequency, values, color=colour, linewidth=0.9, label=label(f"{level:.3g} N"))
         if quantity == "magnitude":
             log_scale(axes, "y")
             axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
         else:
             axes.set_ylabel("coherence")
             axes.set_ylim(-0.03, 1.03)
-        highest = max(each.frequency[np.isfinite(each.magnitude)].max() for each in comparison.responses)
+        highest = max(
+            response.frequency[np.isfinite(response.magnitude)].max() for response in comparison.responses
+        )
         axes.set_xlim(0.0, float(highest))
         axes.set_xlabel("frequency, Hz")
         if legend:

@@ -47,19 +47,19 @@ def ring_down(
     >>> lw.plot.ring_down(found).get_ylabel()
     'frequency, Hz'
     """
-    each = comparison.ring_downs[number]
-    values = each.frequency if quantity == "frequency" else 100.0 * each.damping
+    ring = comparison.ring_downs[number]
+    values = ring.frequency if quantity == "frequency" else 100.0 * ring.damping
     with axes_for(ax) as axes:
         axes.plot(
-            each.amplitude,
+            ring.amplitude,
             values,
             ".",
-            color=SERIES[(each.mode - 1) % len(SERIES)],
-            label=label(f"mode {each.mode}"),
+            color=SERIES[(ring.mode - 1) % len(SERIES)],
+            label=label(f"mode {ring.mode}"),
         )
         log_scale(axes, "x")
         axes.ticklabel_format(axis="y", useOffset=False)
-        axes.set_xlabel(f"amplitude of {literal(each.channel)}, {each.unit}")
+        axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {ring.unit}")
         axes.set_ylabel("frequency, Hz" if quantity == "frequency" else "damping, %")
         if legend:
             axes.legend()
@@ -88,8 +88,8 @@ def ring_down_figure(comparison: LevelComparison) -> Figure:
     """
     rows = len(comparison.ring_downs)
     with sheet(rows, 2, height=0.6 + 1.9 * rows) as (figure, panels):
-        for number, each in enumerate(comparison.ring_downs):
+        for number, ring in enumerate(comparison.ring_downs):
             ring_down(comparison, "frequency", number=number, legend=False, ax=panels[2 * number])
             ring_down(comparison, "damping", number=number, legend=False, ax=panels[2 * number + 1])
-            panels[2 * number].set_title(f"mode {each.mode}", loc="left")
+            panels[2 * number].set_title(f"mode {ring.mode}", loc="left")
     return figure

@@ -57,15 +57,15 @@ def loop(
     """
     if over not in ("d", "v"):
         raise StructureError(f'a loop is drawn over "d" or "v", got "{over}"')
-    found = force_loop(estimate, link)
-    values, quantity = (found.d, "elongation d") if over == "d" else (found.v, "rate v")
+    forces = force_loop(estimate, link)
+    values, quantity = (forces.d, "elongation d") if over == "d" else (forces.v, "rate v")
     to_x, unit_x = scale(float(np.nanmax(np.abs(values))), "m" if over == "d" else "m/s")
-    to_f, unit_f = scale(found.largest, "N")
+    to_f, unit_f = scale(forces.largest, "N")
     with axes_for(ax) as axes:
-        if found.measured is not None:
+        if forces.measured is not None:
             axes.plot(
                 values * to_x,
-                found.measured * to_f,
+                forces.measured * to_f,
                 color=MEASURED,
                 linewidth=0.7,
                 zorder=1,
@@ -73,7 +73,7 @@ def loop(
             )
         axes.plot(
             values * to_x,
-            found.identified * to_f,
+            forces.identified * to_f,
             color=IDENTIFIED,
             linewidth=0.9,
             zorder=2,

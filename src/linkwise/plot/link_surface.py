@@ -54,20 +54,20 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('elongation d, mm', 'rate v, m/s')
     """
-    found = estimate.link(link)
-    if found.link.law.states:
+    link_estimate = estimate.link(link)
+    if link_estimate.link.law.states:
         raise StructureError(
             "has memory, so that its force is not a function of elongation and rate; draw its loops",
             f'link "{link}"',
         )
-    index = [each.name for each in estimate.structure.links].index(link)
-    ranges = [np.array(found.d_range), np.array(found.v_range)]
-    widths = [_MARGIN * float(np.ptp(each)) for each in ranges]
+    index = [structure_link.name for structure_link in estimate.structure.links].index(link)
+    ranges = [np.array(link_estimate.d_range), np.array(link_estimate.v_range)]
+    widths = [_MARGIN * float(np.ptp(limits)) for limits in ranges]
     d, v = (
-        np.linspace(each[0] - width, each[1] + width, _GRID)
-        for each, width in zip(ranges, widths, strict=True)
+        np.linspace(limits[0] - width, limits[1] + width, _GRID)
+        for limits, width in zip(ranges, widths, strict=True)
     )
-    force = np.broadcast_to(found.link.force(*np.meshgrid(d, v)), (_GRID, _GRID))
+    force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_GRID, _GRID))
     to_d, unit_d = scale(float(np.abs(d).max()), "m")
     to_v, unit_v = scale(float(np.abs(v).max()), "m/s")
     largest = float(np.abs(force).max())
@@ -93,7 +93,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
         )
         axes.set_xlabel(f"elongation d, {unit_d}")
         axes.set_ylabel(f"rate v, {unit_v}")
-        axes.set_title(wrapped(force_title(found.link), axes_inches(axes)[0]))
+        axes.set_title(wrapped(force_title(link_estimate.link), axes_inches(axes)[0]))
         if legend:
             axes.legend()
     return axes
