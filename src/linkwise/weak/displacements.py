@@ -171,9 +171,9 @@ def _bridged_bandwidth(values: Floats, rate: float, sigma: Floats) -> float:
     index = np.arange(values.shape[1])
     finite = np.isfinite(values)
     bridged = [
-        np.interp(index, index[kept], row[kept])
-        for row, kept in zip(values, finite, strict=True)
-        if kept.any()
+        np.interp(index, index[present], row[present])
+        for row, present in zip(values, finite, strict=True)
+        if present.any()
     ]
     if not bridged:
         return 0.5 * rate

@@ -282,7 +282,7 @@ def _follows_the_motion(
         bool(record.noise) and fit.excess > _NOTED_EXCESS
     )  # of which the bias differs from piece to piece
     given = dict(zip(equations.parameters, map(float, fit.values), strict=True))
-    sigmas = {name: found.sigma for name, found in noise.items()}
+    sigmas = {name: of_channel.sigma for name, of_channel in noise.items()}
     search = partial(_fit_of_piece, structure, given)
     apart = None if wrong_noise else disagreement(record, structure, sigmas, search)
     if apart is not None:

@@ -275,10 +275,10 @@ def _covariance(
     count, indices = len(free), np.flatnonzero(free)
     inner, middle = _part(normal, free), _part(scatter, free)
     if isinstance(inner, np.ndarray):
-        kept = _free_names(system.parameters, free)
+        names = _free_names(system.parameters, free)
         covariance = np.zeros((count, count))
-        if kept:
-            solve = _solver(inner, kept)
+        if names:
+            solve = _solver(inner, names)
             covariance[np.ix_(indices, indices)] = solve(solve(middle).T)
         return 0.5 * (covariance + covariance.T)
     if not len(indices):

@@ -71,7 +71,7 @@ def disagreement(
     stated = {name: sigma for name, sigma in noise.items() if sigma > 0.0 and name in record.channels}
     whole = replace(record, noise={**stated, **record.noise})
     fits: dict[tuple[float, float], tuple[tuple[str, ...], Floats, Floats] | None] = {}
-    found: list[tuple[float, Disagreement]] = []
+    differences: list[tuple[float, Disagreement]] = []
     for cuts in _CUTS:
         for ends in pairwise(cuts):
             if ends not in fits:
@@ -79,11 +79,11 @@ def disagreement(
         pieces = [piece for ends in pairwise(cuts) if (piece := fits[ends]) is not None]
         if len(pieces) > 1:
             values, weights = (np.stack([piece[part] for piece in pieces]) for part in (1, 2))
-            found += _differences(pieces[0][0], values, weights)
-    if not found:
+            differences += _differences(pieces[0][0], values, weights)
+    if not differences:
         return None
-    chance, worst = min(found, key=lambda pair: pair[0])
-    return worst if chance * len(found) < _FALSE_ALARM else None
+    chance, worst = min(differences, key=lambda pair: pair[0])
+    return worst if chance * len(differences) < _FALSE_ALARM else None
 
 
 def _fitted(
@@ -92,15 +92,15 @@ def _fitted(
     """Names, values and weights (p,) of the parameters from a piece; 0 weighs what it hardly tells."""
     first, last = (round(end * len(whole)) for end in ends)
     try:
-        found = search(whole[first:last])
+        fitted = search(whole[first:last])
     except (LinkwiseError, np.linalg.LinAlgError):  # too short, or no motion left
         return None
-    if found is None:
+    if fitted is None:
         return None
-    names, fit = found
+    names, fit = fitted
     variance = np.asarray(fit.covariance.diagonal()) * max(fit.excess, 1.0)
-    told = fit.free & (fit.significance > _TWICE * SIGNIFICANT) & (variance > 0.0)
-    return names, fit.values, np.where(told, 1.0 / np.where(told, variance, 1.0), 0.0)
+    determined = fit.free & (fit.significance > _TWICE * SIGNIFICANT) & (variance > 0.0)
+    return names, fit.values, np.where(determined, 1.0 / np.where(determined, variance, 1.0), 0.0)
 
 
 def _differences(
@@ -108,8 +108,8 @@ def _differences(
 ) -> Iterator[tuple[float, Disagreement]]:
     """For each parameter that two of the pieces (b, p) tell, the chance of their differences."""
     for number, name in enumerate(names):
-        told = weights[:, number] > 0.0
-        own, weight = values[told, number], weights[told, number]
+        determined = weights[:, number] > 0.0
+        own, weight = values[determined, number], weights[determined, number]
         if len(own) > 1:
             squares = float(np.sum(weight * (own - np.average(own, weights=weight)) ** 2))
             chance = float(gammaincc(0.5 * (len(own) - 1), 0.5 * squares))

@@ -53,9 +53,9 @@ def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Flo
     size = diagonal_blocks.shape[1]
     first, last = np.minimum(position[rows], position[columns]), np.maximum(position[rows], position[columns])
     block, inside = np.divmod(first, size)
-    other, along = np.divmod(last, size)
+    last_block, along = np.divmod(last, size)
     values = np.where(
-        other == block, diagonal_blocks[block, inside, along], right_blocks[block, inside, along]
+        last_block == block, diagonal_blocks[block, inside, along], right_blocks[block, inside, along]
     )
     return np.asarray(-values.imag / step * scale[rows] * scale[columns])
 

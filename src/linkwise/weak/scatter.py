@@ -143,9 +143,9 @@ def residual_excess(
             variance[patch.masses, None] * near + (incidence * variance[patch.layout.far_ends]) @ passed
         )
         expected += FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
-        kept = statistics.windows[: statistics.inside]
-        residual = patch.residual(values)[:, kept]
-        valid = patch.valid[kept]
+        windows = statistics.windows[: statistics.inside]
+        residual = patch.residual(values)[:, windows]
+        valid = patch.valid[windows]
         total += float((residual**2 / expected).sum(axis=0) @ valid)
         count += len(patch.masses) * float(valid.sum())
     return total / max(count, 1.0)
@@ -191,7 +191,7 @@ def _coupled_channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
     """Channels whose noise enters the equations of a patch: of its masses and, for each link, of the node at its other end."""
     for mass, coupling in zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True):
         yield mass
-        yield from (other for other in coupling.far_ends if system.motion.floored_variance[other] > 0.0)
+        yield from (channel for channel in coupling.far_ends if system.motion.floored_variance[channel] > 0.0)
 
 
 def _noise_contributions(
@@ -209,9 +209,9 @@ def _noise_contributions(
         far = damping * phi_1
         far -= stiffness * phi
         yield mass, (coupling.parameter, scale, statistics.masses[i] * phi_2 - far.sum(axis=0))
-        for link, other in enumerate(coupling.far_ends):
-            if variance[other] > 0.0:
-                yield other, (coupling.parameter, scale, far[link])
+        for link, channel in enumerate(coupling.far_ends):
+            if variance[channel] > 0.0:
+                yield channel, (coupling.parameter, scale, far[link])
 
 
 def _quadratic_noise(

@@ -115,7 +115,7 @@ def significant_score(
         return None
     number = int(np.argmax(np.abs(largest[0])))
     z = float(largest[0][number])
-    count = sum(len(each) for each, _ in scores)
+    count = sum(len(z_scores) for z_scores, _ in scores)
     return largest[1].named(number, z) if z**2 > _CHANCE + 2.0 * np.log(count) else None
 
 
@@ -168,19 +168,19 @@ class _Tests:
         statistics = SlopeStatistics.along(
             patch, system, np.array([known.get(name, 0.0) for name in names], dtype=float)
         )
-        is_found = np.array([name in known for name in names], dtype=bool)
-        found = np.unique(layout.free_parameters[is_found[layout.free_parameters]])
-        tested = np.unique(layout.free_parameters[~is_found[layout.free_parameters]])
+        is_estimated = np.array([name in known for name in names], dtype=bool)
+        estimated = np.unique(layout.free_parameters[is_estimated[layout.free_parameters]])
+        tested = np.unique(layout.free_parameters[~is_estimated[layout.free_parameters]])
         local = np.full(len(names) + 1, -1)
-        local[np.concatenate([found, tested])] = np.arange(len(found) + len(tested))
+        local[np.concatenate([estimated, tested])] = np.arange(len(estimated) + len(tested))
         parameter = local[layout.coefficients.parameter]
-        firsts = [int(np.flatnonzero(parameter == len(found) + k)[0]) for k in range(len(tested))]
-        single = np.array(list(_single_terms(layout, parameter < len(found))), dtype=int).reshape(-1, 2)
+        firsts = [int(np.flatnonzero(parameter == len(estimated) + k)[0]) for k in range(len(tested))]
+        single = np.array(list(_single_terms(layout, parameter < len(estimated))), dtype=int).reshape(-1, 2)
         every = np.concatenate([np.arange(len(parameter)), single[:, 0]])
         signs = np.zeros((len(layout.masses), len(every)))
         signs[:, : len(parameter)] = layout.signs
         signs[single[:, 1], len(parameter) + np.arange(len(single))] = 1.0
-        added = len(found) + len(tested) + np.arange(len(single))
+        added = len(estimated) + len(tested) + np.arange(len(single))
         wide = replace(
             layout,
             kernel=layout.kernel[every],
@@ -204,7 +204,7 @@ class _Tests:
             ),
             system=system,
             statistics=statistics,
-            values=np.array([known[names[number]] for number in found], dtype=float),
+            values=np.array([known[names[number]] for number in estimated], dtype=float),
             rows=np.concatenate([np.array(firsts, dtype=int), single[:, 0]]),
             masses=np.concatenate([np.full(len(firsts), -1), single[:, 1]]),
         )
@@ -217,15 +217,15 @@ class _Tests:
         p, count = len(self.values), len(self.values) + len(self.rows)
         theta = np.append(self.values, np.zeros(len(self.rows)))
         weights = [1.0 / residual_power(self.patch, theta)]
-        moments, right = (_dense(each) for each in normal_equations([self.patch], weights, count))
+        moments, right = (_dense(array) for array in normal_equations([self.patch], weights, count))
         scatter = _dense(
             assemble_blocks(score_blocks([(self.patch, self.statistics)], weights, self.system), count)
         )
         biased, right_biased = (
-            _dense(each) for each in normal_equations([self.patch], weights, count, bias=1.0)
+            _dense(array) for array in normal_equations([self.patch], weights, count, bias=1.0)
         )
         scale = 1.0 / np.sqrt(np.maximum(biased.diagonal(), np.finfo(float).tiny))
-        moments, scatter, biased = (each * np.outer(scale, scale) for each in (moments, scatter, biased))
+        moments, scatter, biased = (matrix * np.outer(scale, scale) for matrix in (moments, scatter, biased))
         slope, slope_biased = (
             scale * sums - matrix @ (theta / scale)
             for sums, matrix in ((right, moments), (right_biased, biased))
@@ -233,7 +233,7 @@ class _Tests:
         beside = np.linalg.lstsq(moments[:p, :p], moments[:p, p:], rcond=1e-12)[0]
         across = np.concatenate([-beside, np.eye(count - p)])
         left, bias, variance = (
-            np.einsum("ij,ij->j", across, each @ across) for each in (moments, biased - moments, scatter)
+            np.einsum("ij,ij->j", across, matrix @ across) for matrix in (moments, biased - moments, scatter)
         )
         tested = (left > _COLLINEAR) & (moments.diagonal()[p:] > 0.0) & (scatter.diagonal()[p:] > 0.0)
         white = np.where(tested, left * scatter.diagonal()[p:], 0.0) / np.where(

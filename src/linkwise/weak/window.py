@@ -210,8 +210,8 @@ class Window:
         array of int, shape (P,)
             Every second of the thinned windows, then the others of them, then `half` times the first and the last.
         """
-        kept = np.arange(0, windows, thinning)
-        return np.concatenate([kept[::2], kept[1::2], np.repeat(kept[[0, -1]], self.half)])
+        thinned = np.arange(0, windows, thinning)
+        return np.concatenate([thinned[::2], thinned[1::2], np.repeat(thinned[[0, -1]], self.half)])
 
     def adjoint(self, rows: Floats, thinning: int) -> Floats:
         """Sums of kernels over all windows at points that represent all samples.
@@ -239,8 +239,8 @@ class Window:
         neighbours = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: 2 * thinning]
         neighbours = np.ascontiguousarray(neighbours.transpose(2, 0, 1))
         sums = (taps @ neighbours.reshape(width, -1)).reshape(2, 3, *neighbours.shape[1:])
-        kept = np.arange(0, windows, thinning)
-        split, inside = len(kept[::2]), len(kept)
+        thinned = np.arange(0, windows, thinning)
+        split, inside = len(thinned[::2]), len(thinned)
         result = np.empty((3, len(rows), inside + 2 * self.half))
         result[:, :, :split] = sums[0, :, :, :split]
         result[:, :, split:inside] = sums[1, :, :, : inside - split]
