@@ -144,7 +144,7 @@ def _write_histories(result: Answer, folder: Path) -> None:
     names, columns = ["time"], [absorption.time]
     for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
         names += [
-            f"{what}{label}" for what in ("put in", "stored", *(link.name for link in side.structure.links))
+            f"{name}{label}" for name in ("put in", "stored", *(link.name for link in side.structure.links))
         ]
         columns += [side.supplied, side.stored, *side.dissipated.T]
     _write_columns(folder / "energy.csv", names, columns)

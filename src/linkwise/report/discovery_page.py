@@ -47,7 +47,7 @@ def _comparison(reported: Reported[Discovery]) -> Section | None:
         f"{len(score.right)} terms are right, {len(score.missing)} are missing, {len(score.extra)} are false."
     )
     lists = (("Missing", score.missing), ("False", score.extra))
-    listed = [f"{what}: {', '.join(names)}." for what, names in lists if names]
+    listed = [f"{label}: {', '.join(names)}." for label, names in lists if names]
     return Section("Comparison with the truth", [counts, *listed])
 
 

@@ -69,8 +69,8 @@ def write_result(
 def write_numbers(estimate: Estimate, folder: Path, *, trusted: bool) -> None:
     """Write structure, forces of links and, of an answer to be trusted, the covariance into an empty `folder`."""
     write_structure(estimate.structure, folder / "structure.toml")
-    for found in estimate.links:
-        _write_force(estimate, found.link.name, folder / f"force_{found.link.name}.csv")
+    for estimated_link in estimate.links:
+        _write_force(estimate, estimated_link.link.name, folder / f"force_{estimated_link.link.name}.csv")
     if trusted and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
 

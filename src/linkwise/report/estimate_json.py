@@ -55,8 +55,8 @@ def _errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
     }
 
 
-def _error(true: Link, found: Link, record: Record) -> float | None:
+def _error(true: Link, identified: Link, record: Record) -> float | None:
     try:
-        return nmse(true, found, record)
+        return nmse(true, identified, record)
     except RecordError:  # an end without displacement, or a force that does not vary
         return None

@@ -145,6 +145,6 @@ def export_writer(path: Path) -> Writer:
     """What writes a file of this suffix; OutputError for another one."""
     suffix = path.suffix.lower()
     if suffix not in EXPORTS:
-        what, choices = path.suffix or "a file without suffix", ", ".join(EXPORTS)
-        raise OutputError(f"{path}: answers cannot be exported to {what}; choose from {choices}")
+        kind, choices = path.suffix or "a file without suffix", ", ".join(EXPORTS)
+        raise OutputError(f"{path}: answers cannot be exported to {kind}; choose from {choices}")
     return EXPORTS[suffix]

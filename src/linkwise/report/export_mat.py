@@ -26,10 +26,12 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
         "structure": answer.structure.name,
         "version": answer.version,
         "note": answer.note,
-        "names": _cells([f"{each.owner}.{each.name}" for each in every]),
-        "values": np.array([[each.value] for each in every]),
-        "units": _cells([each.unit for each in every]),
-        "standard_errors": np.array([[np.nan if each.error is None else each.error] for each in every]),
+        "names": _cells([f"{coefficient.owner}.{coefficient.name}" for coefficient in every]),
+        "values": np.array([[coefficient.value] for coefficient in every]),
+        "units": _cells([coefficient.unit for coefficient in every]),
+        "standard_errors": np.array(
+            [[np.nan if coefficient.error is None else coefficient.error] for coefficient in every]
+        ),
         "covariance_names": _cells(list(answer.names)),
         "covariance": answer.covariance,
         "links": links,

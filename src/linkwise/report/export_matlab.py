@@ -85,13 +85,13 @@ def _case(link: Link) -> str:
 def _values(answer: ExportedAnswer) -> str:
     """The function of the numbers."""
     every = answer.coefficients
-    errors = ["NaN" if each.error is None else repr(each.error) for each in every]
+    errors = ["NaN" if coefficient.error is None else repr(coefficient.error) for coefficient in every]
     lines = [
         "function answer = values()",
         f"answer.structure = {_text(answer.structure.name)};",
-        f"answer.names = {{{'; '.join(_text(f'{each.owner}.{each.name}') for each in every)}}};",
-        f"answer.values = [{'; '.join(repr(each.value) for each in every)}];",
-        f"answer.units = {{{'; '.join(_text(each.unit) for each in every)}}};",
+        f"answer.names = {{{'; '.join(_text(f'{coefficient.owner}.{coefficient.name}') for coefficient in every)}}};",
+        f"answer.values = [{'; '.join(repr(coefficient.value) for coefficient in every)}];",
+        f"answer.units = {{{'; '.join(_text(coefficient.unit) for coefficient in every)}}};",
         f"answer.standard_errors = [{'; '.join(errors)}];",
         f"answer.covariance_names = {{{'; '.join(map(_text, answer.names))}}};",
         f"answer.covariance = {_matrix(answer.covariance)};",

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 _LONGEST = 50  # characters: MATLAB takes 63, and prefixes are added
 
 
-def identifiers(names: Iterable[str], taken: Iterable[str]) -> dict[str, str]:
-    """A name of ASCII letters, digits and underscores for each, no two alike and none of those `taken`."""
-    used, chosen = set(taken), {}
+def identifiers(names: Iterable[str], reserved: Iterable[str]) -> dict[str, str]:
+    """A name of ASCII letters, digits and underscores for each, no two alike and none of those `reserved`."""
+    used, chosen = set(reserved), {}
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")[:_LONGEST] or "unnamed"
         plain = f"n{plain}" if plain[0].isdigit() else plain

@@ -41,11 +41,19 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
         version=answer.version,
         note=f"\n\n{answer.note}" if answer.note else "",
         name=ascii(answer.structure.name),
-        masses=_dict({each.owner: each.value for each in every if each.name == "mass"}),
+        masses=_dict(
+            {coefficient.owner: coefficient.value for coefficient in every if coefficient.name == "mass"}
+        ),
         between=_dict({link.name: link.between for link in answer.links}),
         coefficients=_dict({link.name: link.values for link in answer.links}),
         units=_dict({link.name: {key: link.law.units[key] for key in link.values} for link in answer.links}),
-        errors=_dict({f"{each.owner}.{each.name}": each.error for each in every if each.error is not None}),
+        errors=_dict(
+            {
+                f"{coefficient.owner}.{coefficient.name}": coefficient.error
+                for coefficient in every
+                if coefficient.error is not None
+            }
+        ),
         names=ascii(list(answer.names)),
         covariance=ascii(answer.covariance.tolist()),
     )

@@ -20,11 +20,21 @@ def _rows(answer: ExportedAnswer) -> list[list[Any]]:
     """A row for each mass and coefficient: its interval of 95 %, and the law of its link; None where there is nothing."""
     laws = {link.name: link.law.text for link in answer.links}
     rows = []
-    for each in answer.coefficients:
-        law = laws.get(each.owner) if each.name != "mass" else None
-        half = None if each.error is None else NORMAL_95 * each.error
-        ends = [None, None] if half is None else [each.value - half, each.value + half]
-        rows.append([each.owner, each.name, each.value, each.unit, each.error, *ends, law])
+    for coefficient in answer.coefficients:
+        law = laws.get(coefficient.owner) if coefficient.name != "mass" else None
+        half = None if coefficient.error is None else NORMAL_95 * coefficient.error
+        ends = [None, None] if half is None else [coefficient.value - half, coefficient.value + half]
+        rows.append(
+            [
+                coefficient.owner,
+                coefficient.name,
+                coefficient.value,
+                coefficient.unit,
+                coefficient.error,
+                *ends,
+                law,
+            ]
+        )
     return rows
 
 

@@ -49,7 +49,7 @@ def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
     ):
         end = record.start + record.duration
         text = f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {end:g} s."
-        table = [HEAD, *(channel_row(each) for each in inspection.channels_of(number))]
+        table = [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))]
         ending = "" if len(inspection.records) == 1 else f"_{number + 1}"
         pictured = number < PICTURED
         sections[f"histories{ending}"] = Section(
