@@ -116,7 +116,7 @@ class PhysicsInformedSindy(Estimator):
         system = link_columns(states, structure)
         fit = REGRESSORS.lookup(self.regressor)().fit(system)
         values = fit.coefficients[:, 0]
-        dropped = [name for name, kept in zip(fit.names, fit.support[:, 0], strict=True) if not kept]
+        dropped = [name for name, selected in zip(fit.names, fit.support[:, 0], strict=True) if not selected]
         identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
         verdict, message = _verdict(float(fit.residual[0]))
         return Estimate(

@@ -158,7 +158,10 @@ def monomial_nmse(
 def _sink(structure: Structure, link: Link) -> str:
     """The end of the link that carries no other link."""
     for end in link.between:
-        if end in structure.mass_names and sum(end in other.between for other in structure.links) == 1:
+        if (
+            end in structure.mass_names
+            and sum(end in candidate.between for candidate in structure.links) == 1
+        ):
             return end
     raise IdentificationError(
         f"both ends of link {link.name} carry other links, so no equation of a monomial model contains its force alone; "

@@ -69,12 +69,12 @@ class AnchoredSums:
         product = dsymv(1.0, self.matrix, change, lower=1)
         return max(float(self.squares[target] + change @ (product - 2 * self.slope[:, target])), 0.0)
 
-    def restricted(self, kept: Indices, change: Floats, target: int) -> AnchoredSums:
+    def restricted(self, retained: Indices, change: Floats, target: int) -> AnchoredSums:
         """Sums of some columns and one target about an anchor that is zero in the other columns.
 
         Parameters
         ----------
-        kept : array of shape (k,)
+        retained : array of shape (k,)
             Indices of the columns.
         change : array of shape (p,)
             Change of the anchor.
@@ -91,8 +91,8 @@ class AnchoredSums:
         squares = max(float(self.squares[target] + change @ (product - 2 * slope)), 0.0)
         return AnchoredSums(
             self.rows,
-            self.matrix[np.ix_(kept, kept)].T,  # symmetric: the transpose is the same in Fortran order
-            (slope - product)[kept, None],
+            self.matrix[np.ix_(retained, retained)].T,  # symmetric, and so in Fortran order
+            (slope - product)[retained, None],
             np.array([squares]),
             self.norms[target : target + 1],
         )

@@ -119,14 +119,16 @@ class Gram:
             np.sum([part.squares for part in left], axis=0),
             norms,
         )
-        held = None
+        held_out = None
         if len(parts) > 1:
             count = int(np.count_nonzero(held_out_rows(system.rows)))
-            held = AnchoredSums(
+            held_out = AnchoredSums(
                 count, parts[1].matrix, left[1].slope, left[1].squares, np.sqrt(parts[1].squares)
             )
-            held = held.shifted(change)
-        return cls(system.names, rows.shifted(change), moments, scale, alive, anchor + change, held, factor)
+            held_out = held_out.shifted(change)
+        return cls(
+            system.names, rows.shifted(change), moments, scale, alive, anchor + change, held_out, factor
+        )
 
     @property
     def rows(self) -> int:
@@ -193,17 +195,17 @@ class Gram:
         Gram
             The restricted one, about the least squares solution on the support.
         """
-        kept = np.flatnonzero(support & self.alive)
-        change = self._corrected(kept, target)
+        retained = np.flatnonzero(support & self.alive)
+        change = self._corrected(retained, target)
         scaled = self.anchor[:, target] + change
         return Gram(
-            tuple(self.names[column] for column in kept),
-            self.sums.restricted(kept, change, target),
-            self.moments[kept, target : target + 1],
-            self.scale[kept],
-            np.ones(len(kept), dtype=bool),
-            scaled[kept, None],
-            None if self.held_out is None else self.held_out.restricted(kept, change, target),
+            tuple(self.names[column] for column in retained),
+            self.sums.restricted(retained, change, target),
+            self.moments[retained, target : target + 1],
+            self.scale[retained],
+            np.ones(len(retained), dtype=bool),
+            scaled[retained, None],
+            None if self.held_out is None else self.held_out.restricted(retained, change, target),
         )
 
     def project(self, support: Bools, target: int) -> tuple[Floats, float]:
@@ -223,16 +225,16 @@ class Gram:
         squares : float
             Sum of squared residuals.
         """
-        kept = np.flatnonzero(support & self.alive)
+        retained = np.flatnonzero(support & self.alive)
         dropped = np.flatnonzero(~support & self.alive)
         anchor = self.anchor[:, target]
         if not dropped.size:
             return np.where(self.alive, anchor, 0.0), float(self.sums.squares[target])
-        if 0 < kept.size < len(self.names) / _SMALL:
-            scaled, squares = self._directly(kept, target)
+        if 0 < retained.size < len(self.names) / _SMALL:
+            scaled, squares = self._directly(retained, target)
             if squares > (_CANCELLING * self.norms[target]) ** 2:
                 return scaled, squares
-        change = self._change(kept, dropped, target)
+        change = self._change(retained, dropped, target)
         return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
 
     def solve(self, support: Bools, target: int) -> Floats:
@@ -250,8 +252,8 @@ class Gram:
         array of shape (p,)
             Scaled coefficients, zero outside the support.
         """
-        kept = np.flatnonzero(support & self.alive)
-        change = self._change(kept, np.flatnonzero(~support & self.alive), target)
+        retained = np.flatnonzero(support & self.alive)
+        change = self._change(retained, np.flatnonzero(~support & self.alive), target)
         return np.where(support & self.alive, self.anchor[:, target] + change, 0.0)
 
     def unscaled(self, scaled: Floats) -> Floats:
@@ -289,30 +291,30 @@ class Gram:
             If columns of the support are dependent; the message names them.
         """
         diagonal = np.zeros(len(self.names))
-        kept, dropped = np.flatnonzero(support & self.alive), np.flatnonzero(~support & self.alive)
-        if kept.size and (inverse := self._worth_inverting(kept, dropped)) is not None:
-            diagonal[kept] = np.diagonal(inverse)[kept]
+        retained, dropped = np.flatnonzero(support & self.alive), np.flatnonzero(~support & self.alive)
+        if retained.size and (inverse := self._worth_inverting(retained, dropped)) is not None:
+            diagonal[retained] = np.diagonal(inverse)[retained]
             if dropped.size:
                 cross = inverse[:, dropped]
                 eliminated = dtrsm(
                     1.0, ridged(cross[dropped])[0], cross, side=1, lower=1, trans_a=1, overwrite_b=1
                 )
-                diagonal[kept] -= np.einsum("ij,ij->i", eliminated, eliminated)[kept]
-            least = 1.0 / np.diagonal(self.matrix)[kept]  # of a column that is orthogonal to all others
-            diagonal[kept] = np.maximum(diagonal[kept], least) / self.scale[kept] ** 2
-        elif kept.size:
-            block = self.matrix[np.ix_(kept, kept)]
+                diagonal[retained] -= np.einsum("ij,ij->i", eliminated, eliminated)[retained]
+            least = 1.0 / np.diagonal(self.matrix)[retained]  # of a column that is orthogonal to all others
+            diagonal[retained] = np.maximum(diagonal[retained], least) / self.scale[retained] ** 2
+        elif retained.size:
+            block = self.matrix[np.ix_(retained, retained)]
             factor = cholesky(block)
             if factor is None:
-                raise self._dependent(kept, block)
-            diagonal[kept] = np.diagonal(dpotri(factor[0], lower=1)[0]) / self.scale[kept] ** 2
+                raise self._dependent(retained, block)
+            diagonal[retained] = np.diagonal(dpotri(factor[0], lower=1)[0]) / self.scale[retained] ** 2
         return diagonal
 
-    def _worth_inverting(self, kept: Indices, dropped: Indices) -> Floats | None:
+    def _worth_inverting(self, retained: Indices, dropped: Indices) -> Floats | None:
         """The inverse of the matrix where fewer columns are dropped than kept; None where not, where columns are
         dependent, and of a restricted matrix, which no other target shares.
         """
-        worth = dropped.size < kept.size and self.factor is not None
+        worth = dropped.size < retained.size and self.factor is not None
         return self._inverse if worth else None
 
     @cached_property
@@ -324,7 +326,7 @@ class Gram:
         mirror(inverse)
         return inverse
 
-    def _eliminated(self, kept: Indices, dropped: Indices, target: int, inverse: Floats) -> Floats:
+    def _eliminated(self, retained: Indices, dropped: Indices, target: int, inverse: Floats) -> Floats:
         """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by elimination from the inverse: its
         cost is that of the columns dropped. The inverse has lost digits, so the solution is refined until the gradient
         vanishes; each refinement squares the relative error.
@@ -337,7 +339,9 @@ class Gram:
             change[dropped] = -anchor[dropped]
             left = slope - dsymv(1.0, self.matrix, change, lower=1)
             left[dropped] = 0.0
-            share = float(np.max(np.abs(left[kept]))) / max(float(self.norms[target]), np.finfo(float).tiny)
+            share = float(np.max(np.abs(left[retained]))) / max(
+                float(self.norms[target]), np.finfo(float).tiny
+            )
             if share <= _STATIONARY:
                 break
             step = dsymv(1.0, inverse, left, lower=1)
@@ -347,40 +351,42 @@ class Gram:
         change[dropped] = -anchor[dropped]
         return np.asarray(change)
 
-    def _change(self, kept: Indices, dropped: Indices, target: int) -> Floats:
+    def _change(self, retained: Indices, dropped: Indices, target: int) -> Floats:
         """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by the cheaper algorithm."""
         if not dropped.size:
             return np.zeros(len(self.names))
-        inverse = self._worth_inverting(kept, dropped)
+        inverse = self._worth_inverting(retained, dropped)
         if inverse is None:
-            return self._corrected(kept, target)
-        return self._eliminated(kept, dropped, target, inverse)
+            return self._corrected(retained, target)
+        return self._eliminated(retained, dropped, target, inverse)
 
-    def _corrected(self, kept: Indices, target: int) -> Floats:
-        """The change (p,) of the anchor that takes all coefficients but those in `kept` to zero."""
+    def _corrected(self, retained: Indices, target: int) -> Floats:
+        """The change (p,) of the anchor that takes all coefficients but those in `retained` to zero."""
         change = -self.anchor[:, target]
-        change[kept] = 0.0
-        if kept.size:
+        change[retained] = 0.0
+        if retained.size:
             product = dsymv(1.0, self.matrix, change, lower=1)
-            factor = ridged(self.matrix[np.ix_(kept, kept)].T)
-            change[kept] = cho_solve(factor, (self.sums.slope[:, target] - product)[kept], check_finite=False)
+            factor = ridged(self.matrix[np.ix_(retained, retained)].T)
+            change[retained] = cho_solve(
+                factor, (self.sums.slope[:, target] - product)[retained], check_finite=False
+            )
         return change
 
-    def _directly(self, kept: Indices, target: int) -> tuple[Floats, float]:
+    def _directly(self, retained: Indices, target: int) -> tuple[Floats, float]:
         """`project` without the anchor: cheaper for few columns, and as accurate where the residual is not tiny."""
-        moments = self.moments[kept, target]
-        solved = cho_solve(ridged(self.matrix[np.ix_(kept, kept)].T), moments, check_finite=False)
+        moments = self.moments[retained, target]
+        solved = cho_solve(ridged(self.matrix[np.ix_(retained, retained)].T), moments, check_finite=False)
         scaled = np.zeros(len(self.names))
-        scaled[kept] = solved
+        scaled[retained] = solved
         return scaled, float(self.norms[target] ** 2 - solved @ moments)
 
-    def _dependent(self, kept: Indices, block: Floats) -> IdentificationError:
-        if kept.size > self.rows:
+    def _dependent(self, retained: Indices, block: Floats) -> IdentificationError:
+        if retained.size > self.rows:
             return IdentificationError(
-                f"{kept.size} terms cannot be determined from {self.rows} equations; use a longer record, a smaller library "
-                "(a lower order, mixing=2, the states of a mass and its neighbours), or let a threshold drop terms"
+                f"{retained.size} terms cannot be determined from {self.rows} equations; use a longer record, a smaller "
+                "library (a lower order, mixing=2, the states of a mass and its neighbours), or let a threshold drop terms"
             )
-        shown = kept[np.flatnonzero(np.abs(vanishing(block)) > 0.1)]
+        shown = retained[np.flatnonzero(np.abs(vanishing(block)) > 0.1)]
         named = ", ".join(self.names[column] for column in shown[:8])
         return IdentificationError(
             f"the columns {named} are collinear in these data, so only a combination of them is determined; leave one out, "

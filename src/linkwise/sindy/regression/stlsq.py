@@ -87,10 +87,10 @@ class Stlsq(Regressor):
 def _shrink(gram: Gram, target: int, scaled: Floats, threshold: float) -> Floats:
     """Scaled coefficients after dropping terms until every one that remains reaches the threshold."""
     for _ in range(_PASSES):
-        kept = (np.abs(scaled) >= threshold * gram.norms[target]) & (scaled != 0)
-        if np.array_equal(kept, scaled != 0):
+        support = (np.abs(scaled) >= threshold * gram.norms[target]) & (scaled != 0)
+        if np.array_equal(support, scaled != 0):
             break
-        scaled = gram.solve(kept, target)
+        scaled = gram.solve(support, target)
     return scaled
 
 
@@ -110,13 +110,13 @@ def _path(training: Gram, target: int) -> Iterator[SupportCandidate]:
         negligible = int(np.count_nonzero(np.abs(scaled[ranked]) < EXACT * norm))
         dropped = ranked[: max(_step(candidate.terms), min(negligible, candidate.terms - 1))]
         setting = max(setting, float(np.abs(scaled[dropped[-1]])) / norm)
-        kept = candidate.support.copy()
-        kept[dropped] = False
-        if 0 < np.count_nonzero(kept) < len(columns) / 2:
-            gram, columns, target = gram.restricted(kept, target), columns[kept], 0
+        remaining = candidate.support.copy()
+        remaining[dropped] = False
+        if 0 < np.count_nonzero(remaining) < len(columns) / 2:
+            gram, columns, target = gram.restricted(remaining, target), columns[remaining], 0
             scaled, squares = gram.anchor[:, 0], float(gram.sums.squares[0])
         else:
-            scaled, squares = gram.project(kept, target)
+            scaled, squares = gram.project(remaining, target)
 
 
 def _step(terms: int) -> int:

@@ -179,7 +179,7 @@ def blas_product(rows: Floats, right: Floats, *, transposed: bool = False) -> Fl
 
 def _blocks(system: LinearSystem) -> Iterator[tuple[int, Floats, Floats]]:
     """All rows in blocks, first those for training (0), then those held out (1)."""
-    held = held_out_rows(system.rows)
-    for part, chosen in enumerate((~held, held)):
+    held_out = held_out_rows(system.rows)
+    for part, chosen in enumerate((~held_out, held_out)):
         for rows, target in system.blocks(np.flatnonzero(chosen)):
             yield part, rows, target
