@@ -112,7 +112,7 @@ def identify_host(
     unscaled = _unscaled(fit, errors, faint)
     return HostEstimate(
         host=host,
-        faint=tuple(name for name, each in zip(host.coordinates, faint, strict=True) if each),
+        faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
         chi_square_per_sample=chi_square,
         samples=samples,
         verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled)),),
@@ -136,7 +136,7 @@ def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
 def _chi_square(records: Sequence[Record], measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
     """Power of the residuals over that of the noise in the samples, and the number of samples."""
     total, samples = 0.0, 0
-    names = [each for each in records[0].responses if each.partition(":")[0] in ("x", "v", "a")]
+    names = [name for name in records[0].responses if name.partition(":")[0] in ("x", "v", "a")]
     for record, left in zip(records, fit.residuals, strict=True):
         noise = channel_noise(record)
         for name, row in zip(names, left, strict=True):
@@ -188,7 +188,7 @@ def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool) 
 
 def _remarks(host: Host, faint: Bools, unscaled: Sequence[int]) -> tuple[str, ...]:
     remarks = []
-    names = [name for name, each in zip(host.coordinates, faint, strict=True) if each]
+    names = [name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint]
     if names:
         remarks.append(
             f"{', '.join(names)} hardly stands above the noise and may stand for modes beyond the band that the force "

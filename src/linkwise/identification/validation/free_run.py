@@ -117,8 +117,8 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
             f"a run cannot settle on {settling} samples: the record has {len(record)}, and some must be left to compare"
         )
     for name in channels:
-        seen = ~np.isnan(record.channel(name))
-        if not (seen[:settling].any() and seen[settling:].any()):
+        present = ~np.isnan(record.channel(name))
+        if not (present[:settling].any() and present[settling:].any()):
             raise RecordError(
                 f"has no sample among the first {settling}, which determine the state, or none after them",
                 channel=name,
@@ -216,17 +216,17 @@ def run_from(
 
 
 def _initial_state(
-    structure: Structure, seen: Record, inputs: Mapping[str, Sampled], settling: int
+    structure: Structure, measured: Record, inputs: Mapping[str, Sampled], settling: int
 ) -> Floats:
     """(2 n,) displacements in m and velocities in m/s at the first sample."""
-    first = seen.values[:settling]
+    first = measured.values[:settling]
     size = np.sqrt(np.nanmean(first**2, axis=0))
     weights = np.where(np.isfinite(first), 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
-    guess, scale = _rough_state(structure, seen[:settling])
+    guess, scale = _rough_state(structure, measured[:settling])
 
     def residual(relative: Floats) -> Floats:
-        run = _run(structure, seen.channels, guess + scale * relative, inputs, seen.rate, settling)
-        return np.asarray((weights * (run.select(seen.channels).values - np.nan_to_num(first))).ravel())
+        run = _run(structure, measured.channels, guess + scale * relative, inputs, measured.rate, settling)
+        return np.asarray((weights * (run.select(measured.channels).values - np.nan_to_num(first))).ravel())
 
     def slope(relative: Floats) -> Floats:
         unmoved = residual(relative)
@@ -238,23 +238,23 @@ def _initial_state(
     )
 
 
-def _rough_state(structure: Structure, seen: Record) -> tuple[Floats, Floats]:
+def _rough_state(structure: Structure, measured: Record) -> tuple[Floats, Floats]:
     """A rough state (2 n,) at the first of a few samples, from a parabola through each displacement, and its size (2 n,)."""
     count = structure.size
     guess, size = np.zeros(2 * count), np.zeros(2 * count)
     for i, name in enumerate(structure.mass_names):
         for kind, place in (("x", i), ("v", count + i)):
-            if f"{kind}:{name}" not in seen.channels:
+            if f"{kind}:{name}" not in measured.channels:
                 continue
-            values = seen.channel(f"{kind}:{name}")
+            values = measured.channel(f"{kind}:{name}")
             at = np.flatnonzero(np.isfinite(values))[:8]
             if len(at) < 3:
                 continue
-            fitted = np.polynomial.polynomial.polyfit(at / seen.rate, values[at], 2)
+            fitted = np.polynomial.polynomial.polyfit(at / measured.rate, values[at], 2)
             guess[place], size[place] = fitted[0], float(np.sqrt(np.nanmean(values**2)))
-            if kind == "x" and f"v:{name}" not in seen.channels:
+            if kind == "x" and f"v:{name}" not in measured.channels:
                 guess[count + i] = fitted[1]
-                size[count + i] = float(np.sqrt(np.nanmean(np.gradient(values, seen.step) ** 2)))
+                size[count + i] = float(np.sqrt(np.nanmean(np.gradient(values, measured.step) ** 2)))
     for half in (slice(0, count), slice(count, None)):
         known = size[half][size[half] > 0.0]
         size[half] = np.where(size[half] > 0.0, size[half], known.mean() if len(known) else 1.0)

@@ -31,15 +31,15 @@ def headline(validation: Validation) -> tuple[str, ...]:
     record = validation.record
     scored = record.duration - validation.burn
     if validation.free_run:
-        what = f"One free run of {scored:.4g} s"
+        run = f"One free run of {scored:.4g} s"
     else:
-        what = (
+        run = (
             f"The motion is chaotic: an error of the state hides it after {validation.horizon:.3g} s. {validation.windows} "
             f"runs of {validation.window:.3g} s each"
         )
     return (
         validation.verdicts[0].value,
-        f"{what}, after {validation.burn:.4g} s that determine the state and are not scored.",
+        f"{run}, after {validation.burn:.4g} s that determine the state and are not scored.",
     )
 
 

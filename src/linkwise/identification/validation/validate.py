@@ -99,14 +99,14 @@ def validate(
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)
-    seen = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
-    remarks = (*remarks, *_unscored(record, seen), *unknown_sensors(seen))
+    scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
+    remarks = (*remarks, *_unscored(record, scored), *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
-    samples, prediction, steps, noise = predicted(seen, given, burn, law_error, part(progress, 0.0, 0.6))
+    samples, prediction, steps, noise = predicted(scored, given, burn, law_error, part(progress, 0.0, 0.6))
     agreed: tuple[CoefficientAgreement, ...] = ()
     if posterior is not None and posterior.names:
         try:
-            again = estimated_again(seen, posterior, part(progress, 0.7, 1.0))
+            again = estimated_again(scored, posterior, part(progress, 0.7, 1.0))
             agreed = agreements(again, posterior)
             if not again.trusted:
                 remarks = (
@@ -115,22 +115,22 @@ def validate(
                 )
         except IdentificationError as error:
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
-    prediction = with_stated_sensors(prediction, seen)
-    sigma = np.array([noise[name] for name in seen.responses])
+    prediction = with_stated_sensors(prediction, scored)
+    sigma = np.array([noise[name] for name in scored.responses])
     deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
     deviation[np.isnan(prediction.predicted)] = np.nan
     return Validation(
         structure=structure,
-        record=seen,
-        predicted=_like(seen, prediction.predicted, "predicted"),
-        deviation=_like(seen, deviation, "expected deviation"),
-        channels=channel_scores(seen, structure, prediction, steps, noise),
-        burn=samples * seen.step,
+        record=scored,
+        predicted=_like(scored, prediction.predicted, "predicted"),
+        deviation=_like(scored, deviation, "expected deviation"),
+        channels=channel_scores(scored, structure, prediction, steps, noise),
+        burn=samples * scored.step,
         window=prediction.window,
         windows=prediction.starts,
         horizon=prediction.horizon,
-        profiles=error_profiles(seen, structure, prediction),
-        spectra=error_spectra(seen, prediction.predicted),
+        profiles=error_profiles(scored, structure, prediction),
+        spectra=error_spectra(scored, prediction.predicted),
         coefficients=agreed,
         model_error=law_error,
         remarks=remarks,
@@ -138,11 +138,11 @@ def validate(
 
 
 def _in_motion(
-    seen: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
+    scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
 ) -> _Predicted:
     """Samples of the burn, the prediction of masses that move freely, that one step ahead, and the noise by channel."""
     structure = given.structure
-    frame = framed(seen, structure)
+    frame = framed(scored, structure)
     used = frame.record
     if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
         raise RecordError(
@@ -155,16 +155,16 @@ def _in_motion(
     prediction = predict(predictor, samples, progress)
     ahead, variance = one_step(predictor, samples)
     prediction = replace(prediction, predicted=prediction.predicted + frame.shown)
-    named = dict(zip(seen.responses, noise.values(), strict=True))
+    named = dict(zip(scored.responses, noise.values(), strict=True))
     return samples, prediction, (ahead + frame.shown, variance), named
 
 
 def _on_rig(
-    seen: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
+    scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
 ) -> _Predicted:
     """The same of links along the recorded motion of a rig, whose states no sample but those of the burn tells."""
-    samples = _burn_samples(seen, burn)
-    prediction, noise = rig_prediction(seen, given.structure, given.posterior, samples, law_error)
+    samples = _burn_samples(scored, burn)
+    prediction, noise = rig_prediction(scored, given.structure, given.posterior, samples, law_error)
     progress(ProgressReport(1.0, "forces along the motion"))
     variance = prediction.by_state + prediction.by_coefficients + prediction.by_laws
     variance[np.isnan(prediction.predicted)] = np.nan
@@ -200,9 +200,9 @@ def _usable(record: Record, structure: Structure) -> Record:
     return record.select([*record.inputs, *responses])
 
 
-def _unscored(record: Record, seen: Record) -> tuple[str, ...]:
+def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
     """A sentence on responses that no prediction is compared with."""
-    unscored = [name for name in record.responses if name not in seen.channels]
+    unscored = [name for name in record.responses if name not in scored.channels]
     if not unscored:
         return ()
     return (
@@ -233,8 +233,8 @@ def _burn_samples(record: Record, burn: float | None) -> int:
             arguments=("burn",),
         )
     for name in record.responses:
-        seen = np.isfinite(record.channel(name))
-        if not seen[samples:].any():
+        present = np.isfinite(record.channel(name))
+        if not present[samples:].any():
             raise RecordError("has no sample after the burn", channel=name)
     return samples
 
@@ -255,7 +255,7 @@ def _predictor(
     return WindowPredictor(record, free, values, root, sigma, law_error)
 
 
-def _like(record: Record, values: Floats, what: str) -> Record:
+def _like(record: Record, values: Floats, label: str) -> Record:
     return Record(
-        record.start, record.rate, record.responses, values, source=f"{record.source or 'record'}, {what}"
+        record.start, record.rate, record.responses, values, source=f"{record.source or 'record'}, {label}"
     )

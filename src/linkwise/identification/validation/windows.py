@@ -200,8 +200,8 @@ class _Setup:
         sensors = self.sensors.at(mechanics)
         rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2, F: 1.0 / step[0] ** 2, S: 1.0}
         rows = []
-        found = tangents(mechanics, orbit, step, self.prior, unit, inputs=inputs)
-        for number, tangent in enumerate(found):
+        tangent_samples = tangents(mechanics, orbit, step, self.prior, unit, inputs=inputs)
+        for number, tangent in enumerate(tangent_samples):
             if tangent.acceleration is None or number % refine:
                 continue
             motion = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, unit))
