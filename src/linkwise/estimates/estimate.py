@@ -330,8 +330,8 @@ class Estimate(JudgedView):
     @cached_property
     def _coefficients(self) -> dict[str, CoefficientEstimate]:
         return {
-            one.name: one
-            for one in (
+            coefficient.name: coefficient
+            for coefficient in (
                 *(c for link in self._every_link for c in link.coefficients),
                 *self.masses,
                 *self.shapes,

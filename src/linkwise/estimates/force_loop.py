@@ -79,7 +79,7 @@ def force_loop(estimate: Estimate, name: str) -> ForceLoop:
     """
     link = estimate.link(name).link
     motion, count = estimate.motion, len(estimate.record)
-    index = [each.name for each in motion.structure.links].index(name)
+    index = [candidate.name for candidate in motion.structure.links].index(name)
     d, v = motion.d[:count, index], motion.v[:count, index]
     if motion.identified_force is not None:
         force = motion.identified_force[:count, index]

@@ -67,10 +67,13 @@ def _shapes(estimate: Estimate) -> str:
     """The shapes that moved farthest from what was known of them, in its standard deviations."""
     known = {p.name: (p.start or 0.0, p.sigma) for p in estimate.parameters}
     moved = sorted(
-        ((abs(each.value - known[each.name][0]) / known[each.name][1], each) for each in estimate.shapes),
+        (
+            (abs(shape.value - known[shape.name][0]) / known[shape.name][1], shape)
+            for shape in estimate.shapes
+        ),
         key=lambda pair: -pair[0],
     )
-    lines = ["shapes", *align_columns([_HEAD, *(_row(each, each.name) for _, each in moved[:_SHAPES])])]
+    lines = ["shapes", *align_columns([_HEAD, *(_row(shape, shape.name) for _, shape in moved[:_SHAPES])])]
     if len(moved) > _SHAPES:
         lines.append(
             f"  ... and {len(moved) - _SHAPES} more, which moved by {moved[_SHAPES][0]:.2g} of their standard deviation "

@@ -150,18 +150,18 @@ class Posterior:
         values, vectors = np.linalg.eigh(self.covariance / np.outer(unit, unit))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rng = np.random.default_rng(seed)
-        accepted, kept = np.empty((0, len(self.names))), 0
+        accepted, inside = np.empty((0, len(self.names))), 0
         for _ in range(_TRIES):
             proposed = self.values + (rng.standard_normal((count, len(self.names))) @ root.T) * unit
             accepted = np.vstack(
                 [accepted, proposed[np.all((proposed >= self.lower) & (proposed <= self.upper), axis=1)]]
             )
-            kept = len(accepted)
-            if kept >= count:
+            inside = len(accepted)
+            if inside >= count:
                 return accepted[:count]
         raise IdentificationError(
-            f"of {_TRIES * count} draws only {kept} lie within the bounds of the coefficients: the estimate is too uncertain "
-            "for draws; use a longer record, or one with less noise"
+            f"of {_TRIES * count} draws only {inside} lie within the bounds of the coefficients: the estimate is too "
+            "uncertain for draws; use a longer record, or one with less noise"
         )
 
 
@@ -252,11 +252,11 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
     try:
         result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         links = {link["name"]: link for link in result["links"]}
-        found = {name: mass["value"] for name, mass in result["masses"].items()}
+        masses = {name: mass["value"] for name, mass in result["masses"].items()}
         laws = {name: str(link["law"]) for name, link in links.items()}
         ends = {name: tuple(link["between"]) for name, link in links.items()}
         values = {
-            name: {key: each["value"] for key, each in link["coefficients"].items()}
+            name: {key: coefficient["value"] for key, coefficient in link["coefficients"].items()}
             for name, link in links.items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -265,7 +265,7 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
         *(
             f"the mass of {m.name}"
             for m in structure.masses
-            if found.get(m.name, m.mass.value) != m.mass.value
+            if masses.get(m.name, m.mass.value) != m.mass.value
         ),
         *(
             f"the law of {link.name}"
