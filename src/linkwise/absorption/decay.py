@@ -114,11 +114,11 @@ class Decay:
         NaN if there are fewer than three such peaks. `x` is (N, masses).
         """
         (intervals, columns), position, turned = self._turning_points
-        kept = (turned >= self.envelope[intervals + 1, columns]) & (turned >= level[columns])
-        kept &= turned >= self._largest[intervals, columns]
+        is_peak = (turned >= self.envelope[intervals + 1, columns]) & (turned >= level[columns])
+        is_peak &= turned >= self._largest[intervals, columns]
         rates = np.full(self.x.shape[1], np.nan)
         for column in range(self.x.shape[1]):
-            peaks = np.flatnonzero(kept & (columns == column))
+            peaks = np.flatnonzero(is_peak & (columns == column))
             if len(peaks) >= _LEAST_PEAKS:
                 times = self.time[intervals[peaks]] + self._step * position[peaks]
                 rates[column] = -np.polyfit(times, np.log(turned[peaks]), 1)[0]

@@ -176,7 +176,7 @@ def _with_sinks(
     potentials = Potentials.of([comparison.structure for comparison in comparisons])
     quantities = quantities_of(first)
     values = np.full((len(comparisons), len(quantities)), np.nan)
-    kept = (
+    all_envelopes = (
         np.full((len(first.times), len(first.primaries), len(comparisons)), np.nan, np.float32)
         if envelopes
         else None
@@ -189,8 +189,8 @@ def _with_sinks(
             first, runs, vibration, potentials.of_runs(numbers), baseline.of_runs(numbers)
         )
         values[numbers] = np.stack([by_name[quantity.name] for quantity in quantities], axis=1)
-        if kept is not None:
-            kept[:, :, numbers] = vibration.decay.envelope
+        if all_envelopes is not None:
+            all_envelopes[:, :, numbers] = vibration.decay.envelope
 
     completed = runner.run(schedules, potentials, collect)
-    return Ensemble(quantities, values, completed, kept)
+    return Ensemble(quantities, values, completed, all_envelopes)

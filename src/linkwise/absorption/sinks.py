@@ -77,7 +77,9 @@ def _sink(structure: Structure, name: str) -> Sink:
     ends = structure.link(name).between
     masses = [end for end in ends if end in structure.mass_names]
     leaves = [
-        end for end in masses if _neighbours(structure, end) == {other for other in ends if other != end}
+        end
+        for end in masses
+        if _neighbours(structure, end) == {neighbour for neighbour in ends if neighbour != end}
     ]
     if len(masses) == 1:
         host = ends[1] if masses[0] == ends[0] else ends[0]

@@ -25,7 +25,7 @@ def absorption_text(absorption: Absorption) -> str:
     ]
     if absorption.harvests:
         tables.append((harvest_rows(absorption), "harvesters"))
-    blocks += [_table(rows, things) for rows, things in tables]
+    blocks += [_table(rows, contents) for rows, contents in tables]
     if absorption.findings:
         remarks = (fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in absorption.findings)
         blocks.append("\n".join(remarks))
@@ -125,9 +125,9 @@ def harvest_rows(absorption: Absorption) -> Rows:
     return rows
 
 
-def _table(rows: Rows, things: str) -> str:
+def _table(rows: Rows, contents: str) -> str:
     """Rows in columns; only the first of very many."""
     shown = [(*row, "") for row in rows[: _MANY + 4]]
     hidden = len(rows) - len(shown)
     lines = align_columns(shown)
-    return "\n".join([*lines, *([f"  ... and {hidden} more {things}"] if hidden else [])])
+    return "\n".join([*lines, *([f"  ... and {hidden} more {contents}"] if hidden else [])])
