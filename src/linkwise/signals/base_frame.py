@@ -130,13 +130,13 @@ def _require_links_to_base(record: Record, structure: Structure) -> None:
 
 
 def _require_distinct(names: Mapping[str, str]) -> None:
-    seen: dict[str, str] = {}
+    names_by_motion: dict[str, str] = {}
     for name, plain in names.items():
-        if plain in seen:
+        if plain in names_by_motion:
             raise IdentificationError(
-                f"{seen[plain]} and {name} show the same motion, relative to the base or not: select one of them"
+                f"{names_by_motion[plain]} and {name} show the same motion, relative to the base or not: select one of them"
             )
-        seen[plain] = name
+        names_by_motion[plain] = name
 
 
 def _changed(
@@ -177,16 +177,16 @@ def _changed(
 
 def _require_band_limited(record: Record) -> None:
     """IdentificationError for inputs that run otherwise between their samples: inertia, which joins them, is band-limited."""
-    other = [
+    unsupported = [
         name
         for name, kind in record.interpolation.items()
         if kind != "band-limited" and name in record.inputs
     ]
-    if other:
+    if unsupported:
         raise IdentificationError(
-            f"{other[0]} is stated to be {record.interpolation[other[0]]} between its samples, which is not supported "
-            "beside a base of which the acceleration or velocity alone is known: leave that out, or record the displacement "
-            "of the base"
+            f"{unsupported[0]} is stated to be {record.interpolation[unsupported[0]]} between its samples, which is not "
+            "supported beside a base of which the acceleration or velocity alone is known: leave that out, or record the "
+            "displacement of the base"
         )
 
 

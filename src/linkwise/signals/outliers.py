@@ -60,7 +60,7 @@ def outliers_exceed_noise(residuals: Floats) -> bool:
     bool
         Whether the residuals of a channel have outliers, and typical ones are no larger than the noise in any channel.
     """
-    found = False
+    heavy_tailed = False
     for column in residuals.T:
         series = column[np.isfinite(column) & (column != 0.0)]
         if len(series) < _FEWEST:
@@ -68,5 +68,5 @@ def outliers_exceed_noise(residuals: Floats) -> bool:
         if (np.median(np.abs(series)) / _NORMAL_MEDIAN) ** 2 > _TYPICAL:
             return False
         kurtosis = np.mean(series**4) / np.mean(series**2) ** 2
-        found = found or bool(kurtosis - 3.0 > _EXCESS)
-    return found
+        heavy_tailed = heavy_tailed or bool(kurtosis - 3.0 > _EXCESS)
+    return heavy_tailed

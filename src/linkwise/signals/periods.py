@@ -59,15 +59,15 @@ def average_periods(record: Record, period: float) -> Record:
     cube = record.values[len(record) - count * size :].reshape(count, size, -1)
     _check_repeats(record, cube, period)
     first = _settled(cube)
-    kept = cube[first:]
-    present = np.isfinite(kept)
+    settled = cube[first:]
+    present = np.isfinite(settled)
     number = present.sum(axis=0)
-    mean = np.where(number > 0, np.nansum(kept, axis=0) / np.maximum(number, 1), np.nan)
-    square = np.nansum((kept - mean) ** 2, axis=(0, 1)) / np.maximum((number - 1).clip(0).sum(axis=0), 1)
-    noise = {name: sigma / np.sqrt(len(kept)) for name, sigma in record.noise.items()}
+    mean = np.where(number > 0, np.nansum(settled, axis=0) / np.maximum(number, 1), np.nan)
+    square = np.nansum((settled - mean) ** 2, axis=(0, 1)) / np.maximum((number - 1).clip(0).sum(axis=0), 1)
+    noise = {name: sigma / np.sqrt(len(settled)) for name, sigma in record.noise.items()}
     for name, variance in zip(record.channels, square.tolist(), strict=True):
         if name in record.responses and name not in noise and variance > 0.0:
-            noise[name] = float(np.sqrt(variance / len(kept)))
+            noise[name] = float(np.sqrt(variance / len(settled)))
     which = "the first was" if first == 1 else f"the first {first} were"
     left_out = f"; {which} left out, in which the motion had not settled" if first else ""
     return replace(
@@ -78,7 +78,7 @@ def average_periods(record: Record, period: float) -> Record:
         simulated=None,
         notes=(
             *record.notes,
-            f"Averaged over {len(kept)} periods of {size / record.rate:g} s, whose scatter shows the noise{left_out}.",
+            f"Averaged over {len(settled)} periods of {size / record.rate:g} s, whose scatter shows the noise{left_out}.",
             *_not_white(record, cube),
         ),
     )

@@ -105,7 +105,7 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
     ('m1', 'm2')
     """
     if method not in _METHODS:
-        listed = ", ".join(f'"{name}" ({what})' for name, what in _METHODS.items())
+        listed = ", ".join(f'"{name}" ({description})' for name, description in _METHODS.items())
         raise RecordError(f"unknown method {method!r}; choose from {listed}")
     _require_complete(record)
     if not record.masses:
@@ -118,22 +118,22 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
         raise RecordError(
             f"{len(record)} samples are too few, since {margin} at each end have one-sided derivatives only"
         )
-    kept = slice(margin, len(record) - margin)
+    inner = slice(margin, len(record) - margin)
     count = len(record.masses)
     driven = tuple(mass for mass in record.masses if f"force:{mass}" in record.channels)
     forces = np.zeros((len(record), count))
     for mass in driven:
         forces[:, record.masses.index(mass)] = record.channel(f"force:{mass}")
     return States(
-        time=record.time[kept],
+        time=record.time[inner],
         masses=record.masses,
-        x=x[kept, :count],
-        v=v[kept, :count],
-        a=a[kept, :count],
-        forces=forces[kept],
+        x=x[inner, :count],
+        v=v[inner, :count],
+        a=a[inner, :count],
+        forces=forces[inner],
         driven=driven,
-        base=x[kept, count] if len(bodies) > count else None,
-        base_velocity=v[kept, count] if len(bodies) > count else None,
+        base=x[inner, count] if len(bodies) > count else None,
+        base_velocity=v[inner, count] if len(bodies) > count else None,
     )
 
 
