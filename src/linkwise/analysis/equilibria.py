@@ -226,7 +226,11 @@ def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
 def _free(bonds: Sequence[_Bond], size: int) -> int:
     """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
     masses = [[mass for mass, _ in bond.weights] for bond in bonds]
-    joined = [pair for each in masses for pair in pairwise([size, *each] if len(each) == 1 else each)]
+    joined = [
+        pair
+        for bond_masses in masses
+        for pair in pairwise([size, *bond_masses] if len(bond_masses) == 1 else bond_masses)
+    ]
     first, second = ([pair[end] for pair in joined] for end in (0, 1))
     graph = csr_array((np.ones(len(joined)), (first, second)), shape=(size + 1, size + 1))
     return int(connected_components(graph, directed=False)[0]) - 1
@@ -307,7 +311,7 @@ def _from_starts(
     size = max(size, float(np.abs(x[done]).max(initial=0.0)))
     distinct: list[Floats] = []
     for candidate in x[done]:
-        if not any(np.abs(candidate - other).max() <= 1e-6 * size for other in distinct):
+        if not any(np.abs(candidate - previous).max() <= 1e-6 * size for previous in distinct):
             distinct.append(candidate)
     points = []
     for place in distinct:

@@ -168,10 +168,12 @@ def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
     return stiffness.toarray(), damping.toarray(), np.where(at_rest, 0.0, net)
 
 
-def _check_finite(what: str, values: Floats) -> None:
+def _check_finite(quantity: str, values: Floats) -> None:
     """Raise StructureError if coefficients are so large that the numbers made of them are not finite."""
     if not np.isfinite(values).all():
-        raise StructureError(f"the {what} of its links is too large for its masses: its modes are not finite")
+        raise StructureError(
+            f"the {quantity} of its links is too large for its masses: its modes are not finite"
+        )
 
 
 def _eigenvalues(squares: Floats, modal: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -149,12 +149,12 @@ def rest_points(
         )
         limits = np.maximum(np.abs(force(grid[left])), np.abs(force(grid[right])))
         limits = np.concatenate([limits[touching], limits[flat]])
-        kept = np.abs(force(places)) <= 10.0 * limits  # at a pole the force grows without end instead
+        is_zero = np.abs(force(places)) <= 10.0 * limits  # at a pole the force grows without end instead
         edges = _edge_zeros(grid, signs)
         stiffness = slope(np.concatenate([places, edges]))
     points = [
         RestPoint(float(place), float(k), bool(up))
-        for place, k, up, keep in zip(places, stiffness, rising, kept, strict=False)
+        for place, k, up, keep in zip(places, stiffness, rising, is_zero, strict=False)
         if keep
     ]
     points += [
@@ -212,8 +212,8 @@ def _bisect(function: Function, left: Floats, right: Floats) -> Floats:
         if np.all((middle == left) | (middle == right)):
             break
         sign = np.sign(function(middle))
-        same = sign == left_sign
-        left = np.where(same | (sign == 0), middle, left)
-        right = np.where(same, right, middle)
+        same_sign = sign == left_sign
+        left = np.where(same_sign | (sign == 0), middle, left)
+        right = np.where(same_sign, right, middle)
     better = np.abs(function(right)) < np.abs(function(left))
     return np.where(better, right, left)
