@@ -96,7 +96,7 @@ def polynomial(expression: Expression, names: tuple[str, ...]) -> dict[tuple[int
         return {} if expression == ZERO else {(0,) * len(names): expression}
     match expression:
         case Symbol(name):
-            return {tuple(int(name == other) for other in names): ONE}
+            return {tuple(int(name == variable) for variable in names): ONE}
         case Sum(parts):
             total: dict[tuple[int, ...], Expression] = {}
             for part in parts:

@@ -87,12 +87,12 @@ class _Monomial(NamedTuple):
     unknowns: Mapping[int, Fraction]
     known: Dimension
 
-    def times(self, other: _Monomial, exponent: Fraction = Fraction(1)) -> _Monomial:
+    def times(self, factor: _Monomial, exponent: Fraction = Fraction(1)) -> _Monomial:
         total = dict(self.unknowns)
-        for unknown, share in other.unknowns.items():
+        for unknown, share in factor.unknowns.items():
             total[unknown] = total.get(unknown, Fraction(0)) + exponent * share
         return _Monomial(
-            {u: share for u, share in total.items() if share}, self.known * other.known**exponent
+            {u: share for u, share in total.items() if share}, self.known * factor.known**exponent
         )
 
 
@@ -149,8 +149,8 @@ class _Constraints:
     def coefficient(self, name: str) -> _Monomial:
         return self.names.setdefault(name, self.new())
 
-    def equate(self, form: _Monomial, other: _Monomial, part: Expression, requirement: str) -> None:
-        excess = self.system.add(form.times(other, Fraction(-1)))
+    def equate(self, form: _Monomial, expected: _Monomial, part: Expression, requirement: str) -> None:
+        excess = self.system.add(form.times(expected, Fraction(-1)))
         if excess != NONE:
             raise UnitConflict(
                 f"No units of the coefficients are consistent: {requirement}, but differs by {excess}.",
