@@ -39,9 +39,9 @@ def output_times(duration: float | None, rate: float | None, times: ArrayLike | 
 def _even_times(duration: float | None, rate: float | None) -> Floats:
     if duration is None or rate is None:
         raise SimulationError("duration in s and rate in Hz, or times, must be given")
-    for what, value, unit in (("duration", duration, "s"), ("rate", rate, "Hz")):
+    for quantity, value, unit in (("duration", duration, "s"), ("rate", rate, "Hz")):
         if not (np.isfinite(value) and value > 0.0):
-            raise SimulationError(f"{what} must be positive and finite, got {value!r} {unit}")
+            raise SimulationError(f"{quantity} must be positive and finite, got {value!r} {unit}")
     if _SAMPLE_BYTES * duration * rate > available_memory():
         raise SimulationError(
             f"{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples, more than memory can hold; simulate a shorter "
@@ -82,9 +82,9 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
     _check_base(structure, excitation)
     for name, given in excitation.drives.items():
         if isinstance(given, Sampled) and (given.start > 0.0 or given.end < end - 1e-6 / given.rate):
-            what = "the motion of the base" if name == BASE else f"the force on {name}"
+            drive = "the motion of the base" if name == BASE else f"the force on {name}"
             raise SimulationError(
-                f"{what} is sampled from {given.start:g} to {given.end:g} s, but the simulation runs from 0 to {end:g} s; "
+                f"{drive} is sampled from {given.start:g} to {given.end:g} s, but the simulation runs from 0 to {end:g} s; "
                 "give more samples or simulate a shorter time"
             )
 

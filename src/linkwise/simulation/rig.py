@@ -26,9 +26,9 @@ def with_mass_at_rest(structure: Structure) -> Structure:
     """The structure of a rig, and a mass on a spring that nothing moves behind its links; others as they are."""
     if not structure.on_rig:
         return structure
-    one = Coefficient.number(1.0)
-    spring = Link(_SPRING, (_MASS, GROUND), Law.parse("k*d"), {"k": one})
-    return _MovedStructure(structure.name, (Mass(_MASS, one),), (*structure.links, spring))
+    unity = Coefficient.number(1.0)
+    spring = Link(_SPRING, (_MASS, GROUND), Law.parse("k*d"), {"k": unity})
+    return _MovedStructure(structure.name, (Mass(_MASS, unity),), (*structure.links, spring))
 
 
 @dataclass(frozen=True, eq=False)
