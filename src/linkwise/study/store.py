@@ -242,24 +242,24 @@ def _unreadable(folder: Path, error: Exception) -> StudyError:
     return StudyError(f"not a study of linkwise, or damaged: {error}", str(folder / DATABASE))
 
 
-def differences(before: Any, now: Any, path: str = "") -> list[str]:
+def differences(before: Any, after: Any, path: str = "") -> list[str]:
     """Sentences on the differences between two documents, with the path of the key."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        keys = dict.fromkeys([*before, *now])
+    if isinstance(before, dict) and isinstance(after, dict):
+        keys = dict.fromkeys([*before, *after])
         return [
             line
             for key in keys
-            for line in differences(before.get(key), now.get(key), f"{path}.{key}".lstrip("."))
+            for line in differences(before.get(key), after.get(key), f"{path}.{key}".lstrip("."))
         ]
-    if isinstance(before, list) and isinstance(now, list) and any(map(_is_table, [*before, *now])):
-        old, new = ({table["name"]: table for table in tables} for tables in (before, now))
+    if isinstance(before, list) and isinstance(after, list) and any(map(_is_table, [*before, *after])):
+        old, new = ({table["name"]: table for table in tables} for tables in (before, after))
         if list(old) == list(new):
             return [line for name in old for line in differences(old[name], new[name], f'{path} "{name}"')]
-        before, now = list(old), list(new)
-    if before == now:
+        before, after = list(old), list(new)
+    if before == after:
         return []
     was, is_ = (
-        "not given" if value is None else json.dumps(value, ensure_ascii=False) for value in (before, now)
+        "not given" if value is None else json.dumps(value, ensure_ascii=False) for value in (before, after)
     )
     return [f"{path} was {was}, now {is_}" if len(was) + len(is_) <= _LONG else f"{path} has changed"]
 
