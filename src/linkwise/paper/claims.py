@@ -31,15 +31,15 @@ class Claim:
 
 def claims(table: StudyTable, paper: PaperStudy, comparison: Table2) -> tuple[Claim, ...]:
     """The claims that a study tests, what it was made for first."""
-    made = [_complete(table)]
+    listed = [_complete(table)]
     if comparison.cells:
-        made = [
+        listed = [
             *(_far_below(table, paper, method) for method in paper.likelihood),
             *([_reproduced(comparison)] if comparison.classical else []),
             *(_informed(table, paper, method) for method in paper.informed),
-            *made,
+            *listed,
         ]
-    return (*made, *_trusted(table, paper))
+    return (*listed, *_trusted(table, paper))
 
 
 def _complete(table: StudyTable) -> Claim:

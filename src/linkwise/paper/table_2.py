@@ -110,7 +110,7 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
         f"{1.0 / ratio:.3g} times below the paper" if ratio < 1.0 else f"{ratio:.3g} times above the paper"
     )
     readings = {name: count(study_cell.answers) for name, count in _COUNTED.items()}
-    readings |= {other: cell.nmse(other) for other in classical if other != method}
+    readings |= {candidate: cell.nmse(candidate) for candidate in classical if candidate != method}
     fitting = [f"{name} ({_percent(value)})" for name, value in readings.items() if near(value, cell.paper)]
     share = study_cell.share_above(cell.paper)
     single = f"{100.0 * share:.0f} % of single cycles lie above the paper's value"
@@ -118,10 +118,10 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
         return f"{deviation}; {single}; within a factor {NEAR:g} would be {', '.join(fitting)}"
     known = {name: value for name, value in readings.items() if value}
     closest = min(known, key=lambda name: abs(np.log(known[name] / cell.paper)), default=None)
-    rest = "" if closest is None else f", the closest being {closest} ({_percent(known[closest])})"
+    closest_text = "" if closest is None else f", the closest being {closest} ({_percent(known[closest])})"
     return (
         f"{deviation}; {single}; no mean, no other choice of sink and no other convention comes within a factor {NEAR:g}"
-        f"{rest}"
+        f"{closest_text}"
     )
 
 
