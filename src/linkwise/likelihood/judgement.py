@@ -212,8 +212,10 @@ def _verdict(
 def _instrument(cause: Cause) -> str:
     """What an error in what was recorded or stated means for the answer."""
     if cause.kind in ("input noise", "ambient"):
-        what = f"an ambient force on {cause.where}" if cause.kind == "ambient" else f"noise of {cause.where}"
-        more = "more of it, or let it be found" if cause.remark else what
+        source = (
+            f"an ambient force on {cause.where}" if cause.kind == "ambient" else f"noise of {cause.where}"
+        )
+        more = "more of it, or let it be found" if cause.remark else source
         return (
             f", but {_would_explain(cause)}. It rings on in the structure, and coefficients, dampings above all, would be "
             f"wrong by more than their intervals say, so none is given: allow for {more}."

@@ -155,22 +155,22 @@ class _Sums:
         random, rng = equations.random, np.random.default_rng(SEED)
         m, n = fit.optimum.segments.system.dimension, len(fit.optimum.segments.system.incidence)
         forces = fit.optimum.point.nodes[random.rows] / random.deviation
-        found = (
+        observed = (
             equations.by_kicks(misfit.defects.reshape(m, -1).T[:, n : 2 * n, None]),
             forces[:, :, None],
             misfit.residuals.transpose(1, 2, 0)[..., None],
         )
         width = int(np.clip(_AT_ONCE // forces.shape[1] // m, 1, DRAWS))
         widths = [min(width, DRAWS - first) for first in range(0, DRAWS, width)]
-        parts = zip(found, *(equations.drawn(rng, each) for each in widths), strict=True)
+        parts = zip(observed, *(equations.drawn(rng, count) for count in widths), strict=True)
         of_kicks, of_forces, of_noise = (np.concatenate(part, axis=-1) for part in parts)
         return cls(
             {
                 name: _sum_of_squares(np.einsum("kn,knd->kd", pattern, of_kicks))
                 for name, pattern in kicks.items()
             },
-            [_sum_of_squares(each) for each in of_forces],
-            [_sum_of_squares(each.reshape(-1, each.shape[-1])) for each in of_noise],
+            [_sum_of_squares(slopes) for slopes in of_forces],
+            [_sum_of_squares(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
         )
 
 

@@ -36,14 +36,14 @@ class SquareSum:
         """From slopes (K,), and those (K, d) of draws."""
         return cls(float(slopes @ slopes), draws.T @ draws)
 
-    def plus(self, other: SquareSum, weight: float) -> SquareSum:
+    def plus(self, added: SquareSum, weight: float) -> SquareSum:
         """The sum with another one times a weight."""
-        return SquareSum(self.total + weight * other.total, self.products + weight * other.products)
+        return SquareSum(self.total + weight * added.total, self.products + weight * added.products)
 
-    def with_other(self, other: SquareSum) -> float:
+    def with_other(self, second: SquareSum) -> float:
         """Half the covariance of both: products of different draws tell it."""
         count = len(self.products)
-        both = self.products * other.products
+        both = self.products * second.products
         return float(both.sum() - np.trace(both)) / (count * (count - 1))
 
 
@@ -66,18 +66,20 @@ class VarianceScore:
     gain: float
 
     @classmethod
-    def of(cls, tested: SquareSum, found: Sequence[SquareSum] = ()) -> VarianceScore | None:
+    def of(cls, tested: SquareSum, estimated: Sequence[SquareSum] = ()) -> VarianceScore | None:
         """From the sums of squares of what is tested, and of what has variances that were found.
 
         None where kicks move nothing, or do what those found do. Products of different draws tell the traces of the square
         and the cube of the covariance of the slopes.
         """
         alone = tested.with_other(tested)
-        if found:
-            among = np.array([[a.with_other(b) for b in found] for a in found])
-            weights = np.linalg.lstsq(among, np.array([tested.with_other(each) for each in found]))[0]
-            for each, weight in zip(found, weights.tolist(), strict=True):
-                tested = tested.plus(each, -weight)
+        if estimated:
+            among = np.array([[a.with_other(b) for b in estimated] for a in estimated])
+            weights = np.linalg.lstsq(
+                among, np.array([tested.with_other(square_sum) for square_sum in estimated])
+            )[0]
+            for square_sum, weight in zip(estimated, weights.tolist(), strict=True):
+                tested = tested.plus(square_sum, -weight)
         products = tested.products.copy()
         count = len(products)
         excess = tested.total - float(np.trace(products)) / count

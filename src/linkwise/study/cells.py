@@ -160,7 +160,7 @@ class StudyTable:
             Verdict.CELLS_WITHOUT_ANSWER: any(not cell.answers for cell in failed),
             Verdict.CASES_WITHOUT_ANSWER: any(cell.answers for cell in failed),
         }
-        return tuple(verdict for verdict, held in holds.items() if held) or (Verdict.STUDY_COMPLETE,)
+        return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.STUDY_COMPLETE,)
 
     @property
     def structures(self) -> tuple[str, ...]:

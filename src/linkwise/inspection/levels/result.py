@@ -127,7 +127,7 @@ class LevelComparison(JudgedView):
             Verdict.RESIDUALS_GROW_WITH_LEVEL: first is None and bool(grown.any()),
             Verdict.MODES_MOVE: first is not None,
         }
-        return tuple(verdict for verdict, held in holds.items() if held) or (Verdict.LINEAR_IN_RANGE,)
+        return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.LINEAR_IN_RANGE,)
 
     def __str__(self) -> str:
         return as_text(self)
