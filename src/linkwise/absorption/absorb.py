@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Unpack
 
 import numpy as np
@@ -13,10 +14,11 @@ from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.rest_positions import rest_positions
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.result_parts import AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
-from linkwise.absorption.runs import single_run
+from linkwise.absorption.runs import Runs, single_run
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
+from linkwise.expression import Expression
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.simulation.motion import SimulatedMotion
@@ -76,10 +78,10 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     """Make both runs of a comparison."""
     progress(ProgressReport(0.0, "with sinks"))
     potentials = Potentials.of([comparison.structure])
-    with_sinks, vibration, crossed = _run(comparison, comparison.schedule, potentials)
+    with_sinks, vibration, runs = _run(comparison, comparison.schedule, potentials, comparison.powers)
     progress(ProgressReport(0.5, "without sinks"))
     without, baseline, _ = _run(
-        comparison, comparison.baseline_schedule, Potentials.of([comparison.baseline.structure])
+        comparison, comparison.baseline_schedule, Potentials.of([comparison.baseline.structure]), {}
     )
     level = comparison.options.settle * baseline.peak
     if not np.any(baseline.runs.v):
@@ -97,8 +99,8 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
             MassChange(name, float(level[row, 0]), *both)
             for row, (name, both) in enumerate(zip(comparison.primaries, decays, strict=True))
         ),
-        sinks=_sink_results(comparison, with_sinks, crossed, potentials.tops(0)),
-        harvests=_harvests(comparison, with_sinks),
+        sinks=_sink_results(comparison, with_sinks, runs.crossings[0], potentials.tops(0)),
+        harvests=_harvests(comparison, with_sinks, runs),
         absorbing=comparison.absorbing,
         with_sinks=with_sinks,
         without=without,
@@ -106,11 +108,11 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
 
 
 def _run(
-    comparison: Comparison, schedule: RunSchedule, potentials: Potentials
-) -> tuple[AbsorptionRun, Vibration, tuple[Floats, ...]]:
-    """One of the two runs, the vibration of its primary masses, and the times in s of the crossings of each link."""
+    comparison: Comparison, schedule: RunSchedule, potentials: Potentials, powers: Mapping[str, Expression]
+) -> tuple[AbsorptionRun, Vibration, Runs]:
+    """One of the two runs, the vibration of its primary masses, and the run with its crossings and what harvesters took."""
     motion = SimulatedMotion.of(schedule)
-    runs = single_run(motion, potentials.tops(0))
+    runs = single_run(motion, potentials.tops(0), powers)
     columns = [schedule.structure.mass_names.index(name) for name in comparison.primaries]
     positions = rest_positions([comparison.resting_structure], comparison.primaries)
     vibration = Vibration(runs, columns, positions)
@@ -126,7 +128,7 @@ def _run(
         dissipated=runs.dissipated[..., 0],
         horizon=motion.horizon,
     )
-    return run, vibration, runs.crossings[0]
+    return run, vibration, runs
 
 
 def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
@@ -172,10 +174,15 @@ def _sink_results(
     return tuple(results)
 
 
-def _harvests(comparison: Comparison, run: AbsorptionRun) -> tuple[Harvest, ...]:
-    harvests = []
-    for link, damping in (comparison.options.harvesters or {}).items():
+def _harvests(comparison: Comparison, run: AbsorptionRun, runs: Runs) -> tuple[Harvest, ...]:
+    harvests, duration = [], float(comparison.times[-1])
+    for link, given in (comparison.options.harvesters or {}).items():
+        if isinstance(given, str):
+            energy = float(runs.delivered[link][0])
+            share = energy / run.total
+            harvests.append(Harvest(link, None, energy, energy / duration, share, given))
+            continue
         share = run.share(f"{link}{SUFFIX}")
         energy = share * run.total
-        harvests.append(Harvest(link, damping, energy, energy / float(comparison.times[-1]), share))
+        harvests.append(Harvest(link, given, energy, energy / duration, share))
     return tuple(harvests)

@@ -86,11 +86,13 @@ def _rest_points_of_any_law(law: Law, rows: Floats) -> tuple[Floats, Bools]:
 
 
 def _rest_points(law: Law, values: Mapping[str, float]) -> tuple[RestPoint, ...]:
+    still = dict.fromkeys(law.states, 0.0)
+
     def force(d: Floats) -> Floats:
-        return np.broadcast_to(law.force(d, 0.0, values), np.shape(d))
+        return np.broadcast_to(law.force(d, 0.0, {**values, **still}), np.shape(d))
 
     def slope(d: Floats) -> Floats:
-        return np.broadcast_to(law.partials(d, 0.0, values).by_d, np.shape(d))
+        return np.broadcast_to(law.partials(d, 0.0, {**values, **still}).by_d, np.shape(d))
 
     try:
         return rest_points(force, slope)

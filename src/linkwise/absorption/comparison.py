@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from linkwise.absorption.harvesters import SUFFIX, with_harvesters
+from linkwise.absorption.harvesters import SUFFIX, delivered_powers, with_harvesters
 from linkwise.absorption.options import AbsorptionOptions
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
 from linkwise.absorption.without_sinks import WithoutSinks, without_sinks
 from linkwise.analysis.modes import natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
+from linkwise.expression import Expression
 from linkwise.model.excitation import Excitation
 from linkwise.model.host_support import refuse_hosts
-from linkwise.model.memory_support import refuse_memory
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.simulation.checks import check_excitation, output_times
@@ -44,7 +45,6 @@ class Comparison:
     def of(cls, structure: Structure, options: AbsorptionOptions) -> Comparison:
         """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
         refuse_rig(structure, "comparisons with and without sinks")
-        refuse_memory(structure.links, "comparisons with and without sinks")
         refuse_hosts(structure, "comparisons with and without sinks")
         _ = (
             [link.values for link in structure.links],
@@ -52,6 +52,7 @@ class Comparison:
         )  # StructureError if one is unknown
         sinks, excitation = find_sinks(structure, options.sinks), options.excitation
         equipped = with_harvesters(structure, options.harvesters or {})
+        delivered_powers(structure, options.harvesters or {})  # StructureError if one is not a power
         rate = _default_rate(structure, options.duration) if options.rate is None else options.rate
         times = output_times(options.duration, rate)
         check_excitation(equipped, excitation, float(times[-1]))
@@ -72,6 +73,11 @@ class Comparison:
             baseline=baseline or without_sinks(structure, self.sinks, excitation, self.options.without),
             options=replace(self.options, excitation=excitation),
         )
+
+    @cached_property
+    def powers(self) -> Mapping[str, Expression]:
+        """The power in W of each harvester that is given by an expression, by link."""
+        return delivered_powers(self.structure, self.options.harvesters or {})
 
     @property
     def schedule(self) -> RunSchedule:

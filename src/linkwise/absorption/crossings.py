@@ -78,7 +78,7 @@ def _elongations(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Flo
     states = np.empty((len(times), 2 * size))
 
     def receive(first: int, block: Floats) -> None:
-        states[first : first + len(block)] = block
+        states[first : first + len(block)] = block[:, : 2 * size]
 
     integrate(schedule, times, receive, RunOptions(repeated=run))
     x_base = None if base is None else base.value(times)

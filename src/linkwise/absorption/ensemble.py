@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Event
 from typing import TypeVar
 
@@ -23,6 +23,7 @@ from linkwise.absorption.rest_positions import RestPositions, rest_positions
 from linkwise.absorption.runs import Runs, batch_runs
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.expression import Expression
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.simulation.batch import LANES
@@ -59,6 +60,7 @@ class _Runner:
     one_by_one: bool
     progress: Progress
     activity: str
+    powers: Mapping[str, Expression] = field(default_factory=dict)
 
     def run(
         self,
@@ -79,6 +81,7 @@ class _Runner:
                 runs, ended = batch_runs(
                     [schedules[run] for run in group],
                     potentials.of_runs(group),
+                    self.powers,
                     one_by_one=self.one_by_one,
                 )
                 completed[group] = ended
@@ -133,7 +136,13 @@ def run_ensemble(
             positions,
             baseline.of_runs(baseline_of),
             envelopes,
-            _Runner(workers, one_by_one, part(progress, share, 1.0), f"{len(comparisons)} runs with sinks"),
+            _Runner(
+                workers,
+                one_by_one,
+                part(progress, share, 1.0),
+                f"{len(comparisons)} runs with sinks",
+                comparisons[0].powers,
+            ),
         )
 
 

@@ -21,7 +21,7 @@ class AbsorptionKeywords(ExcitationKeywords, total=False):
     sinks: Sequence[str]
     without: str
     settle: float
-    harvesters: Mapping[str, float] | None
+    harvesters: Mapping[str, float | str] | None
 
 
 @final
@@ -45,8 +45,9 @@ class AbsorptionOptions:
     settle : float
         A mass has settled when its excursion stays below this part of its peak without sinks, for the last 5 % of the run
         at least. Excursions are counted from the stable equilibrium where it ends.
-    harvesters : mapping of str to float, optional
-        Dampings in N s/m of harvesters in parallel to links, by link.
+    harvesters : mapping of str to float or str, optional
+        Harvesters by link: the damping in N s/m of a damper in parallel, or the power in W that the link itself delivers, an
+        expression in d, v, its states and its coefficients such as ``"V**2/R"``.
     excitation : Excitation
         What sets the structure in motion.
 
@@ -70,7 +71,7 @@ class AbsorptionOptions:
     sinks: Sequence[str] = ()
     without: str = "removed"
     settle: float = 0.05
-    harvesters: Mapping[str, float] | None = None
+    harvesters: Mapping[str, float | str] | None = None
     excitation: Excitation = field(default_factory=Excitation)
 
     def __post_init__(self) -> None:

@@ -138,6 +138,9 @@ def quantity_values(
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
     duration = runs.time[-1]
     return values | {
-        f"power:{link}": shares[f"{link}{SUFFIX}"] * total / duration
-        for link in comparison.options.harvesters or ()
+        f"power:{link}": (
+            runs.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
+        )
+        / duration
+        for link, given in (comparison.options.harvesters or {}).items()
     }

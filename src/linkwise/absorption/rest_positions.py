@@ -33,9 +33,10 @@ def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) ->
     """
     potentials = Potentials.of(structures)
     at_zero = np.ones(len(structures), dtype=bool)
-    for number, link in enumerate(potentials.barriers):
-        at_zero &= (link.floor == 0.0) & ~np.isfinite(link.tops).any(axis=1)
-        at_zero &= np.array([float(structure.links[number].force(0.0)) == 0.0 for structure in structures])
+    for number, barriers in enumerate(potentials.barriers):
+        alike = [structure.links[number] for structure in structures]
+        at_zero &= (barriers.floor == 0.0) & ~np.isfinite(barriers.tops).any(axis=1)
+        at_zero &= np.array([float(link.force(0.0, states=link.zero_states)) == 0.0 for link in alike])
     zero = RestPositions(np.zeros((1, len(primaries))))
     return [
         zero if simple else _stable(structure, primaries)

@@ -170,6 +170,11 @@ def _findings(absorption: Absorption) -> tuple[str, ...]:
             f"{', '.join(unsettled)} did not settle below {100 * absorption.settle:g} % of the peak without sinks within "
             f"{float(absorption.time[-1]):g} s; simulate longer, or let masses settle at a larger part of the peak."
         )
+        memory = [link.name for link in absorption.with_sinks.structure.links if link.law.states]
+        if memory:
+            findings.append(
+                f"Rest positions are those with states of 0 of {', '.join(memory)}; after slip a mass may rest elsewhere."
+            )
     inactive = [result.sink.link for result in absorption.sinks if result.tops and not len(result.crossings)]
     if inactive:
         findings.append(f"{', '.join(inactive)} never crossed from one well to another.")

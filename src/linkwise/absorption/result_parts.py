@@ -221,12 +221,14 @@ class Harvest:
     ----------
     link : str
         The link that it is in parallel to.
-    damping : float
-        Its damping in N s/m.
+    damping : float or None
+        Its damping in N s/m; None where the link itself delivers the power.
     energy, power : float
         Energy in J in all, and average power in W.
     share : float
         The part of the energy supplied.
+    expression : str or None
+        The power that the link delivers, such as "V**2/R".
 
     Examples
     --------
@@ -240,10 +242,11 @@ class Harvest:
     """
 
     link: str
-    damping: float
+    damping: float | None
     energy: float
     power: float
     share: float
+    expression: str | None = None
 
 
 def relative_reduction(with_sinks: float, without: float) -> float | None:
@@ -295,10 +298,11 @@ def sink_document(result: SinkResult) -> dict[str, Any]:
     }
 
 
-def harvest_document(harvest: Harvest) -> dict[str, float]:
+def harvest_document(harvest: Harvest) -> dict[str, float | str | None]:
     """A harvester as plain data."""
     return {
         "damping": harvest.damping,
+        "expression": harvest.expression,
         "energy": harvest.energy,
         "average_power": harvest.power,
         "share": harvest.share,

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from linkwise.absorption.crossings import after_onset, crossings, distinct
+from linkwise.absorption.harvesters import delivered_energy
 from linkwise.absorption.potentials import Potentials, elongations
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
+from linkwise.expression import Expression
 from linkwise.simulation.batch import can_batch, run_batch
 from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
@@ -22,7 +24,7 @@ class Runs:
 
     `dissipated` (N, L, W) J is the energy that each link has dissipated, `supplied` (N, W) J the energy at the start, with
     potentials relative to d = 0, and all work done since. `crossings` holds, by run and link, the times in s at which the link
-    went from one well to another.
+    went from one well to another; `delivered` the energy (W,) J that harvesters given by an expression took, by link.
     """
 
     time: Floats
@@ -31,6 +33,7 @@ class Runs:
     dissipated: Floats
     supplied: Floats
     crossings: tuple[tuple[Floats, ...], ...]
+    delivered: Mapping[str, Floats] = field(default_factory=dict)
 
     def of_runs(self, runs: Indices) -> Runs:
         """Some of the runs."""
@@ -41,11 +44,15 @@ class Runs:
             self.dissipated[..., runs],
             self.supplied[..., runs],
             tuple(self.crossings[run] for run in runs),
+            {link: energy[runs] for link, energy in self.delivered.items()},
         )
 
 
-def single_run(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
-    """One motion in full precision and with the kinks of its laws; `tops` (K,) m of the barriers of each link."""
+def single_run(motion: SimulatedMotion, tops: list[Floats], powers: Mapping[str, Expression]) -> Runs:
+    """One motion in full precision and with the kinks of its laws.
+
+    `tops` (K,) m are those of the barriers of each link, `powers` those that links deliver, in W.
+    """
     energy, schedule = motion.energy, motion.schedule
     base = schedule.excitation.base
     d = schedule.structure.elongations(
@@ -59,19 +66,25 @@ def single_run(motion: SimulatedMotion, tops: list[Floats]) -> Runs:
         dissipated=energy.dissipated[..., None],
         supplied=energy.supplied[..., None],
         crossings=(tuple(after_onset(times[k], schedule.times, d[:, k], tops[k]) for k in range(len(tops))),),
+        delivered={link: np.array([energy]) for link, energy in delivered_energy(motion, powers).items()},
     )
 
 
 def batch_runs(
-    schedules: Sequence[RunSchedule], potentials: Potentials, *, one_by_one: bool = False
+    schedules: Sequence[RunSchedule],
+    potentials: Potentials,
+    powers: Mapping[str, Expression],
+    *,
+    one_by_one: bool = False,
 ) -> tuple[Runs, Bools]:
     """Runs of schedules that differ in numbers only, and (W,) which of them came to their end.
 
-    `potentials` are those of their structures. The runs are made side by side in double precision, or `one_by_one`, as they
-    are if a law is not smooth.
+    `potentials` are those of their structures, `powers` those that their links deliver, in W. The runs are made side by side
+    in double precision, or `one_by_one`, as they are if a law is not smooth or has memory.
     """
-    if one_by_one or not can_batch(schedules[0]):
-        return _one_by_one(schedules, potentials)
+    memory = any(link.law.states for link in schedules[0].structure.links)
+    if one_by_one or memory or powers or not can_batch(schedules[0]):
+        return _one_by_one(schedules, potentials, powers)
     schedule = schedules[0]
     batch = run_batch(schedules, [link.tops for link in potentials.barriers])
     base = schedule.excitation.base
@@ -98,16 +111,19 @@ def batch_runs(
     return runs, batch.completed
 
 
-def _one_by_one(schedules: Sequence[RunSchedule], potentials: Potentials) -> tuple[Runs, Bools]:
+def _one_by_one(
+    schedules: Sequence[RunSchedule], potentials: Potentials, powers: Mapping[str, Expression]
+) -> tuple[Runs, Bools]:
     samples, structure = len(schedules[0].times), schedules[0].structure
     size, links, count = structure.size, len(structure.links), len(schedules)
     x, v = np.full((samples, size, count), np.nan), np.full((samples, size, count), np.nan)
     dissipated, supplied = np.full((samples, links, count), np.nan), np.full((samples, count), np.nan)
+    delivered = {link: np.full(count, np.nan) for link in powers}
     crossed: list[tuple[Floats, ...]] = []
     completed = np.ones(count, dtype=bool)
     for number, schedule in enumerate(schedules):
         try:
-            run = single_run(SimulatedMotion.of(schedule), potentials.tops(number))
+            run = single_run(SimulatedMotion.of(schedule), potentials.tops(number), powers)
         except SimulationError:
             completed[number] = False
             crossed.append(tuple(np.empty(0) for _ in range(links)))
@@ -115,4 +131,6 @@ def _one_by_one(schedules: Sequence[RunSchedule], potentials: Potentials) -> tup
         x[..., number], v[..., number] = run.x[..., 0], run.v[..., 0]
         dissipated[..., number], supplied[:, number] = run.dissipated[..., 0], run.supplied[:, 0]
         crossed += run.crossings
-    return Runs(schedules[0].times, x, v, dissipated, supplied, tuple(crossed)), completed
+        for link, energy in run.delivered.items():
+            delivered[link][number] = energy[0]
+    return Runs(schedules[0].times, x, v, dissipated, supplied, tuple(crossed), delivered), completed

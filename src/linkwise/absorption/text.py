@@ -118,9 +118,10 @@ def _sink_row(result: SinkResult) -> tuple[str, ...]:
 
 def harvest_rows(absorption: Absorption) -> Rows:
     """The energy and the power of each harvester."""
-    rows: Rows = [("harvester on", "damping", "energy", "average power", "share")]
+    rows: Rows = [("harvester on", "load", "energy", "average power", "share")]
     for harvest in absorption.harvests:
-        numbers = (f"{harvest.damping:.4g} N s/m", f"{harvest.energy:.4g} J", f"{harvest.power:.4g} W")
+        load = harvest.expression or f"{harvest.damping:.4g} N s/m"
+        numbers = (load, f"{harvest.energy:.4g} J", f"{harvest.power:.4g} W")
         rows.append((harvest.link, *numbers, percent(harvest.share)))
     return rows
 

@@ -22,7 +22,7 @@ from linkwise.analysis.wells import RestPoint, rest_points
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
-from linkwise.model.memory_support import refuse_memory
+from linkwise.model.memory_support import require_rest_at_zero
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.model.topology import Weights
@@ -119,7 +119,10 @@ class _Bond:
         return tuple((link.law, tuple(link.values.values()), sign) for link, sign in self.links)
 
     def force(self, d: Floats) -> Floats:
-        return sum((sign * link.force(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
+        return sum(
+            (sign * link.force(sign * d, states=link.zero_states) for link, sign in self.links),
+            np.zeros(np.shape(d)),
+        )
 
     def slope(self, d: Floats) -> Floats:
         return sum((link.stiffness(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
@@ -140,7 +143,7 @@ def equilibria(
     Parameters
     ----------
     structure : Structure
-        A structure whose coefficients have values.
+        A structure whose coefficients have values. States of links with memory are 0, where they must rest.
     start : array of shape (n,) or (S, n), optional
         Displacements in m from which to search; by default all combinations of the rest points of the links.
     reach : tuple of two floats, optional
@@ -156,7 +159,7 @@ def equilibria(
     Raises
     ------
     StructureError
-        If a coefficient has no value, or `start` does not have n finite displacements.
+        If a coefficient has no value, a state of a link does not rest at 0, or `start` does not have n finite displacements.
 
     Examples
     --------
@@ -166,7 +169,7 @@ def equilibria(
     (3, 2)
     """
     refuse_rig(structure, "equilibria and modes")
-    refuse_memory(structure.links, "equilibria and modes")
+    require_rest_at_zero(structure.links, "equilibria and modes")
     bonds = _bonds(structure)
     incidence = _incidence(bonds, structure.size)
     if start is not None:
@@ -207,7 +210,7 @@ def _bonds(structure: Structure) -> list[_Bond]:
         weights = tuple(sorted(column))
         turned = tuple((mass, -part) for mass, part in weights)
         with np.errstate(all="ignore"):
-            elastic = bool(np.any(link.force(probe) != 0.0))
+            elastic = bool(np.any(link.force(probe, states=link.zero_states) != 0.0))
         if elastic:
             own, sign = (turned, -1.0) if turned in members else (weights, 1.0)
             members.setdefault(own, []).append((link, sign))

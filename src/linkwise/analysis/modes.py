@@ -15,7 +15,9 @@ from scipy.linalg import eigh
 from linkwise.analysis.equilibria import equilibria
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
-from linkwise.model.memory_support import refuse_memory
+from linkwise.expression import Program, differentiate
+from linkwise.model.link import Link
+from linkwise.model.memory_support import require_rest_at_zero
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 
@@ -68,7 +70,8 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     Parameters
     ----------
     structure : Structure
-        A structure whose coefficients have values.
+        A structure whose coefficients have values. States of links with memory are held at 0, as the voltage of a piezo in a
+        short circuit.
     at : array of shape (n,), optional
         Displacements in m; by default the stable equilibrium of least energy.
 
@@ -89,7 +92,7 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     [22.29, 27.83]
     """
     refuse_rig(structure, "equilibria and modes")
-    refuse_memory(structure.links, "equilibria and modes")
+    require_rest_at_zero(structure.links, "equilibria and modes")
     x = _rest(structure) if at is None else np.asarray(at, dtype=float)
     if x.shape != (structure.size,) or not np.isfinite(x).all():
         raise StructureError(f"`at` must have {structure.size} finite displacements in m, one for each mass")
@@ -116,10 +119,33 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
 def natural_frequencies(structure: Structure) -> Floats:
     """(n,) natural frequencies in Hz about the stable equilibrium of least energy, as `modes` gives them; NaN where negative
     stiffness has none. Raises StructureError as `modes` does.
+
+    States of links with memory follow the elongation, as they do in fast motion, and add to the stiffness.
     """
-    stiffness, _, _ = _tangent(structure, _rest(structure))
+    rest = _rest(structure)
+    stiffness, _, _ = _tangent(structure, rest)
+    by_states = [
+        stiffness_of_states(link, place)
+        for link, place in zip(structure.links, structure.elongations(rest, 0.0), strict=True)
+    ]
+    incidence = structure.incidence
+    stiffness = stiffness + ((incidence * np.array(by_states)) @ incidence.T).toarray()
     squares, _ = eigh(stiffness, np.diag(structure.mass_values))
     return _angular(_without_rounding(squares)) / (2.0 * np.pi)
+
+
+def stiffness_of_states(link: Link, d: float) -> float:
+    """Stiffness in N/m that states of 0 add to a link that moves too fast for them to relax."""
+    law = link.law
+    if not law.states:
+        return 0.0
+    pairs = [
+        (differentiate(law.expression, name), differentiate(rate, "v")) for name, rate in law.named_rates
+    ]
+    program = Program([part for pair in pairs for part in pair], (*law.variables, *law.coefficients))
+    values = [d, 0.0, *link.zero_states.values(), *(link.values[name] for name in law.coefficients)]
+    slopes = [float(slope) for slope in program(*values)]
+    return sum(force * rate for force, rate in zip(slopes[::2], slopes[1::2], strict=True))
 
 
 def _without_rounding(squares: Floats) -> Floats:
@@ -156,7 +182,12 @@ def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
     """Stiffness (n, n), damping (n, n) and net forces (n,) of the links at rest at `x`; the base is at zero."""
     d = structure.elongations(x, 0.0)
     slopes = np.array([link.tangent(place) for link, place in zip(structure.links, d, strict=True)])
-    forces = np.array([float(link.force(place)) for link, place in zip(structure.links, d, strict=True)])
+    forces = np.array(
+        [
+            float(link.force(place, states=link.zero_states))
+            for link, place in zip(structure.links, d, strict=True)
+        ]
+    )
     incidence = structure.incidence
     stiffness = (incidence * slopes[None, :, 0]) @ incidence.T
     damping = (incidence * slopes[None, :, 1]) @ incidence.T

@@ -61,10 +61,16 @@ class RepetitionOptions:
         return {name: _values(text) for name, text in pairs(self.sweep, "--sweep", EXAMPLE).items()}
 
 
-def _dampings(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> dict[str, float]:
-    """Dampings in N s/m by link."""
-    texts_by_link = pairs(texts, "--harvester", "nes1=0.01")
-    return {name: number(value, "--harvester", "nes1=0.01") for name, value in texts_by_link.items()}
+def _harvesters(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, float | str]:
+    """Dampings in N s/m, or expressions of a power, by link."""
+    return {
+        name: value
+        if set(value) & set("*/+") or value.isidentifier()
+        else number(value, "--harvester", "nes1=0.01")
+        for name, value in pairs(texts, "--harvester", "nes1=0.01").items()
+    }
 
 
 def _values(text: str) -> list[float]:
@@ -123,10 +129,11 @@ absorption_options = keyword_group(
     click.option(
         "--harvester",
         "harvesters",
-        callback=_dampings,
-        metavar="LINK=NS/M",
+        callback=_harvesters,
+        metavar="LINK=NS/M|POWER",
         multiple=True,
-        help="Put a damper of so many N s/m in parallel to a link and tell its power. Repeatable.",
+        help="Put a damper of so many N s/m in parallel to a link and tell its power, or tell the power that the link itself "
+        "delivers, as piezo=V**2/R. Repeatable.",
     ),
 )
 

@@ -4,8 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
+
+
+def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
+    """Raise StructureError if the states of one of the links do not rest at 0 while its ends rest, as `feature` needs."""
+    elongations = np.concatenate([-np.logspace(-9, 0, 10), [0.0], np.logspace(-9, 0, 10)])
+    for link in links:
+        if not link.law.states:
+            continue
+        with np.errstate(all="ignore"):
+            rates = link.law.state_rates(elongations, 0.0, {**link.values, **link.zero_states})
+        moving = [name for name, rate in zip(link.law.states, rates, strict=True) if np.any(rate != 0.0)]
+        if moving:
+            raise StructureError(
+                f"the state {moving[0]} does not rest at 0 while the ends of the link do, which is not supported in {feature}",
+                f'link "{link.name}"',
+            )
 
 
 def refuse_memory(links: Iterable[Link], feature: str) -> None:

@@ -1,0 +1,116 @@
+"""Sinks with memory: energies that close, the power in the resistor of a piezo, its optimal load, and rest at states of 0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from problems import oscillator
+
+import linkwise as lw
+from linkwise.analysis.modes import natural_frequencies
+
+PIEZO = {"k": 40.0, "c": 0.4, "theta": 2e-3, "R": 1e5, "C": 43e-9}
+RELEASE: dict[str, Any] = {"duration": 2.0, "release": {"v:m1": 1.0}, "sinks": ["piezo"]}
+
+
+def tower(law: str = "k*d + c*v - theta*V", **changes: float) -> lw.Structure:
+    """A mass on a spring that carries a small one on a piezo with a resistor."""
+    host = oscillator("k*d + c*v", name="tower", k=3000.0, c=1.0)
+    values = {name: lw.Coefficient.number(value) for name, value in (PIEZO | changes).items()}
+    state = lw.LinkState("(-theta*v - V/R)/C", unit="V")
+    piezo = lw.Link("piezo", ("m2", "m1"), lw.Law.parse(law), values, states={"V": state})
+    small = lw.Mass("m2", lw.Coefficient.number(0.05))
+    return lw.Structure("tower", (*host.masses, small), (*host.links, piezo))
+
+
+def test_the_damper_the_resistor_and_the_capacitor_share_what_the_link_takes() -> None:
+    """Work on the link less its spring's: c v^2 and V^2/R are dissipated, C V^2/2 stays in the capacitor."""
+    structure = tower()
+    taken = {
+        power: lw.absorb(structure, **RELEASE, rate=2000.0, harvesters={"piezo": power})
+        for power in ("c*v**2", "V**2/R")
+    }
+    energies = [absorption.harvests[0].energy for absorption in taken.values()]
+    run = taken["V**2/R"].with_sinks
+    record = lw.simulate(structure, duration=2.0, rate=2000.0, release={"v:m1": 1.0}, sensors=["state"])
+    stored = 0.5 * PIEZO["C"] * record.channel("state:piezo.V")[-1] ** 2
+    # trapezoidal rule over a decaying oscillation: (2 w h)^2/12 of a term at its ends, w = 60 rad/s, h = 0.5 ms
+    assert sum(energies) + stored == pytest.approx(
+        run.share("piezo") * run.total, rel=(2 * 60 * 5e-4) ** 2 / 12
+    )
+    assert energies[1] > 0.1 * energies[0]  # it is a harvester
+
+
+def test_power_over_the_load_is_that_of_an_rc_circuit_driven_by_the_motion() -> None:
+    """At a coupling too weak to change the motion: theta^2 |v|^2 R/(1 + (w R C)^2)/2, largest at R = 1/(w C)."""
+    w = 50.0
+    best = 1.0 / (w * PIEZO["C"])
+    loads = best * np.array([0.25, 1.0, 4.0])
+    found = lw.absorption_map(
+        tower(theta=1e-7), {"piezo.R": loads}, duration=40.0, rate=500.0, forces={"m1": f"sin({w}*t)"},
+        sinks=["piezo"], harvesters={"piezo": "V**2/R"},
+    )  # fmt: skip
+    powers = found["power:piezo"]
+    expected = loads / (1.0 + (w * loads * PIEZO["C"]) ** 2)
+    # the transient, with a time constant of 0.25 s in the sink and 2 s in the tower, is 2/40 of the record at most
+    np.testing.assert_allclose(powers / powers[1], expected / expected[1], rtol=0.05)
+    assert found.best("power:piezo") == {"piezo.R": loads[1]}
+
+
+def test_intervals_hold_the_power_of_the_identified_link() -> None:
+    structure = tower()
+    record = lw.simulate(structure, duration=2.0, rate=400.0, release={"v:m1": 1.0}, sensors=("x", "state"))
+    fit = lw.identify(record.with_noise(40.0, seed=12), structure.unknown("piezo.theta", "piezo.c"))
+    found = lw.absorption_intervals(fit, draws=8, seed=0, **RELEASE, harvesters={"piezo": "V**2/R"})
+    power = next(quantity for quantity in found.quantities if quantity.quantity.name == "power:piezo")
+    true = lw.absorb(structure, **RELEASE, harvesters={"piezo": "V**2/R"}).harvests[0].power
+    # the range of 8 draws and the estimate, widened by itself: 3.3 standard deviations on either side at least
+    assert power.lower is not None and power.upper is not None
+    width = power.upper - power.lower
+    assert 0.0 < width < 0.1 * true and power.lower - width < true < power.upper + width
+
+
+@pytest.mark.parametrize(
+    ("harvesters", "message"),
+    [
+        ({"piezo": "V**2*R"}, r"'V\*\*2\*R' is not a power in W, with V in V, R in ohm"),
+        ({"piezo": "V**2/Q"}, r"contains 'Q'; choose from d, v, V, k, c, theta, R, C"),
+        ({"piezo": "V**/R"}, "is not a power"),
+        ({"pie": "V**2/R"}, 'unknown link "pie"; did you mean "piezo"'),
+        ({"piezo": -0.1}, "the damping of a harvester must be positive"),
+    ],
+)
+def test_what_is_no_harvester_is_refused(harvesters: dict[str, float | str], message: str) -> None:
+    with pytest.raises(lw.StructureError, match=message):
+        lw.absorb(tower(), **RELEASE, harvesters=harvesters)
+
+
+# --- rest and modes at states of 0
+
+
+def test_equilibria_and_modes_are_those_in_a_short_circuit() -> None:
+    still = oscillator("k*d + c*v", k=40.0, c=0.4)
+    values = {name: lw.Coefficient.number(value) for name, value in PIEZO.items()}
+    state = lw.LinkState("(-theta*v - V/R)/C", unit="V")
+    link = lw.Link(
+        "piezo", ("m1", "ground"), lw.Law.parse("k*d + c*v - theta*V"), values, states={"V": state}
+    )
+    piezo = lw.Structure("piezo", still.masses, (link,))
+    assert [point.x.tolist() for point in lw.equilibria(piezo).stable] == [[0.0]]
+    np.testing.assert_allclose(lw.modes(piezo).frequencies, lw.modes(still).frequencies, rtol=1e-12)
+    open_circuit = np.sqrt((40.0 + PIEZO["theta"] ** 2 / PIEZO["C"]) / still.mass_values[0]) / (2.0 * np.pi)
+    assert natural_frequencies(piezo)[0] == pytest.approx(open_circuit, rel=1e-12)
+
+
+def test_a_state_that_does_not_rest_is_refused() -> None:
+    values = {"k": lw.Coefficient.number(40.0), "r": lw.Coefficient.number(2.0)}
+    creeping = lw.Link(
+        "creep", ("m1", "ground"), lw.Law.parse("k*(d - z)"), values, states={"z": "r*(d - z)"}
+    )
+    structure = lw.Structure("creep", oscillator("k*d", k=1.0).masses, (creeping,))
+    with pytest.raises(
+        lw.StructureError, match="the state z does not rest at 0 while the ends of the link do"
+    ):
+        lw.equilibria(structure)
