@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,11 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.cli import COMMANDS, linkwise, run
 from linkwise.discovery.term_families import FAMILIES, TermFamily
+from linkwise.estimates.cause import CAUSE_KINDS, CauseKind
 from linkwise.expression.functions import FUNCTIONS, LawFunction
 from linkwise.files import FORMATS, Format
 from linkwise.inspection.checks import CHECKS
+from linkwise.likelihood.shooting.sensor_errors import ADDED
 from linkwise.registry import Registry
 from linkwise.report.estimate_page import SECTIONS
 from linkwise.report.section import Reported, Section
@@ -268,6 +271,25 @@ def test_a_check_of_records_is_a_file_and_a_line(places: Places) -> None:
 
     found = lw.inspect(chain_record(2, duration=2.0).with_noise(30.0, seed=1))
     assert [(alert.kind, alert.channel) for alert in found.alerts] == [("loud", "x:m2"), ("loud", "x:m1")]
+
+
+def test_a_cause_of_misfit_is_two_entries(places: Places) -> None:
+    places.line(ADDED, "asymmetry", lambda shown, rate, ramp: shown**2)
+    places.line(
+        CAUSE_KINDS,
+        "asymmetry",
+        CauseKind(lambda cause: f"an asymmetry of {cause.where} of {cause.size:.2g} per unit", unit="1/m"),
+    )
+    assert (places.files, places.lines) == (0, 2)
+
+    record = chain_record(2, duration=2.0).with_noise(50.0, seed=1)
+    values = record.values.copy()
+    values[:, 0] += 0.5 * values[:, 0] ** 2  # the first sensor reads more on one side
+    cause = lw.identify(replace(record, values=values), lw.bnes_chain(2).unknown("nes")).diagnosis[0]
+    assert (cause.kind, cause.where, cause.unit) == ("asymmetry", record.channels[0], "1/m")
+    # to first order, beside which the states and the coefficients give way
+    assert abs(cause.size - 0.5) < 0.1
+    assert str(cause.to_dict()["message"]).startswith("an asymmetry of x:m1 of ")
 
 
 def test_a_family_of_terms_is_an_entry(places: Places) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from linkwise.registry import Registry
 
 
 @dataclass(frozen=True)
@@ -83,42 +86,7 @@ class Cause:
     @property
     def description(self) -> str:
         """In words, with its size."""
-        size, place = abs(self.size), self.where
-        match self.kind:
-            case "term":
-                return f"a force like {self.term} in {place} of {size:.3g} N"
-            case "link":
-                return f"a link {place} with a force like {self.term} of {size:.3g} N"
-            case "gain":
-                return f"a gain of {place} that is off by {100.0 * self.size:+.3g} %"
-            case "crosstalk":
-                return f"{100.0 * self.size:+.3g} % of {self.source} in {place}"
-            case "filter":
-                corner = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * size))
-                return f"a filter of {place}, as a low pass of first order at {corner:.3g} Hz"
-            case "frequency":
-                return f"a frequency of {place} that is off by {100.0 * self.size:+.3g} %"
-            case "shape":
-                return f"a shape of {self.source} at {place} that is off by {100.0 * self.size:+.3g} %"
-            case "mass":
-                return f"a mass of {place} that is off by {100.0 * self.size:+.3g} %"
-            case "force gain":
-                return f"a scale of {place} that is off by {100.0 * self.size:+.3g} %"
-            case "prior":
-                side = "above" if self.size > 0.0 else "below"
-                sigma = f"{self.standard_error:.3g}"
-                return (
-                    f"{place} {size:.3g} {self.unit} {side} the value that is stated with a sigma of {sigma}"
-                )
-            case "delay" | "force delay":
-                return f"a delay of {1e3 * self.size:.3g} ms in {place}{self.remark and f' ({self.remark})'}"
-            case "input noise":
-                return f"noise of {place} of {size:.3g} {self.unit}{self.remark and f' ({self.remark})'}"
-            case "ambient":
-                return f"an ambient force on {place} of {size:.3g} {self.unit}{self.remark and f' ({self.remark})'}"
-            case "drift":
-                return f"a drift of {self.size:.3g} {self.unit} in {place}"
-        return f"an offset of {self.size:.3g} {self.unit} in {place}"
+        return CAUSE_KINDS.lookup(self.kind).describe(self)
 
     def to_dict(self) -> dict[str, str | float]:
         """What result.json holds of it.
@@ -136,3 +104,91 @@ class Cause:
             "gain": self.gain,
             "message": f"{self.description} would lower -2 log likelihood by {self.gain:.3g}",
         }
+
+
+@dataclass(frozen=True)
+class CauseKind:
+    """A kind of cause: how it is told, the `unit` of its size, "" for that of its channel, and whether it is `relative`.
+
+    A relative size is that of an error of a calibration, which is small where the first order holds.
+    """
+
+    describe: Callable[[Cause], str]
+    unit: str = ""
+    relative: bool = False
+
+
+def _off(what: str, *, relative: bool = True) -> CauseKind:
+    """Something of the place that is off by a part of itself."""
+    return CauseKind(lambda cause: f"{what}{cause.where} that is off by {_percent(cause)}", "1", relative)
+
+
+def _noise(what: str) -> CauseKind:
+    """A random force or motion, by its place, size and what else looks like it."""
+    return CauseKind(
+        lambda cause: f"{what} {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
+    )
+
+
+def _late(cause: Cause) -> str:
+    return f"a delay of {1e3 * cause.size:.3g} ms in {cause.where}{_remarked(cause)}"
+
+
+def _stated(cause: Cause) -> str:
+    side, sigma = "above" if cause.size > 0.0 else "below", f"{cause.standard_error:.3g}"
+    return f"{cause.where} {abs(cause.size):.3g} {cause.unit} {side} the value that is stated with a sigma of {sigma}"
+
+
+def _low_pass(cause: Cause) -> str:
+    corner = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * abs(cause.size)))
+    return f"a filter of {cause.where}, as a low pass of first order at {corner:.3g} Hz"
+
+
+def _in_channel(what: str) -> CauseKind:
+    """What is added to a channel, in its unit."""
+    return CauseKind(lambda cause: f"{what} of {cause.size:.3g} {cause.unit} in {cause.where}")
+
+
+def _percent(cause: Cause) -> str:
+    return f"{100.0 * cause.size:+.3g} %"
+
+
+def _remarked(cause: Cause) -> str:
+    return f" ({cause.remark})" if cause.remark else ""
+
+
+CAUSE_KINDS: Registry[CauseKind] = Registry(
+    "kind of cause",
+    {
+        "gain": _off("a gain of "),
+        "offset": _in_channel("an offset"),
+        "drift": _in_channel("a drift"),
+        "delay": CauseKind(_late, unit="s"),
+        "crosstalk": CauseKind(
+            lambda cause: f"{_percent(cause)} of {cause.source} in {cause.where}", unit="1", relative=True
+        ),
+        "filter": CauseKind(_low_pass, unit="s^2"),
+        "mass": _off("a mass of "),
+        "coefficient": _off("", relative=False),
+        "frequency": _off("a frequency of ", relative=False),
+        "damping": _off("a damping of ", relative=False),
+        "shape": CauseKind(
+            lambda cause: f"a shape of {cause.source} at {cause.where} that is off by {_percent(cause)}",
+            unit="1",
+            relative=True,
+        ),
+        "force gain": _off("a scale of "),
+        "force delay": CauseKind(_late, unit="s"),
+        "input noise": _noise("noise of"),
+        "ambient": _noise("an ambient force on"),
+        "prior": CauseKind(_stated),
+        "term": CauseKind(
+            lambda cause: f"a force like {cause.term} in {cause.where} of {abs(cause.size):.3g} N", unit="N"
+        ),
+        "link": CauseKind(
+            lambda cause: f"a link {cause.where} with a force like {cause.term} of {abs(cause.size):.3g} N",
+            unit="N",
+        ),
+    },
+)
+"""What a diagnosis may name."""

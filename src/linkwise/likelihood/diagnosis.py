@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.cause import CAUSE_KINDS, Cause
 from linkwise.expression import to_text
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
-from linkwise.likelihood.hypotheses import UNITS, Hypothesis, missing_forces, missing_terms, usual_terms
+from linkwise.likelihood.hypotheses import Hypothesis, missing_forces, missing_terms, usual_terms
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
@@ -34,7 +34,6 @@ from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
 _JUMPS = ("sign(v)",)  # terms without a slope, which the log determinant does not see
-_RELATIVE = ("gain", "crosstalk", "mass", "force gain", "shape")
 _LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _CHANCE = (
@@ -110,7 +109,6 @@ def _diagnosed(
         Hypothesis(
             kind,
             shown[channel],
-            UNITS.get(kind) or Channel.parse(shown[channel]).unit,
             source="" if source < 0 else shown[source],
         )
         for kind, channel, source in zip(
@@ -118,19 +116,17 @@ def _diagnosed(
         )
     ]
     columns = TestedColumns.separate(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
-    hypotheses.append(Hypothesis("filter", "all channels", UNITS["filter"]))
+    hypotheses.append(Hypothesis("filter", "all channels"))
     filtered = common_filter(optimum.segments, misfit)
     columns = columns.with_sum(filtered)
     of_base = BaseErrors.of(optimum, misfit)
     if of_base is not None:
         base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
-        hypotheses += [Hypothesis(kind, base, UNITS[kind]) for kind in BASE_ERRORS]
+        hypotheses += [Hypothesis(kind, base) for kind in BASE_ERRORS]
         columns = columns.with_base(of_base)
     shapes = ShapeErrors.of(optimum, misfit, identified, channels) if identified.hosts else None
     if shapes is not None:
-        hypotheses += [
-            Hypothesis("shape", point, UNITS["shape"], source=mode) for point, mode in shapes.places
-        ]
+        hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
         columns = columns.with_shapes(shapes)
     parameters = optimum.segments.system.parameters.size
     augmented = augmented_quadratic(optimum, misfit, columns.pushes, columns.errors)
@@ -138,7 +134,8 @@ def _diagnosed(
     tests = single_tests(curvature, slope, scatter, parameters)
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * columns.units
     kinds = [hypothesis.kind for hypothesis in hypotheses]
-    small = np.array([kind not in _RELATIVE for kind in kinds]) | (np.abs(sizes) < _LARGEST)
+    relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
+    small = ~relative | (np.abs(sizes) < _LARGEST)
     at_filter = kinds.index("filter")
     attenuation = sizes[at_filter] * relative_to_gain(filtered, errors)
     small[at_filter] = 0.0 < attenuation < _LARGEST and not _shows_noise(optimum)

@@ -9,7 +9,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.hypotheses import UNITS, Hypothesis
+from linkwise.likelihood.hypotheses import Hypothesis
 from linkwise.likelihood.score_test import (
     CandidateForce,
     LocalQuadratic,
@@ -94,12 +94,12 @@ def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[Candidate
             )
             if known_values.get(name, _NOTHING) == _NOTHING or not set(symbols(basis)) <= set(VARIABLES):
                 continue
-            hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}", UNITS["coefficient"]))
+            hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}"))
             forces.append(CandidateForce(first, second, Law.parse(to_text(basis))))
             sizes.append(known_values[name].value)
         for name, variable, weight in _OF_MODES if link.name in structure.modes else ():
             if (value := _weight(link, variable) * weight) and link.coefficients[name].known:
-                hypotheses.append(Hypothesis(name, link.name, "1"))
+                hypotheses.append(Hypothesis(name, link.name))
                 forces.append(CandidateForce(first, second, Law.parse(variable)))
                 sizes.append(value)
     return hypotheses, forces, sizes
@@ -132,7 +132,7 @@ def _inertia_and_inputs(
         if segments.inputs.frame is not None:
             at_ends, between = at_ends_and_middles(segments.inputs.frame, stride)
             ends, middles = ends + inertia * at_ends, middles + inertia * between
-        yield Hypothesis("mass", name, UNITS["mass"]), i, ends, middles
+        yield Hypothesis("mass", name), i, ends, middles
     if segments.inputs.force is None:
         return
     step = segments.step * stride
@@ -148,8 +148,8 @@ def _inertia_and_inputs(
         ends, middles = at_ends_and_middles(applied, stride)
         if not np.max(np.abs(ends)) > smallest:
             continue
-        yield Hypothesis("force gain", f"force:{name}", UNITS["force gain"]), i, ends, middles
+        yield Hypothesis("force gain", f"force:{name}"), i, ends, middles
         both = np.empty((len(ends) + len(middles), ends.shape[-1]))
         both[::2], both[1::2] = ends, middles
         rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
-        yield Hypothesis("force delay", f"force:{name}", UNITS["force delay"]), i, -rate[::2], -rate[1::2]
+        yield Hypothesis("force delay", f"force:{name}"), i, -rate[::2], -rate[1::2]

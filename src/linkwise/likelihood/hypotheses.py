@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
+from linkwise.estimates.cause import CAUSE_KINDS
 from linkwise.likelihood.score_test import CandidateForce
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 
 _TERMS = tuple(
     map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
@@ -18,31 +20,21 @@ _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that i
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
 _LINKS = 40  # that are tested, in the structure's order
 _PAIRS = 40  # without a link, up to which all of them are tested
-UNITS = {
-    "gain": "1",
-    "crosstalk": "1",
-    "delay": "s",
-    "filter": "s^2",
-    "mass": "1",
-    "coefficient": "1",
-    "force gain": "1",
-    "force delay": "s",
-    "frequency": "1",
-    "shape": "1",
-    "term": "N",
-    "link": "N",
-}
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One thing that may be wrong, with the words of a `Cause`; `unit` is that of its size."""
+    """One thing that may be wrong, with the words of a `Cause`."""
 
     kind: str
     where: str
-    unit: str
     term: str = ""
     source: str = ""
+
+    @property
+    def unit(self) -> str:
+        """The unit of its size: that of its kind, or of the channel that it is in."""
+        return CAUSE_KINDS[self.kind].unit or Channel.parse(self.where).unit
 
 
 def missing_forces(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
@@ -79,7 +71,7 @@ def missing_terms(structure: Structure) -> tuple[list[Hypothesis], list[Candidat
 def _of_term(link: str, law: Law, structure: Structure) -> Hypothesis:
     """A term that a link lacks; a force like d beside that of a mode is an error of its frequency."""
     kind = "frequency" if link in structure.modes and law.text == "d" else "term"
-    return Hypothesis(kind, link, UNITS[kind], law.text)
+    return Hypothesis(kind, link, law.text)
 
 
 def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
@@ -99,7 +91,7 @@ def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[Candida
     index = structure.topology.index
     pairs = [
         (
-            Hypothesis("link", "-".join(pair), UNITS["link"], law.text),
+            Hypothesis("link", "-".join(pair), law.text),
             CandidateForce(index[pair[0]], index[pair[1]], law),
         )
         for pair in free

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,14 +12,25 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.late_sensors import late_motion
 from linkwise.likelihood.shooting.residuals import Misfit, forces_at_samples
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X
+from linkwise.registry import Registry
 
-KINDS = ("gain", "offset", "drift", "delay", "crosstalk")
 _COUPLED = 8  # channels up to which crosstalk between every two of them is tested
+
+ADDED: Registry[Callable[[Floats, Floats, Floats], Floats]] = Registry(
+    "error of a sensor",
+    {
+        "gain": lambda shown, rate, ramp: shown,
+        "offset": lambda shown, rate, ramp: np.ones_like(shown),
+        "drift": lambda shown, rate, ramp: ramp,
+        "delay": lambda shown, rate, ramp: -rate,
+    },
+)
+"""What an error of unit size adds to a channel, from what it shows of the motion, its rate, and a ramp from 0 to 1 (M, K)."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
-    """c errors of unit size: `channel` (c,), `kind` (c,) one of KINDS, and `values` (M, c, K) what they add to its samples.
+    """c errors of unit size: `channel` (c,), `kind` (c,) of a `Cause`, and `values` (M, c, K) what they add to its samples.
 
     A gain is relative, an offset in the unit of the channel, a drift the change from the start of a record to its end, a
     delay in s, crosstalk the part of the channel number `other` (c,), of the same unit, that is seen as well; -1 for the rest.
@@ -41,7 +53,7 @@ class SensorErrors:
         rows = [
             (channel, kind, -1, value)
             for channel, (shown, rate) in enumerate(motions)
-            for kind, value in zip(KINDS, (shown, np.ones_like(shown), ramp, -rate), strict=False)
+            for kind, value in ((kind, added(shown, rate, ramp)) for kind, added in ADDED.items())
         ]
         if len(motions) <= _COUPLED:
             rows += [
