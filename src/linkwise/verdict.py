@@ -91,8 +91,7 @@ class Verdict(Enum):
         "displacements too."
     )
     TERMS_MAY_BE_MISSING = (
-        "The terms found explain the record only with a model error: they may stand in for terms that were not offered. "
-        "Offer more terms."
+        "The terms found may stand in for terms that were not offered, as the remarks say. Offer more terms."
     )
     ENERGY_BALANCE_OPEN = (
         "The energy balance of a simulation does not close: do not trust its shares of energy."
