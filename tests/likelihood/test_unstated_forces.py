@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy
+from present import some
 from problems import row_of_masses
 
 import linkwise as lw
@@ -90,6 +91,32 @@ def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told(
 def test_masses_on_which_no_force_acts_are_not_told(deviations: tuple[float, ...], named: str) -> None:
     fit = lw.identify(shaken(deviations, 53), chain(len(deviations)).unknown("all"), ambient=[named])
     assert fit.trusted, fit.message
+
+
+@pytest.mark.parametrize(("deviations", "seed"), [((1.0, 0.0), 61), ((1.0, 0.0, 0.0), 65)])
+def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit(
+    deviations: tuple[float, ...], seed: int
+) -> None:
+    """The search for its deviation, which would shrink for ever, ends."""
+    fit = lw.identify(shaken(deviations, seed), chain(len(deviations)).unknown("all"), ambient="all")
+    assert fit.trusted, fit.message
+    last = some([force for force in fit.random_forces[1:] if force.deviation == 0.0])[-1]
+    assert (last.spectral_density, last.found) == (0.0, True)
+    # forces of a tenth of that on m1 are told in such records
+    assert last.upper_limit is not None and 0.0 < last.upper_limit < 0.1 * DENSITY
+    assert f"No ambient force on {last.where} was found: it is below" in last.description
+    assert last.description in fit.findings
+    told = {force["where"]: force["upper_limit"] for force in fit.to_dict()["random_forces"]}
+    assert told[last.where] == last.upper_limit
+    assert fit.random_forces[0].upper_limit is None
+
+
+def test_forces_that_are_looked_for_in_a_free_decay_are_absent() -> None:
+    record = lw.simulate(chain(2), release={"v:m1": 1.0}, duration=15.0, rate=RATE).with_noise(40.0, seed=63)
+    fit = lw.identify(record, chain(2).unknown("all"), ambient="all")
+    assert fit.trusted, fit.message
+    assert fit.random_forces[0].deviation == 0.0
+    assert fit.random_forces[1].deviation < 1e-3  # of forces of some N in the springs
 
 
 def test_a_stated_ambient_force_may_be_too_small_and_not_right() -> None:

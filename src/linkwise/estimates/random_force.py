@@ -23,6 +23,9 @@ class RandomForceEstimate:
         Whether it was found; else it was stated.
     unit : str
         N of a force, m or m/s^2 of a base.
+    upper_limit : float or None
+        Where the deviation was looked for and found to be zero: what it does not exceed, at 95 %; of an ambient force the
+        spectral density. None for others.
 
     Examples
     --------
@@ -38,16 +41,25 @@ class RandomForceEstimate:
     spectral_density: float
     found: bool
     unit: str = "N"
+    upper_limit: float | None = None
 
     @property
     def description(self) -> str:
         """In words, with its size."""
+        if self.upper_limit is not None:
+            return self._absence(self.upper_limit)
         origin = "found with the other unknowns" if self.found else "as stated"
         if self.ambient:
             return f"An ambient force on {self.where} of {self.spectral_density:.3g} N/sqrt(Hz), {origin}, is counted in."
         return f"Noise of {self.where} of {self.deviation:.3g} {self.unit}, {origin}, is counted in."
 
-    def to_dict(self) -> dict[str, str | float | bool]:
+    def _absence(self, limit: float) -> str:
+        """That there is none, and the largest that there may be."""
+        what = "ambient force on" if self.ambient else "noise of"
+        unit = "N/sqrt(Hz)" if self.ambient else self.unit
+        return f"No {what} {self.where} was found: it is below {limit:.2g} {unit} (95 %)."
+
+    def to_dict(self) -> dict[str, str | float | bool | None]:
         """What result.json holds of it.
 
         Returns
@@ -63,4 +75,5 @@ class RandomForceEstimate:
             "spectral_density": self.spectral_density,
             "spectral_density_unit": f"{self.unit}/sqrt(Hz)",
             "found": self.found,
+            "upper_limit": self.upper_limit,
         }

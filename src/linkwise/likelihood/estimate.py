@@ -41,6 +41,7 @@ from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.unstated_forces import with_limits
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -285,6 +286,7 @@ def estimate_of(
     """The estimate that a fit of `structure` to `records` gives, with its verdicts; `delays` in s were found by channel."""
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
+    fit = with_limits(fit)
     judgement = assess(fit, identified, records[0].channels)
     covariance, faint = with_faint_modes(fit, identified)
     missing, noise = judgement.for_missing_terms, judgement.for_input_noise

@@ -294,7 +294,7 @@ def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> di
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:
     if segments.random is None:
         return ()
-    return force_estimates(sensing.random, segments.random.deviation[:, 0], rate)
+    return force_estimates(sensing.random, segments.random.present * segments.random.deviation[:, 0], rate)
 
 
 def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:

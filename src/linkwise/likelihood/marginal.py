@@ -41,6 +41,9 @@ _SETTLED = 0.05  # standard errors, or of the logarithm of a deviation over `_LO
 _LOG_WEIGHT = 5.0
 _SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
 _TOLD = 0.02  # of the samples: fewer errors of samples that a record determines do not tell their deviation
+_NONE = (
+    0.1  # of the values of a random force: where a record determines fewer, its deviation is as good as zero
+)
 _LARGEST_CHANGE = 1.5  # of the logarithm of a deviation in one round
 _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow stands for beside it
 _LOOSEST = 0.02  # relaxation
@@ -72,7 +75,9 @@ def relaxation(segments: Segments, scales: Scales, point: Iterate) -> float:
     gain = np.abs(mechanics.gain[:, segments.system.state_links[states]])  # (n, r)
     gain[:, states == segments.system.base_error] = _gain_of_base(segments, nodes, theta)[:, None]
     kick = np.einsum("nr,rk->nrk", gain, random.deviation * segments.step * segments.steps).mean(axis=2)
-    ratio = (kick / scales.state[n : 2 * n, None])[gain > 0.0]
+    ratio = (kick / scales.state[n : 2 * n, None])[(gain > 0.0) & random.present]
+    if not random.present.any():
+        return AnnealingSchedule.final_q
     return float(np.clip(_HIDDEN * ratio.min(initial=np.inf), AnnealingSchedule.final_q, _LOOSEST))
 
 
@@ -114,7 +119,7 @@ def marginal_fit(
     for _ in range(_ROUNDS):
         if fit.status is not AnnealingStatus.CONVERGED:
             return segments, replace(fit, path=path)
-        change, logs, slope, border = _changes(segments, fit, known_noise, annealer)
+        segments, change, logs, slope, border = _changes(segments, fit, known_noise, annealer)
         if change < _SETTLED:
             return segments, replace(fit, path=path)
         logs, before = _extrapolated(logs, before)
@@ -150,8 +155,11 @@ def parts_of(segments: Segments) -> tuple[Indices, float]:
 
 def _changes(
     segments: Segments, fit: AnnealingFit, known_noise: Bools, annealer: Annealer
-) -> tuple[float, Floats, Floats, Floats]:
-    """The largest change; those of the logarithms of deviations (C + r,), the new slope (P,) and unknowns (P,)."""
+) -> tuple[Segments, float, Floats, Floats, Floats]:
+    """The largest change; those of the logarithms of deviations (C + r,), the new slope (P,) and unknowns (P,).
+
+    The segments before them say which forces are absent: where none acts, a deviation would shrink for ever.
+    """
     random = segments.random
     assert random is not None
     determinant = _LogDeterminant.of(segments, fit, annealer)
@@ -163,11 +171,13 @@ def _changes(
     measurable = ~known_noise & (noise > _TOLD * segments.observed.sum(axis=(0, 2)))
     of_noise = np.where(measurable, _log_ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise), 0.0)
     forces = fit.point.nodes[random.rows] / random.deviation
-    of_force = np.where(random.is_estimated, _log_ratio(np.sum(forces**2, axis=1), force), 0.0)
+    vanishing = force < _NONE
+    of_force = np.where(random.is_estimated & ~vanishing, _log_ratio(np.sum(forces**2, axis=1), force), 0.0)
     moved = np.abs(shift[deviation > 0.0]) / deviation[deviation > 0.0]
     logs = np.concatenate([of_noise, of_force])
+    segments = replace(segments, random=replace(random, absent=random.is_estimated & vanishing))
     change = max(float(moved.max(initial=0.0)), _LOG_WEIGHT * float(np.abs(logs).max()))
-    return change, logs, slope, fit.point.border + shift
+    return segments, change, logs, slope, fit.point.border + shift
 
 
 def _extrapolated(logs: Floats, before: Floats | None) -> tuple[Floats, Floats | None]:

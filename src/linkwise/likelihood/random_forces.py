@@ -259,7 +259,7 @@ def shown_directly(forces: Sequence[RandomForce], frame: FramedRecord) -> Floats
 def force_estimates(
     forces: Sequence[RandomForce], deviations: Floats, rate: float
 ) -> tuple[RandomForceEstimate, ...]:
-    """The forces with their `deviations` (r,) in N of samples at `rate`."""
+    """The forces with their `deviations` (r,) in N of samples at `rate`; zero of those that were not found."""
     density = deviations * np.sqrt(2.0 / rate)
     return tuple(
         RandomForceEstimate(

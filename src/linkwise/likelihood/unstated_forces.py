@@ -9,7 +9,7 @@ were found with the coefficients take what they tell of it off.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from linkwise.records.channel import Channel
 from linkwise.runtime import one_blas_thread
 
 _LARGER = 1.1  # times what was stated: with less, 95 % intervals still cover 92 %
+_ONE_SIDED = 1.645  # standard errors, which a normal variable exceeds in 5 % of cases
 _AT_ONCE = 4_000_000  # numbers in the steps of the states by one batch of draws
 
 
@@ -69,7 +70,7 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
         sums = _Sums.of(fit, misfit, kicks)
     if sums is None:
         return ()
-    beside = [*sums.noise, *(sums.forces[k] for k, force in enumerate(fit.random_forces) if force.found)]
+    beside = _found_beside(fit, sums)
     causes = []
     for place, tested in sums.kicks.items():
         score = VarianceScore.of(tested, beside)
@@ -80,6 +81,39 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
         if score is not None and score.normal > SIGNIFICANT and np.hypot(1.0, score.deviation) > _LARGER:
             causes.append(_larger(fit.random_forces[number], score))
     return tuple(causes)
+
+
+def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
+    """The fit with upper limits of the random forces that were looked for and not found.
+
+    Their deviations are small in its equations, and zero in what is reported.
+    """
+    random = fit.optimum.segments.random
+    if random is None or random.present.all():
+        return fit
+    optimum = fit.optimum
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    with one_blas_thread():
+        sums = _Sums.of(fit, misfit, {})
+    if sums is None:
+        return fit
+    forces = list(fit.random_forces)
+    for number in np.flatnonzero(~random.present).tolist():
+        score = VarianceScore.of(sums.forces[number], _found_beside(fit, sums))
+        if score is None:
+            continue
+        held = float(random.deviation[number, 0])
+        limit = held * float(np.sqrt(score.deviation**2 + _ONE_SIDED * score.error))
+        ambient = forces[number].ambient
+        forces[number] = replace(forces[number], upper_limit=_density(fit) * limit if ambient else limit)
+    return replace(fit, random_forces=tuple(forces))
+
+
+def _found_beside(fit: LikelihoodFit, sums: _Sums) -> list[SquareSum]:
+    """Sums of squares of what has deviations that were found; a force that is absent has none."""
+    random = fit.optimum.segments.random
+    assert random is not None
+    return [*sums.noise, *(sums.forces[number] for number in np.flatnonzero(random.is_estimated & random.present))]
 
 
 def _kicks(

@@ -22,6 +22,8 @@ class RandomStates:
         Standard deviations in N.
     found : array of bool, shape (r,)
         Whether the deviations are to be found.
+    absent : array of bool, shape (r,), or None
+        Those that were looked for and not found: their deviations stand for zero. None for none of them.
     slope : array of shape (P,) or None
         Gradient of the log determinant of the equations by the unknowns that all nodes share: its part of -2 log of the
         marginal likelihood, which is linear around the optimum.
@@ -34,6 +36,7 @@ class RandomStates:
     rows: Indices
     deviation: Floats
     is_estimated: Bools
+    absent: Bools | None = None
     slope: Floats | None = None
     origin: Floats | None = None
     shown: Floats | None = None
@@ -48,6 +51,11 @@ class RandomStates:
     def curvature(self, scale: Floats) -> Floats:
         """(r, K) half the second derivatives of the cost by the forces, in units `scale` (2n + S,) of the states."""
         return np.asarray((scale[self.rows, None] / self.deviation) ** 2)
+
+    @property
+    def present(self) -> Bools:
+        """(r,) those that are not absent."""
+        return np.ones(len(self.rows), dtype=bool) if self.absent is None else ~self.absent
 
     def scaled(self, factors: Floats) -> Self:
         """The same with deviations multiplied by `factors` (r,)."""
