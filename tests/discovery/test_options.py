@@ -44,6 +44,14 @@ def test_options_are_frozen_and_keep_a_copy_of_the_terms() -> None:
         options.terms = "d"  # type: ignore[misc]  # the point of the test
 
 
+def test_options_keep_a_copy_of_what_is_stated_of_random_forces() -> None:
+    ambient, noise = {"m1": 0.5}, ["force:m2"]
+    options = lw.DiscoveryOptions(ambient=ambient, input_noise=noise)
+    ambient["m1"] = 1.0
+    noise.append("force:m3")
+    assert options.ambient == {"m1": 0.5} and options.input_noise == ("force:m2",)
+
+
 def test_both_at_once_invalid_terms_and_unknown_keywords_are_refused(record: lw.Record) -> None:
     options = lw.DiscoveryOptions()
     with pytest.raises(TypeError, match="got options and also terms; give one of the two"):

@@ -7,6 +7,7 @@ import pytest
 from problems import oscillator
 
 import linkwise as lw
+from linkwise.discovery.rival_forms import RivalForm, best_rivals
 
 RATE, DURATION = 200.0, 10.0
 OFFERED = "d, d**3, v, v**3"
@@ -50,3 +51,14 @@ def test_terms_that_are_there_stay_certain_beside_other_forms() -> None:
     found = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
     assert found.trusted and not [each for each in found.remarks if "offer it" in each]
     assert {term.term for term in found.kept if term.certain} == {"d", "d**3", "v", "v**3"}
+
+
+def test_a_form_that_replaces_no_term_does_not_hide_a_weaker_one_that_does() -> None:
+    def rival(form: str, terms: tuple[int, ...], gain: float) -> RivalForm:
+        return RivalForm("m1-ground", form, terms, gain, np.zeros(3))
+
+    undefined = rival("d**5", (2,), float("nan"))
+    joining, replacing = rival("d*abs(d)", (), 80.0), rival("d**2", (2,), 20.0)
+    weak = rival("d**4", (2,), 9.0)
+    assert best_rivals([undefined, joining, replacing, weak], 4 * [(1, 2)]) == (replacing,)
+    assert best_rivals([undefined, joining, weak], 3 * [(1, 2)]) == ()

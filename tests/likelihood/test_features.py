@@ -426,3 +426,9 @@ def test_options_of_ml_are_refused_elsewhere(chain: lw.Structure, clean: lw.Reco
         lw.identify(clean, chain.unknown("nes"), method="weak", offsets=["x:m2"])
     with pytest.raises(lw.IdentificationError, match="there is no record"):
         lw.identify([], chain.unknown("nes"))
+
+
+@pytest.mark.parametrize("loss", ["huber", Huber])
+def test_a_loss_that_is_none_is_refused(loss: object, chain: lw.Structure, clean: lw.Record) -> None:
+    with pytest.raises(lw.IdentificationError, match=r"one of Gaussian\(\), Huber\(\) and Student\(\), got "):
+        lw.identify(clean, chain.unknown("nes"), loss=loss)  # type: ignore[arg-type]  # the point of the test

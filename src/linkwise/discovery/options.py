@@ -11,6 +11,13 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import Deviations
 
 
+def _copied(stated: Deviations) -> Deviations:
+    """What was stated of random forces, so that it stays as it is; what is neither is refused where it is used."""
+    if isinstance(stated, Mapping):
+        return dict(stated)
+    return tuple(stated) if isinstance(stated, Sequence) and not isinstance(stated, str) else stated
+
+
 class DiscoveryKeywords(TypedDict, total=False):
     """The keywords of `DiscoveryOptions.of`: its fields."""
 
@@ -86,7 +93,7 @@ class DiscoveryOptions:
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
         object.__setattr__(self, "calibration", dict(self.calibration or {}))
         for name in ("ambient", "input_noise"):
-            object.__setattr__(self, name, getattr(self, name) or ())
+            object.__setattr__(self, name, _copied(getattr(self, name) or ()))
         parse_terms(terms)  # raises what is wrong with them
 
     @classmethod

@@ -86,14 +86,24 @@ def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm
     names = (*selection.quadratic.names[:p], *(form.text for _, _, form in tested))
     scatter = None if local.scatter is None else local.scatter / factor**2
     model = QuadraticModel(names, local.curvature / factor, local.slope / factor, scatter)
-    best: dict[tuple[str, tuple[int, ...]], RivalForm] = {}
+    rivals = []
     for number, (link, chosen, form) in enumerate(tested):
         terms, gain = _replaced(selection, model, chosen, p + number, damping=form.is_damping)
-        key = link, tuple(chosen)
-        if key not in best or gain > best[key].gain:
-            best[key] = RivalForm(link, form.text, terms, gain, _moved(model, terms, p + number, p))
-    replacing = (rival for rival in best.values() if rival.terms and rival.gain > _STRONG)
-    return tuple(sorted(replacing, key=lambda rival: -rival.gain))
+        rivals.append(RivalForm(link, form.text, terms, gain, _moved(model, terms, p + number, p)))
+    return best_rivals(rivals, [tuple(chosen) for _, chosen, _ in tested])
+
+
+def best_rivals(rivals: Sequence[RivalForm], replaceable: Sequence[tuple[int, ...]]) -> tuple[RivalForm, ...]:
+    """Of forms that replace terms by very strong evidence the best for each link and its `replaceable` terms, best first.
+
+    A form that would only join the terms, however much it gains, says nothing of whether they stand in for another one.
+    """
+    best: dict[tuple[str, tuple[int, ...]], RivalForm] = {}
+    for rival, chosen in zip(rivals, replaceable, strict=True):
+        key = rival.link, chosen
+        if rival.terms and rival.gain > _STRONG and (key not in best or rival.gain > best[key].gain):
+            best[key] = rival
+    return tuple(sorted(best.values(), key=lambda rival: -rival.gain))
 
 
 def rival_form_remarks(rivals: Sequence[RivalForm], selection: Selection) -> tuple[str, ...]:

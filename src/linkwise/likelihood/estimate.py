@@ -112,6 +112,11 @@ class MaximumLikelihood(Estimator):
     loss : Loss, optional
         Loss of a residual: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
 
+    Raises
+    ------
+    IdentificationError
+        If the loss is not a `Loss`.
+
     References
     ----------
     H. G. Bock, in Modelling of Chemical Reaction Systems (1981), for multiple shooting.
@@ -139,6 +144,13 @@ class MaximumLikelihood(Estimator):
     input_noise: Deviations = ()
     admit: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.loss, Loss):
+            raise IdentificationError(
+                f"loss takes a Loss, one of Gaussian(), Huber() and Student(), got {self.loss!r}: give linkwise.Huber() "
+                "against outliers"
+            )
 
     def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """Estimate the unknowns of a structure by maximum likelihood.

@@ -35,6 +35,7 @@ SEED = 20200
 _RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
 SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance
 _HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
+_AT_ONCE = 4_000_000  # numbers in the steps of the states, or the noise of sensors, of one part of the draws
 LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
 
 
@@ -179,9 +180,18 @@ def _multipliers(optimum: Optimum, misfit: Misfit, free: Bools) -> Floats:
     factor = equations.factor()
     if factor is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
-    nodes, border = steps_of(factor, free, *_gradients(optimum, misfit, len(equations.corner)))
-    defects = changes_of_defects(linear, nodes, border) / _RELAXED**2
-    return np.asarray(defects[:, n : 2 * n] / scales.state[n : 2 * n, None])
+    nodes, border = _gradients(optimum, misfit, len(equations.corner))
+    kicked = np.empty((len(nodes) - 1, n, 1 + DRAWS))
+    for columns in at_once(1 + DRAWS, nodes[..., 0].size):
+        steps = steps_of(factor, free, nodes[..., columns], border[:, columns])
+        kicked[..., columns] = changes_of_defects(linear, *steps)[:, n : 2 * n]
+    return np.asarray(kicked / _RELAXED**2 / scales.state[n : 2 * n, None])
+
+
+def at_once(count: int, size: int) -> list[slice]:
+    """Parts of `count` things of `size` numbers each, that take little memory together."""
+    width = max(_AT_ONCE // max(size, 1), 1)
+    return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
 
 def _gradients(optimum: Optimum, misfit: Misfit, unknowns: int) -> tuple[Floats, Floats]:
@@ -189,7 +199,8 @@ def _gradients(optimum: Optimum, misfit: Misfit, unknowns: int) -> tuple[Floats,
     segments, m = optimum.segments, optimum.segments.system.dimension
     nodes, border = np.zeros((segments.count, m, 1 + DRAWS)), np.zeros((unknowns, 1 + DRAWS))
     drawn = _noise(optimum, misfit)
-    for part in chunks(segments, unknowns):
+    wide_parts = at_once(segments.count, segments.samples[..., 0].size * (1 + DRAWS))
+    for part in min(chunks(segments, unknowns), wide_parts, key=lambda parts: parts[0].stop):
         rows, _ = whitened_jacobian(segments, misfit, optimum.scales, optimum.loss, part)
         wide = rows.astype(float)
         observed = segments.observed[..., part].transpose(2, 0, 1).reshape(len(wide), -1, 1)

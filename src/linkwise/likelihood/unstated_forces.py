@@ -22,6 +22,7 @@ from linkwise.likelihood.input_noise import (
     LARGEST,
     SEED,
     SIGNIFICANT,
+    at_once,
     changes_of_defects,
     free_of_bounds,
     input_kicks,
@@ -38,7 +39,6 @@ from linkwise.runtime import one_blas_thread
 
 _LARGER = 1.1  # times what was stated: with less, 95 % intervals still cover 92 %
 _ONE_SIDED = 1.645  # standard errors, which a normal variable exceeds in 5 % of cases
-_AT_ONCE = 4_000_000  # numbers in the steps of the states by one batch of draws
 
 
 def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> tuple[Cause, ...]:
@@ -113,7 +113,10 @@ def _found_beside(fit: LikelihoodFit, sums: _Sums) -> list[SquareSum]:
     """Sums of squares of what has deviations that were found; a force that is absent has none."""
     random = fit.optimum.segments.random
     assert random is not None
-    return [*sums.noise, *(sums.forces[number] for number in np.flatnonzero(random.is_estimated & random.present))]
+    return [
+        *sums.noise,
+        *(sums.forces[number] for number in np.flatnonzero(random.is_estimated & random.present)),
+    ]
 
 
 def _kicks(
@@ -194,8 +197,7 @@ class _Sums:
             forces[:, :, None],
             misfit.residuals.transpose(1, 2, 0)[..., None],
         )
-        width = int(np.clip(_AT_ONCE // forces.shape[1] // m, 1, DRAWS))
-        widths = [min(width, DRAWS - first) for first in range(0, DRAWS, width)]
+        widths = [part.stop - part.start for part in at_once(DRAWS, m * forces.shape[1])]
         parts = zip(observed, *(equations.drawn(rng, count) for count in widths), strict=True)
         of_kicks, of_forces, of_noise = (np.concatenate(part, axis=-1) for part in parts)
         return cls(
