@@ -45,7 +45,7 @@ class Halfway:
 
         Parameters
         ----------
-        rate : float
+        rate
             Sampling rate in Hz.
         """
         raise ValueError(rate)
@@ -89,6 +89,12 @@ def described(documented: dict[str, list[str]], *headings: str) -> set[str]:
     return {name.strip().lstrip("*") for entry in entries for name in entry.partition(" : ")[0].split(",")}
 
 
+def untyped(documented: dict[str, list[str]]) -> list[str]:
+    """Entries of parameters that do not say what type they have; keywords that are handed on have none."""
+    lines = documented.get("Parameters", [])
+    return [line for line in lines if re.match(r"\w", line) and " : " not in line]
+
+
 def raises(function: Callable[..., object]) -> bool:
     """Whether the body of a function raises an exception that it makes."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
@@ -106,6 +112,7 @@ def lacking(function: Callable[..., object], *, example: bool) -> list[str]:
     gives = function.__annotations__["return"] not in (None, "None")
     return [
         *(f"parameter {name}" for name in parameters if name not in named),
+        *(f"type of {entry}" for entry in untyped(documented)),
         *(["Returns"] if gives and not {"Returns", "Yields"} & documented.keys() else []),
         *(["Raises"] if raises(function) and "Raises" not in documented else []),
         *(["Examples"] if example and "Examples" not in documented else []),
@@ -131,6 +138,7 @@ def gaps(name: str, value: Any) -> Iterator[str]:
     if "Examples" not in documented:
         yield f"{name}: Examples"
     named = described(documented, "Parameters", "Attributes")
+    yield from (f"{name}: type of {entry}" for entry in untyped(documented))
     held = [field.name for field in fields(value)] if is_dataclass(value) else []
     yield from (f"{name}: field {each}" for each in held if not each.startswith("_") and each not in named)
     for member, kind in members(value):
@@ -180,6 +188,7 @@ def test_the_walk_sees_what_it_must_refuse() -> None:
         "h: Examples",
         "h: field start",
         "h.method: parameter start",
+        "h.method: type of rate",
         "h.method: Returns",
         "h.method: Raises",
     ]

@@ -78,8 +78,10 @@ def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> flo
 
     Parameters
     ----------
-    link, lo, hi
-        As of `wells`.
+    link : Link
+        The link.
+    lo, hi : float, optional
+        The range of elongations in m, as of `wells`.
 
     Returns
     -------

@@ -42,10 +42,12 @@ class DiscoveryOptions:
     ----------
     terms : str or sequence of str
         The candidate terms of every link, as `parse_terms` reads them.
-    offsets, gains, delays : sequence of str
-        Channels with an unknown constant error, factor or delay, which every fit of the search finds with the terms.
+    offsets, gains : sequence of str
+        Channels with an unknown constant error or factor, which every fit of the search finds with the terms.
     calibration : mapping of str to float
         Relative standard deviations to which the gains of sensors are known, by channel, as of `MaximumLikelihood`.
+    delays : sequence of str
+        Channels with an unknown delay, which every fit finds likewise.
     admit : sequence of {"gain", "offset", "delay"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names.

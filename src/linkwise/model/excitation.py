@@ -95,8 +95,10 @@ class Excitation:
 
         Parameters
         ----------
-        release, impulses
-            As of `Excitation`.
+        release : mapping of str to float, optional
+            Initial values, as of `Excitation`.
+        impulses : iterable of Impulse
+            Blows, as of `Excitation`.
         forces : mapping of str to TimeFunction, Sampled, str or float, optional
             Force in N on each mass.
         base : TimeFunction, Sampled, str or float, optional

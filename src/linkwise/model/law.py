@@ -272,8 +272,10 @@ class Law:
 
         Parameters
         ----------
-        d, v, values
-            As of `force`.
+        d, v : array
+            Elongation in m and rate in m/s.
+        values : mapping of str to array
+            Value of each coefficient and state; further names are ignored.
 
         Returns
         -------
@@ -298,8 +300,10 @@ class Law:
 
         Parameters
         ----------
-        d, v, values
-            As of `force`.
+        d, v : array
+            Elongation in m and rate in m/s.
+        values : mapping of str to array
+            Value of each coefficient and state; further names are ignored.
         by : sequence of str, optional
             Coefficients to differentiate by; by default all.
 
@@ -327,8 +331,8 @@ class Law:
         ----------
         d : array
             Elongation in m.
-        values
-            As of `force`.
+        values : mapping of str to array
+            Value of each coefficient and state; further names are ignored.
 
         Returns
         -------

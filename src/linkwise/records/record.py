@@ -117,7 +117,7 @@ class Record(NotebookView):
             are gaps, filled with missing samples.
         channels : mapping of str to array of shape (N,)
             Samples of each channel in its SI unit, NaN where missing.
-        noise, source, notes
+        noise, source, notes : optional
             As of `Record`.
         file : str, optional
             Name of the file, for errors.

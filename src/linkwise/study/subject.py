@@ -38,8 +38,14 @@ class Subject:
         The true structure, every coefficient a number.
     duration, rate : float
         Length of the records in s, and samples per second in Hz.
-    release, impulses, forces, base
-        The excitation, as in `simulate`; forces and base motion as text in t.
+    release : mapping of str to float
+        Initial values, as in `simulate`.
+    impulses : tuple of Impulse
+        Blows, as in `simulate`.
+    forces : mapping of str to str
+        Force in N on each mass, as text in t.
+    base : str or None
+        Displacement of the base in m, as text in t.
     sensors : tuple of str
         What is measured: kinds ("x", "v", "a") or channels ("x:m1").
     unknown : tuple of str
