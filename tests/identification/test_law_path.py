@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from present import some
+from present import present, some
 
 import linkwise as lw
 from linkwise import equivalent
 from linkwise.identification.law_path import law_of, law_path
+
+pytestmark = pytest.mark.filterwarnings("ignore:linkwise.law_path:DeprecationWarning")
 
 DUFFING = """
 [[mass]]
@@ -41,6 +43,28 @@ def test_the_true_terms_come_first_and_leave_the_noise(decay: tuple[lw.Record, l
     # in noise: 800 samples scatter by 1/sqrt(2 800) = 0.025, four of them; measured 0.994
     assert path[2].residual == pytest.approx(1.0, abs=0.1)
     assert path[0].bic > path[1].bic > path[2].bic
+
+
+def test_it_warns_that_discover_replaces_it(decay: tuple[lw.Record, lw.Structure]) -> None:
+    record, structure = decay
+    with pytest.warns(
+        DeprecationWarning, match=r"linkwise\.law_path is deprecated .*; use linkwise\.discover"
+    ) as caught:
+        path = law_path(record, structure, "beam", start=("d", "v", "d**3", "v*abs(v)"), most=4)
+    assert caught[0].filename == __file__
+    found = lw.discover(record, {"m1": 1.0}, terms="v, d, d**2, d**3, v*abs(v), v*d")
+    assert {term.term for term in found.kept} == set(path[0].terms) and found.trusted
+
+
+def test_laws_that_are_taken_for_exact_have_no_model_error(decay: tuple[lw.Record, lw.Structure]) -> None:
+    """By default one is found, which explains what the laws leave."""
+    record, _ = decay
+    short = lw.parse_structure(DUFFING.replace(" + c2*v*abs(v)", "").replace(", c2 = 4.0", ""), "test")
+    asked = short.unknown("all")
+    loose, exact = lw.identify(record, asked), lw.identify(record, asked, exact=True)
+    assert loose.model_error > 0.0 and present(loose.chi_square_per_sample) < 2.0
+    assert exact.model_error == 0.0 and present(exact.chi_square_per_sample) > 2.0
+    assert exact.fit_verdicts == (lw.Verdict.NOISE_MISMATCH,)
 
 
 def test_a_needless_term_does_not_pay(decay: tuple[lw.Record, lw.Structure]) -> None:

@@ -51,7 +51,7 @@ def identify(
         Called with a `ProgressReport` at every step of "ml"; the others are done at once.
     **options
         Options of "ml": `starts`, `offsets`, `gains`, `calibration`, `delays`, `drifts`, `hums`, `ambient`, `input_noise`,
-        `admit` and `loss`, as in `MaximumLikelihood`.
+        `admit`, `loss` and `exact`, as in `MaximumLikelihood`.
 
     Returns
     -------

@@ -1,8 +1,4 @@
-"""Which law a link has: terms added one by one, each time the one that explains most of the raw record.
-
-Every law on the way is fitted by maximum likelihood with an exact flow, so what is left after it is a free run of the whole
-record from its identified start. The path is the evidence: the user sees what each term is worth.
-"""
+"""The old way to the law of a link: terms added one by one, each law fitted for itself. `discover` replaces it."""
 
 from __future__ import annotations
 
@@ -11,11 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from linkwise.deprecation import Deprecated
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.likelihood.starts.values import starting_values
+from linkwise.identification.identify import identify
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.law import Law
@@ -23,6 +17,7 @@ from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Link, Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.record import Record
+from linkwise.verdict import Verdict
 
 FAMILY = (
     "v",
@@ -39,6 +34,9 @@ FAMILY = (
     "v**3",
     "1",
 )
+
+
+_NOW_DISCOVER = Deprecated("discover", since="0.3.0", until="0.5.0")
 
 
 @dataclass(frozen=True)
@@ -60,11 +58,14 @@ class LawStep:
 
     Examples
     --------
+    >>> import warnings
     >>> import linkwise as lw
     >>> spring = lw.Link("k", ("m", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(400.0)})
     >>> structure = lw.Structure("oscillator", (lw.Mass("m", lw.Coefficient.number(1.0)),), (spring,))
     >>> record = lw.simulate(structure, release={"v:m": 1.0}, duration=2.0, rate=200.0).with_noise(40.0, seed=1)
-    >>> path = lw.law_path(record, structure.unknown("k"), "k", candidates=("d", "v"), start=("d",), most=2)
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     path = lw.law_path(record, structure.unknown("k"), "k", candidates=("d", "v"), start=("d",), most=2)
     >>> [step.terms for step in path]
     [('d',), ('d', 'v')]
     """
@@ -88,8 +89,9 @@ def law_path(
 ) -> tuple[LawStep, ...]:
     """Find the law of one link term by term, each time adding the term that explains most of the record.
 
-    Every law is fitted by maximum likelihood. A candidate whose fit does not converge is passed over; the path ends where none
-    is left.
+    Deprecated: `discover` on the masses of the link selects the terms by evidence from a few fits, with intervals and
+    verdicts; other links are stated to it. Here every law is fitted for itself, by `identify` with `exact`. A candidate whose
+    fit does not converge is passed over; the path ends where none is left.
 
     Parameters
     ----------
@@ -122,13 +124,17 @@ def law_path(
 
     Examples
     --------
+    >>> import warnings
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0).with_noise(40.0, seed=1)
-    >>> path = lw.law_path(record, chain, "nes1", candidates=("d**2", "d**3"), most=3)
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore")
+    ...     path = lw.law_path(record, chain, "nes1", candidates=("d**2", "d**3"), most=3)
     >>> [step.terms for step in path]
     [('d', 'v'), ('d', 'v', 'd**3')]
     """
+    _NOW_DISCOVER.warn("linkwise.law_path", f"linkwise.{_NOW_DISCOVER.new}")
     refuse_memory(structure.links, "searches for a law")
     refuse_hosts(structure, "searches for a law")
     terms = tuple(start)
@@ -167,17 +173,12 @@ def _fitted(record: Record, structure: Structure, link: str, terms: tuple[str, .
     new = Link(link, structure.link(link).between, *law_of(terms))
     searched = replace(structure, links=tuple(new if old.name == link else old for old in structure.links))
     try:
-        theta, spread = starting_values([record], searched)
+        fit = identify(record, searched, exact=True)
     except IdentificationError:
         return None
-    fit = likelihood_fit(
-        [record], searched, theta, spread=spread, options=LikelihoodOptions(model_error=False)
-    )
-    if fit.status is not AnnealingStatus.CONVERGED:
+    if Verdict.NOT_CONVERGED in fit.verdicts:
         return None
-    channels = record.responses
-    power = [fit.noise[name] ** 2 / np.nanmean(record.channel(name) ** 2) for name in channels]
-    bic = fit.samples * np.log(fit.chi_square) + len(fit.values) * np.log(fit.samples)
-    return LawStep(
-        searched, terms, float(np.sqrt(np.mean(power))), float(np.sqrt(fit.chi_square)), float(bic)
-    )
+    power = [noise.sigma**2 / np.nanmean(record.channel(name) ** 2) for name, noise in fit.noise.items()]
+    chi_square = float(fit.chi_square_per_sample or np.nan)
+    bic = fit.samples * np.log(chi_square) + len(fit.values) * np.log(fit.samples)
+    return LawStep(searched, terms, float(np.sqrt(np.mean(power))), float(np.sqrt(chi_square)), float(bic))

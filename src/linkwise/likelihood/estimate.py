@@ -68,6 +68,7 @@ class LikelihoodKeywords(TypedDict, total=False):
     input_noise: Deviations
     admit: Sequence[str]
     loss: Loss | None
+    exact: bool
 
 
 @final
@@ -111,6 +112,8 @@ class MaximumLikelihood(Estimator):
         diagnosis names.
     loss : Loss, optional
         Loss of a residual: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
+    exact : bool
+        Take the laws for exact, with no model error: chi-square says how far a free run of them is from the record.
 
     Raises
     ------
@@ -144,12 +147,12 @@ class MaximumLikelihood(Estimator):
     input_noise: Deviations = ()
     admit: Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
+    exact: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.loss, Loss):
             raise IdentificationError(
-                f"loss takes a Loss, one of Gaussian(), Huber() and Student(), got {self.loss!r}: give linkwise.Huber() "
-                "against outliers"
+                f"loss takes a Loss, one of Gaussian(), Huber() and Student(), got {self.loss!r}"
             )
 
     def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
@@ -194,6 +197,7 @@ class MaximumLikelihood(Estimator):
             hums=frequencies_by_channel(self.hums),
             random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             loss=self.loss,
+            model_error=not self.exact,
             progress=progress,
         )
         admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
@@ -201,7 +205,6 @@ class MaximumLikelihood(Estimator):
             robust = not isinstance(self.loss, Gaussian)
             added = (*options.drifts, *options.hums)
             refuse_beside_random_forces(options.delays, admitted, added, robust=robust, records=records)
-
         return answer_with_sensors(
             partial(self._search, structure),
             records,
@@ -233,6 +236,7 @@ class MaximumLikelihood(Estimator):
         }
         named = [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
         named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
+        named += ["exact laws"] if self.exact else []
         if named:
             raise IdentificationError(
                 f"{', '.join(named)}: not supported for links alone on a rig, of which offsets of sensors can be found"
