@@ -109,10 +109,10 @@ def check_force_band(runs: Runs, chance: float) -> None:
     check_share(np.array(inside)[:, np.abs(d) > 0.0], chance)
 
 
-def check_bound(runs: Runs) -> None:
-    """Mean squared errors of alpha and beta against the bound of segments of 0.25 s with free states."""
+def check_bound(runs: Runs, duration: float = 6.0) -> None:
+    """Mean squared errors of alpha and beta against the bound of segments of 0.25 s with free states, for that `duration`."""
     bound = limit(
-        lw.bnes_chain(2), unknown=("all",), duration=6.0, rate=1000.0, noise=20.0, segment=0.25,
+        lw.bnes_chain(2), unknown=("all",), duration=duration, rate=1000.0, noise=20.0, segment=0.25,
         release={"v:m1": 1.0},
     )  # fmt: skip
     for name in ("nes1.alpha", "nes1.beta"):
