@@ -118,15 +118,15 @@ class CauseKind:
     relative: bool = False
 
 
-def _off(what: str, *, relative: bool = True) -> CauseKind:
+def _off(subject: str, *, relative: bool = True) -> CauseKind:
     """Something of the place that is off by a part of itself."""
-    return CauseKind(lambda cause: f"{what}{cause.where} that is off by {_percent(cause)}", "1", relative)
+    return CauseKind(lambda cause: f"{subject}{cause.where} that is off by {_percent(cause)}", "1", relative)
 
 
-def _noise(what: str) -> CauseKind:
+def _noise(source: str) -> CauseKind:
     """A random force or motion, by its place, size and what else looks like it."""
     return CauseKind(
-        lambda cause: f"{what} {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
+        lambda cause: f"{source} {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
     )
 
 
@@ -144,9 +144,9 @@ def _low_pass(cause: Cause) -> str:
     return f"a filter of {cause.where}, as a low pass of first order at {corner:.3g} Hz"
 
 
-def _in_channel(what: str) -> CauseKind:
+def _in_channel(error: str) -> CauseKind:
     """What is added to a channel, in its unit."""
-    return CauseKind(lambda cause: f"{what} of {cause.size:.3g} {cause.unit} in {cause.where}")
+    return CauseKind(lambda cause: f"{error} of {cause.size:.3g} {cause.unit} in {cause.where}")
 
 
 def _percent(cause: Cause) -> str:

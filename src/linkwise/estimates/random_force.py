@@ -55,9 +55,9 @@ class RandomForceEstimate:
 
     def _absence(self, limit: float) -> str:
         """That there is none, and the largest that there may be."""
-        what = "ambient force on" if self.ambient else "noise of"
+        kind = "ambient force on" if self.ambient else "noise of"
         unit = "N/sqrt(Hz)" if self.ambient else self.unit
-        return f"No {what} {self.where} was found: it is below {limit:.2g} {unit} (95 %)."
+        return f"No {kind} {self.where} was found: it is below {limit:.2g} {unit} (95 %)."
 
     def to_dict(self) -> dict[str, str | float | bool | None]:
         """What result.json holds of it.

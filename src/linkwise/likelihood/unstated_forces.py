@@ -102,8 +102,8 @@ def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
         score = VarianceScore.of(sums.forces[number], _found_beside(fit, sums))
         if score is None:
             continue
-        held = float(random.deviation[number, 0])
-        limit = held * float(np.sqrt(score.deviation**2 + _ONE_SIDED * score.error))
+        deviation = float(random.deviation[number, 0])
+        limit = deviation * float(np.sqrt(score.deviation**2 + _ONE_SIDED * score.error))
         ambient = forces[number].ambient
         forces[number] = replace(forces[number], upper_limit=_density(fit) * limit if ambient else limit)
     return replace(fit, random_forces=tuple(forces))
