@@ -32,7 +32,7 @@ _ROOM = 20_000_000  # bytes that must be free: a page takes five million, its fi
 _TRIAL = 65_536  # bytes written to find out whether the disk accepts any
 _ABANDONED = 86_400.0  # s without a change after which a temporary folder belongs to a run that was killed
 _NOT_RENAMED = frozenset({errno.EBUSY, errno.EXDEV, errno.EACCES, errno.EPERM, errno.EROFS})
-_TAKEN = frozenset({errno.EEXIST, errno.ENOTEMPTY})
+_OCCUPIED = frozenset({errno.EEXIST, errno.ENOTEMPTY})
 _DISK_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
@@ -236,7 +236,7 @@ def _swap(own: Path, place: Path, mark: str) -> None:
             own.rename(place)
             break
         except OSError as error:
-            if error.errno not in _TAKEN:
+            if error.errno not in _OCCUPIED:
                 with suppress(OSError):
                     old.rename(place)
                 raise

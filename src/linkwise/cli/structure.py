@@ -86,7 +86,7 @@ def show(file: Path, as_json: bool) -> None:
         click.echo(f"  {link.name:10} {link.between[0]} - {link.between[1]}: {link.law.text}; {numbers}")
         for line in _state_lines(link):
             click.echo(f"  {'':10} {line}")
-    click.echo(_told(subject, rests))
+    click.echo(_rest_lines(subject, rests))
 
 
 @structure.command()
@@ -207,7 +207,7 @@ def _rest(subject: lw.Structure, rest: lw.Equilibrium) -> dict[str, Any]:
     }
 
 
-def _told(subject: lw.Structure, rests: dict[str, Any] | None) -> str:
+def _rest_lines(subject: lw.Structure, rests: dict[str, Any] | None) -> str:
     if rests is None:
         why = "coefficients are unknown" if subject.parameters else f"it has more than {MANY} masses"
         if _with_memory(subject):

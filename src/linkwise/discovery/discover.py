@@ -125,7 +125,7 @@ def discover(
     if sensors.random:
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
     discovery = answer_with_sensors(
-        partial(_found, candidates, checks, progress), records, sensors, chosen.admit, _Found.reported
+        partial(_select, candidates, checks, progress), records, sensors, chosen.admit, _Selected.reported
     )
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
@@ -133,7 +133,7 @@ def discover(
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _Selected:
     """What a search found, and what it was found from."""
 
     checks: DataChecks
@@ -168,13 +168,13 @@ class _Found:
         return judged_discovery(records, self.checks, self.screened, self.selection, delays)
 
 
-def _found(
+def _select(
     candidates: Candidates,
     checks: DataChecks,
     progress: Progress,
     records: Sequence[Record],
     sensors: LikelihoodOptions,
-) -> _Found:
+) -> _Selected:
     """Screen the candidates, and select among them with the errors of `sensors`."""
     with one_blas_thread():
         screened = ScreenedRecords.of(framed_records(records, candidates.full_structure), candidates)
@@ -189,7 +189,7 @@ def _found(
     )
     if sensors.random:
         selection = select_with_random_forces(search, screened.first)
-        return _Found(checks, screened, selection, judged_discovery(records, checks, screened, selection))
+        return _Selected(checks, screened, selection, judged_discovery(records, checks, screened, selection))
     rates = [record.rate for record in screened.records]
     search, selection = select_with_parameters(search, screened.first, screened.motions, rates)
     screened = replace(screened, candidates=search.candidates)
@@ -202,7 +202,7 @@ def _found(
         reduced = judged_discovery(records, checks, screened, simpler, simpler.fit.delays)
         if reduced.trusted or simpler.has_fewer_links(selection):
             selection, discovery = simpler, reduced
-    return _Found(checks, screened, selection, discovery)
+    return _Selected(checks, screened, selection, discovery)
 
 
 def check_discovery(

@@ -31,7 +31,7 @@ _STATED = {
     "frequency": "the frequency of {} were {} than stated",
     "damping": "the damping of {} were {} than stated",
 }
-_WHAT = {**_STATED, "force gain": "{} were {} than recorded"}
+_PHRASES = {**_STATED, "force gain": "{} were {} than recorded"}
 _CHECK = "check the value, or let it be unknown"
 _ADVICE = {**dict.fromkeys(_STATED, _CHECK), "force gain": "check its calibration"}
 _NAMED = 3
@@ -59,7 +59,7 @@ class RivalError:
     def remark(self, names: tuple[str, ...]) -> str:
         """A sentence for the user; `names` are those of all terms by number."""
         size = f"{100.0 * abs(self.size):.2g} % {'more' if self.size > 0.0 else 'less'}"
-        error = _WHAT[self.kind].format(self.where, size)
+        error = _PHRASES[self.kind].format(self.where, size)
         terms = " and ".join(names[number] for number in self.terms)
         if self.is_preferred:
             return (
@@ -96,7 +96,7 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalErro
     rivals = [
         RivalError(hypothesis.kind, hypothesis.where, size, terms, excess)
         for number, hypothesis in enumerate(hypotheses)
-        if hypothesis.kind in _WHAT and hypothesis.where not in unknown
+        if hypothesis.kind in _PHRASES and hypothesis.where not in unknown
         for term in np.flatnonzero(screened[:, number]).tolist()
         for size, terms, excess in _without_term(selection, model, p + number, term)
         if abs(size) < _largest(hypothesis)

@@ -17,8 +17,8 @@ _LEVEL = 0.005  # of the root mean square
 _CHANGE = 0.02  # of the root mean square, over the record
 _LONG = 0.2  # of the record: a rest that shows a drift
 _SCATTER = 2.0  # times as much as white noise, of block means about the line: what has more still moves
-_SAME = (
-    4.0  # standard errors by which the slopes of both halves may differ: a creep slows down, a drift does not
+_SLOPES_AGREE = (
+    4.0  # standard errors between the slopes of both halves at most: a creep slows down, a drift does not
 )
 
 
@@ -46,7 +46,7 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         slope, error = _slope(piece)
         halves = [_slope(half) for half in np.array_split(piece, 2)]
         apart = abs(halves[0][0] - halves[1][0])
-        allowed = _SAME * np.hypot(halves[0][1], halves[1][1])
+        allowed = _SLOPES_AGREE * np.hypot(halves[0][1], halves[1][1])
         over = slope * len(signal.values)
         if not _is_line(piece, slope):
             continue

@@ -264,7 +264,7 @@ class MaximumLikelihood(Estimator):
         fit = search(theta, spread=spread, options=options)
         fit = lower_of_two(fit, lambda values: search(values, options=options))
         return tightest_smooth_fit(
-            fit, lambda values, nodes, q: search(values, options=_held(options, nodes, q))
+            fit, lambda values, nodes, q: search(values, options=_near_optimum(options, nodes, q))
         )
 
     def _valleys(self, records: Sequence[Record], structure: Structure) -> tuple[Valley, ...]:
@@ -281,7 +281,7 @@ class MaximumLikelihood(Estimator):
             return memory_starts(framed_ones, structure, given)
 
 
-def _held(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:
+def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:
     """Options of a search for exact laws near the optimum at a relaxation, where it ends."""
     return replace(
         options,

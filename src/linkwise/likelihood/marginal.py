@@ -40,7 +40,7 @@ _ROUNDS = 30
 _SETTLED = 0.05  # standard errors, or of the logarithm of a deviation over `_LOG_WEIGHT`
 _LOG_WEIGHT = 5.0
 _SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
-_TOLD = 0.02  # of the samples: fewer errors of samples that a record determines do not tell their deviation
+_ENOUGH = 0.02  # of the samples: fewer errors of samples that a record determines do not tell their deviation
 _NONE = (
     0.1  # of the values of a random force: where a record determines fewer, its deviation is as good as zero
 )
@@ -168,7 +168,7 @@ def _changes(
     before = 0.0 if random.slope is None else random.slope
     shift = -0.5 * fit.covariance @ (slope - before)
     noise, force = determinant.freedoms(known_noise)
-    measurable = ~known_noise & (noise > _TOLD * segments.observed.sum(axis=(0, 2)))
+    measurable = ~known_noise & (noise > _ENOUGH * segments.observed.sum(axis=(0, 2)))
     of_noise = np.where(measurable, _log_ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise), 0.0)
     forces = fit.point.nodes[random.rows] / random.deviation
     vanishing = force < _NONE

@@ -13,7 +13,7 @@ from linkwise.expression.dimension import NAMED, NONE, Dimension
 from linkwise.units import base_exponents
 
 _NAME = re.compile(r"[A-Za-z]\w*")
-_TAKEN = {
+_RESERVED = {
     "d": "the elongation",
     "v": "the rate of elongation",
     "pi": "a constant",
@@ -104,8 +104,8 @@ def as_link_states(given: Mapping[str, LinkState | str]) -> dict[str, LinkState]
             raise StructureError(
                 f"{name!r} is not a valid name of a state: letters, digits and _ after a letter"
             )
-        if name in _TAKEN or name in FUNCTIONS:
-            meaning = _TAKEN.get(name, "a function")
+        if name in _RESERVED or name in FUNCTIONS:
+            meaning = _RESERVED.get(name, "a function")
             raise StructureError(
                 f"a state cannot be named {name!r}, which is {meaning} in laws; choose another name"
             )

@@ -125,7 +125,7 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
     )
 
 
-def _each(pick: Callable[[Row], float | None]) -> Callable[[Sequence[Row]], float | None]:
+def _median_of(pick: Callable[[Row], float | None]) -> Callable[[Sequence[Row]], float | None]:
     """The median over rows of what `pick` takes from one."""
 
     def count(rows: Sequence[Row]) -> float | None:
@@ -141,10 +141,10 @@ def _mean(rows: Sequence[Row]) -> float | None:
 
 _COUNTED: Mapping[str, Callable[[Sequence[Row]], float | None]] = {
     "the mean over cycles": _mean,
-    "the first sink alone": _each(lambda row: next(iter(row.links.values()), None)),
-    "the last sink alone": _each(lambda row: next(reversed(list(row.links.values())), None)),
-    "the worst sink": _each(lambda row: row.worst),
-    "the best sink": _each(lambda row: min(row.links.values(), default=None)),
+    "the first sink alone": _median_of(lambda row: next(iter(row.links.values()), None)),
+    "the last sink alone": _median_of(lambda row: next(reversed(list(row.links.values())), None)),
+    "the worst sink": _median_of(lambda row: row.worst),
+    "the best sink": _median_of(lambda row: min(row.links.values(), default=None)),
 }
 
 

@@ -11,7 +11,7 @@ from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, WELL
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
 
-_KEPT = 40  # terms that are drawn
+_SELECTED = 40  # terms that are drawn
 _LONGEST = 20  # letters of a function that leave room for the bars
 _DROPPED = 16  # and those below them
 _ROW = 0.19  # inches
@@ -95,7 +95,9 @@ def evidence_figure(discovery: Discovery) -> Figure:
 
 def _rows(discovery: Discovery) -> tuple[Sequence[TermEvidence], Sequence[TermEvidence]]:
     """The terms kept that are drawn, the most certain first, and the dropped ones nearest to being kept."""
-    return discovery.kept[:_KEPT], sorted(_identifiable(discovery), key=lambda term: term.margin)[:_DROPPED]
+    return discovery.kept[:_SELECTED], sorted(_identifiable(discovery), key=lambda term: term.margin)[
+        :_DROPPED
+    ]
 
 
 def _identifiable(discovery: Discovery) -> list[TermEvidence]:

@@ -22,7 +22,7 @@ from linkwise.plot.style import axes_for, axes_inches, label, literal, place_leg
 from linkwise.verdict import Decision
 
 _COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: MEASURED}
-_OTHER = SERIES[5]
+_OTHER_KIND = SERIES[5]
 _HOST, _ROD = "#D0D7DE", 7.0  # colour and points of what joins the points of a host
 _WIDTHS = (1.2, 4.2)  # points, of the softest and the stiffest link
 _DASH, _GAP = 7.0, 3.5  # points, of a link in doubt
@@ -286,7 +286,7 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
 
 
 def _color(edge: Edge) -> str:
-    return _COLORS.get(edge.kind, _OTHER) if edge.selected else MEASURED
+    return _COLORS.get(edge.kind, _OTHER_KIND) if edge.selected else MEASURED
 
 
 def _width(edge: Edge, stiffnesses: Sequence[float]) -> float:
@@ -376,7 +376,8 @@ def _free_direction(number: int, positions: Floats) -> float:
 def _legend_handles(edges: Sequence[Edge]) -> list[Line2D]:
     kinds = dict.fromkeys(edge.kind for edge in edges if edge.selected)
     handles = [
-        Line2D([], [], color=_COLORS.get(kind, _OTHER), linewidth=2.5, label=label(kind)) for kind in kinds
+        Line2D([], [], color=_COLORS.get(kind, _OTHER_KIND), linewidth=2.5, label=label(kind))
+        for kind in kinds
     ]
     if any(edge.selected and not edge.certain for edge in edges):
         handles.append(Line2D([], [], color=TRUE, linestyle=(0, (4, 2.5)), label="in doubt"))

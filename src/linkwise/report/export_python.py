@@ -12,7 +12,7 @@ from linkwise.model.link import Link
 from linkwise.report.export import ExportedAnswer
 from linkwise.report.export_names import identifiers
 
-_TAKEN = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist, *dir(builtins))
+_RESERVED = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist, *dir(builtins))
 _HEAD = '''"""Forces of the links of a structure, identified by linkwise {version}.
 
 force_LINK(d, v) is the force f in N at the elongation d = x_first - x_second in m and its rate v in m/s, numbers or arrays;
@@ -76,7 +76,7 @@ def _table(kind: str, functions: dict[str, str]) -> str:
 def _functions(link: Link, own: str) -> str:
     """The function of the force, and that of the rates of a link with memory."""
     law, values = link.law, link.values
-    names = identifiers((*law.states, *law.coefficients), _TAKEN) | {"d": "d", "v": "v"}
+    names = identifiers((*law.states, *law.coefficients), _RESERVED) | {"d": "d", "v": "v"}
     variables = ["d", "v", *(names[state] for state in law.states)]
     keywords = [f"{names[key]}={values[key]!r}" for key in law.coefficients]
     arguments = ", ".join([*variables, *(["*", *keywords] if keywords else [])])

@@ -24,7 +24,7 @@ from linkwise.simulation.link_forces import LinkForces
 from linkwise.simulation.run import RunLog, RunOptions, integrate
 from linkwise.simulation.schedule import RunSchedule
 
-_SAME = 1e-13  # of the run: panel ends closer than that are equal up to rounding
+_EQUAL = 1e-13  # of the run: panel ends closer than that are equal up to rounding
 
 
 class QuadratureRule(NamedTuple):
@@ -92,7 +92,7 @@ def _rule(schedule: RunSchedule, steps: list[float]) -> QuadratureRule:
     """Panels between all output times, stops and steps; impulses have weight 0."""
     edges = np.unique(np.concatenate([[0.0], schedule.times, schedule.stops, steps]))
     width = np.diff(edges)
-    nonempty = width > _SAME * schedule.end
+    nonempty = width > _EQUAL * schedule.end
     middle, width = 0.5 * (edges[1:] + edges[:-1])[nonempty], width[nonempty]
     nodes, node_weights = np.polynomial.legendre.leggauss(6)
     times = (middle[:, None] + 0.5 * width[:, None] * nodes).ravel()

@@ -20,11 +20,11 @@ from linkwise.model.link import Link
 _REACH = 3.0  # of the largest motion within a window: how far its centre may be displaced
 _OFFSETS, _SLOPES = 81, 15  # of the grid: a basin of attraction is about as wide as a well
 _COARSE = 12  # samples of a window that the grid uses
-_KEPT = 6  # minima per window: two wells, and two between them on each slope
+_MINIMA = 6  # minima per window: two wells, and two between them on each slope
 _STEPS = 8  # of Levenberg-Marquardt
 _DAMPING = 1e-2
 _AT_ONCE = 2**16  # values on the grid, which the processor keeps near
-_SAME = 1e-3  # of the largest offset: minima that are closer count as one
+_NEAR = 1e-3  # of the largest offset: minima that are closer count as one
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,17 +187,17 @@ def _lines_of_neighbours(windows: DriftWindows, lines: Floats) -> Floats:
 
 
 def _distinct(candidates: DriftCandidates) -> DriftCandidates:
-    """The `_KEPT` best lines of every window, each minimum once."""
+    """The `_MINIMA` best lines of every window, each minimum once."""
     order = np.argsort(candidates.cost, axis=0)
     cost = np.take_along_axis(candidates.cost, order, axis=0)
     line = np.take_along_axis(candidates.lines, order[None], axis=1)
     spread = np.take_along_axis(candidates.spread, order[None], axis=1)
-    reach = np.abs(line[0]).max() * _SAME
+    reach = np.abs(line[0]).max() * _NEAR
     apart = np.abs(line[0][:, None] - line[0][None]) > reach
     copies = np.array(
         [(~apart[c, :c]).any(axis=0) if c else np.zeros(cost.shape[1], bool) for c in range(len(cost))]
     )
-    chosen = np.argsort(copies, axis=0, kind="stable")[:_KEPT]
+    chosen = np.argsort(copies, axis=0, kind="stable")[:_MINIMA]
     cost = np.where(copies, np.inf, cost)
     return DriftCandidates(
         np.take_along_axis(line, chosen[None], axis=1),
@@ -278,6 +278,6 @@ def _grid_minima(windows: DriftWindows, link: Link, values: dict[str, float]) ->
     cost = np.nan_to_num(cost, nan=np.inf)
     lowest = cost <= scipy.ndimage.minimum_filter(cost, size=(3, 3, 1), mode="nearest")
     flat = np.where(lowest, cost, np.inf).reshape(-1, len(d))
-    chosen = np.argsort(flat, axis=0)[:_KEPT]
+    chosen = np.argsort(flat, axis=0)[:_MINIMA]
     slope, offset = np.divmod(chosen, len(offsets))
     return np.stack([offsets[offset], slopes[slope]])
