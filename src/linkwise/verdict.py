@@ -64,8 +64,8 @@ class Verdict(Enum):
         "values, a shorter part of the record, or less noise."
     )
     HARDLY_DETERMINED = (
-        "The record tells hardly more of some coefficients than noise does, so intervals would be too narrow. Hold some at "
-        'known values, record a motion that stands farther above the noise, or use method "ml".'
+        "The record contains hardly more information on some coefficients than noise, so intervals would be too narrow. Hold "
+        'some at known values, record a motion that stands farther above the noise, or use method "ml".'
     )
     COVARIANCE_NOT_POSITIVE = (
         "The covariance of the coefficients is not positive definite: the record hardly determines some of them above its "

@@ -90,6 +90,6 @@ def test_discover_takes_the_same(files: tuple[str, str], capsys: pytest.CaptureF
     assert run([*given, "--ambient", "m9"]) != 0
     assert "no ambient force can act on m9" in capsys.readouterr().err
     run([*given, "--input-noise", "force:m1=100 mN"])
-    assert "Noise of force:m1 of 0.1 N, as stated, is counted in." in " ".join(
+    assert "Noise of force:m1 of 0.1 N, as stated, is allowed for." in " ".join(
         capsys.readouterr().out.split()
     )

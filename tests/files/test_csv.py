@@ -339,7 +339,7 @@ def test_what_cannot_be_read_is_one_clear_error(read: Reader, content: str | byt
         ),
         (
             {"resample": 400.0},
-            "the record has 100 Hz and even times: samples at 400 Hz would be interpolated and tell nothing more",
+            "the record has 100 Hz and even times: samples at 400 Hz would be interpolated and add no information",
         ),
         ({"known_masses": ["m2", "n1"]}, "channel x:m1: the structure has no mass 'm1'; did you mean "),
     ],

@@ -74,7 +74,7 @@ def test_what_a_modal_test_needs_is_told() -> None:
         lw.identify_host(record, modes=0)
     with pytest.raises(lw.IdentificationError, match="at least one record"):
         lw.identify_host([])
-    with pytest.raises(lw.IdentificationError, match="too few to tell modes"):
+    with pytest.raises(lw.IdentificationError, match="too few to determine modes"):
         lw.identify_host(record[:40])
     values = np.random.default_rng(1).standard_normal((600, 2))
     values[:, 1] = np.where(np.arange(600) == 100, 1.0, 0.0)

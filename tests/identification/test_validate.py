@@ -174,7 +174,7 @@ def test_gaps_and_spare_channels_are_left_out() -> None:
 
 @pytest.mark.parametrize(
     ("burn", "message"),
-    [(2.99, "leaves 6 of 1501 samples"), (-1.0, "burn must be a positive time"), (1e-4, "needs 2 at least")],
+    [(2.99, "leaves 6 of 1501 samples"), (-1.0, "burn must be a positive time"), (1e-4, "needs at least 2")],
 )
 def test_a_burn_that_leaves_too_little_is_refused(burn: float, message: str) -> None:
     with pytest.raises(lw.RecordError, match=message) as caught:

@@ -121,7 +121,7 @@ def test_columns_are_the_derivatives_of_the_residuals() -> None:
         ({"hums": ["x:m2"]}, "hums takes frequencies in Hz by channel, as in"),
         ({"hums": {"x:m2": "50"}}, "hums takes frequencies in Hz by channel, as in"),
         ({"hums": {"x:m2": 600.0}}, "a frequency between 0 and half the rate, 500 Hz, got 600 Hz"),
-        ({"drifts": ["x:m2"], "ambient": ["m1"]}, "random forces and drift or hum of x:m2 cannot be found together"),
+        ({"drifts": ["x:m2"], "ambient": ["m1"]}, "random forces and drift or hum of x:m2 cannot be estimated together"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_found_is_refused(options: LikelihoodOptions, reason: str) -> None:

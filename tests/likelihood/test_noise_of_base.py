@@ -169,9 +169,9 @@ def test_noise_that_stands_for_a_missing_term_is_not_trusted(seed: int) -> None:
         (
             ("rel:x", "v:base"),
             "all",
-            "noise of v:base cannot be counted in: what moves the masses is its derivative",
+            "noise of v:base cannot be allowed for: what moves the masses is its derivative",
         ),
-        (("rel:v", "x:base"), "all", "noise of x:base cannot be counted in beside rel:v:m1"),
+        (("rel:v", "x:base"), "all", "noise of x:base cannot be allowed for beside rel:v:m1"),
         (("rel:x", "a:base"), {"a:base": -1.0}, "the noise of a:base must be a positive number in m/s^2"),
         (("x", "x:base"), ["a:base"], "the inputs that act on the structure are x:base"),
     ],

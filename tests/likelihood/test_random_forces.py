@@ -208,12 +208,12 @@ def test_a_missing_cubic_spring_is_told_beside_an_ambient_force() -> None:
         ({"ambient": 0.5}, 'random forces are stated by name, as in ["m1"]'),
         (
             {"ambient": ["m2"], "delays": ["x:m2"]},
-            "random forces and a delay of x:m2 cannot be found together yet",
+            "random forces and a delay of x:m2 cannot be estimated together yet",
         ),
         ({"ambient": ["m2"], "admit": ["gain"]}, "random forces and errors of sensors to be admitted (gain)"),
         (
             {"ambient": ["m2"], "loss": lw.Student()},
-            "random forces and a robust loss cannot be found together",
+            "random forces and a robust loss cannot be estimated together",
         ),
     ],
 )
@@ -245,7 +245,7 @@ def test_channels_of_links_are_refused() -> None:
     record = ambient(1, 4.0, seed=2)
     force = STIFFNESS * record.values[:, :1]
     both = lw.Record(0.0, RATE, ("x:m1", "f:l1"), np.hstack([record.values[:, :1], force]))
-    with pytest.raises(lw.IdentificationError, match="random forces and f:l1 cannot be found together"):
+    with pytest.raises(lw.IdentificationError, match="random forces and f:l1 cannot be estimated together"):
         lw.identify(both, chain(1).unknown("all"), ambient="all")
 
 

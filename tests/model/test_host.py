@@ -124,7 +124,7 @@ def test_a_wrong_host_is_told(old: str, new: str, told: str) -> None:
         ("frequency[kg],tip\n5,1\n", "unit of the frequency"),
         ("frequency[Hz],tip\n5\n", "line 2: expected 2 cells"),
         ("frequency[Hz],tip\n5,x\n", "expected a number in the column tip, got 'x'"),
-        ("frequency[Hz],tip,tip\n5,1,1\n", "the column tip is there twice"),
+        ("frequency[Hz],tip,tip\n5,1,1\n", "the column tip is listed twice"),
         ("frequency[rpm],tip\n5,1\n", "a frequency is given in Hz, not in rpm"),
         ("frequency[Hz];tip\n5;1\n", "separated by commas"),
         ("frequency[Hz],tip[mm]\n5,1\n", "the unit of tip must be 1/sqrt(kg)"),

@@ -96,7 +96,7 @@ def test_likelihood_is_held_to_five_hundred_times_below_the_paper() -> None:
 def test_a_cell_without_answer_is_no_success() -> None:
     gone = [one for one in paper_rows(STUDY) if (one.method, one.masses) != ("ml", 10)]
     text, met = claim(judged(gone)[1], "ml at 20 dB")
-    assert met is None and "nothing yet for 10 masses" in text
+    assert met is None and "no results yet for 10 masses" in text
     assert claim(judged([])[1], "ml at 20 dB")[1] is None
     text, met = claim(judged(gone)[1], "306 of 315 cases were run")
     assert met is False and "3 of 105 cells are empty" in text

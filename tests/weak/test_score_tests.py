@@ -107,9 +107,11 @@ def test_a_coefficient_that_hardly_stands_above_the_noise_takes_trust_away() -> 
     structure, noisy = stiff_pair(20.0, seed=1)
     fit = lw.identify(noisy, structure.unknown("all"), method="weak")
     assert fit.verdicts[0] is lw.Verdict.HARDLY_DETERMINED and not fit.trusted
-    assert "hardly more of stiff.k" in fit.message and fit.to_dict()["status"] == "hardly determined"
-    held = structure.unknown("soft")
-    assert lw.identify(noisy, held, method="weak").trusted
+    assert (
+        "hardly more information on stiff.k" in fit.message and fit.to_dict()["status"] == "hardly determined"
+    )
+    subject = structure.unknown("soft")
+    assert lw.identify(noisy, subject, method="weak").trusted
     assert lw.identify(stiff_pair(25.0, seed=1)[1], structure.unknown("all"), method="weak").trusted
 
 

@@ -132,8 +132,8 @@ absorption_options = keyword_group(
         callback=_harvesters,
         metavar="LINK=NS/M|POWER",
         multiple=True,
-        help="Put a damper of so many N s/m in parallel to a link and tell its power, or tell the power that the link itself "
-        "delivers, as piezo=V**2/R. Repeatable.",
+        help="Put a damper of so many N s/m in parallel to a link and report its power, or report the power that the link "
+        "itself delivers, as piezo=V**2/R. Repeatable.",
     ),
 )
 

@@ -123,7 +123,7 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
     if missed:
         remarks.append(
             f"No channel measures the motion of {_enumerate(missed)}: it follows from the modes and the other channels, and "
-            "links there are told less well."
+            "links there are determined less well."
         )
     return DataChecks(tuple(remarks), (), (), ())
 

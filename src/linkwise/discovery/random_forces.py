@@ -38,8 +38,8 @@ def select_with_random_forces(search: TermSearch, chosen: Collection[str]) -> Se
     open_terms = {entry.offered.text for entry in search.candidates.entries if entry.offered.parameters}
     if open_terms:
         raise IdentificationError(
-            f"parameters of terms ({', '.join(sorted(open_terms))}) and random forces cannot be found together yet: give the "
-            "terms with numbers"
+            f"parameters of terms ({', '.join(sorted(open_terms))}) and random forces cannot be estimated together yet: give "
+            "the terms with numbers"
         )
     names, structure = frozenset(chosen), search.candidates.structure(frozenset(chosen))
     theta, spread = search.start(structure)

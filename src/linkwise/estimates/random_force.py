@@ -32,7 +32,7 @@ class RandomForceEstimate:
     >>> import linkwise as lw
     >>> force = lw.RandomForceEstimate("m1", True, deviation=2.0, spectral_density=0.4, found=True)
     >>> force.description
-    'An ambient force on m1 of 0.4 N/sqrt(Hz), found with the other unknowns, is counted in.'
+    'An ambient force on m1 of 0.4 N/sqrt(Hz), found with the other unknowns, is allowed for.'
     """
 
     where: str
@@ -50,8 +50,8 @@ class RandomForceEstimate:
             return self._absence(self.upper_limit)
         origin = "found with the other unknowns" if self.found else "as stated"
         if self.ambient:
-            return f"An ambient force on {self.where} of {self.spectral_density:.3g} N/sqrt(Hz), {origin}, is counted in."
-        return f"Noise of {self.where} of {self.deviation:.3g} {self.unit}, {origin}, is counted in."
+            return f"An ambient force on {self.where} of {self.spectral_density:.3g} N/sqrt(Hz), {origin}, is allowed for."
+        return f"Noise of {self.where} of {self.deviation:.3g} {self.unit}, {origin}, is allowed for."
 
     def _absence(self, limit: float) -> str:
         """That there is none, and the largest that there may be."""

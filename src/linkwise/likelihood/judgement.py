@@ -204,9 +204,9 @@ def _verdict(
         )
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
-            f"{explained}, a model error that all intervals count in. {_error_factor(fit)}{_likeliest(causes)}{_moved(causes)}"
+            f"{explained}, a model error that all intervals include. {_error_factor(fit)}{_likeliest(causes)}{_moved(causes)}"
         )
-    return Verdict.CONVERGED, f"{explained}{'; all intervals count that in' if coloured else ''}."
+    return Verdict.CONVERGED, f"{explained}{'; all intervals allow for that' if coloured else ''}."
 
 
 def _instrument(cause: Cause) -> str:

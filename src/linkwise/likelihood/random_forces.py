@@ -85,7 +85,7 @@ def random_forces(
     """The random forces that a user states, in the order of the masses, that of the base last.
 
     Raises IdentificationError for an unknown mass or channel, a deviation that is not positive, a mass named in both, and
-    noise of the base that cannot be counted in.
+    noise of the base that cannot be allowed for.
     """
     names = structure.places
     if structure.hosts and (ambient or input_noise):
@@ -93,7 +93,7 @@ def random_forces(
             "random forces on hosts are not supported: leave the ambient forces and input noise out"
         )
     forces = {}
-    for name, value in _each(ambient, names).items():
+    for name, value in _by_name(ambient, names).items():
         if name not in names:
             raise IdentificationError(
                 f"no ambient force can act on {name}{near_miss(name, names)}: the masses are {', '.join(names)}; "
@@ -108,7 +108,7 @@ def random_forces(
             "no noise of an input can be estimated: the record has no applied force, and no motion of a base that the "
             "structure stands on; an ambient force needs no channel"
         )
-    for channel, value in _each(input_noise, channels).items():
+    for channel, value in _by_name(input_noise, channels).items():
         if channel not in channels:
             raise IdentificationError(
                 f"no noise of {channel}{near_miss(channel, channels)} can be estimated: the inputs that act on the "
@@ -140,24 +140,25 @@ def _require_white(channel: str, record: Record, structure: Structure) -> None:
     """IdentificationError where noise of the base is not white in what it does to the masses and sensors."""
     if channel == f"v:{BASE}":
         raise IdentificationError(
-            f"noise of {channel} cannot be counted in: what moves the masses is its derivative, in which each sample of noise "
-            f"undoes the one before; give the acceleration, a:{BASE}, or the displacement, x:{BASE}"
+            f"noise of {channel} cannot be allowed for: what moves the masses is its derivative, in which each sample of "
+            f"noise undoes the one before; give the acceleration, a:{BASE}, or the displacement, x:{BASE}"
         )
     rates = [name for name in record.responses if name.startswith(("rel:v", "rel:a"))]
     if channel == f"x:{BASE}" and rates:
         raise IdentificationError(
-            f"noise of {channel} cannot be counted in beside {rates[0]}, to which its derivative is added: leave {channel} "
+            f"noise of {channel} cannot be allowed for beside {rates[0]}, to which its derivative is added: leave {channel} "
             f"out, and give the acceleration, a:{BASE}"
         )
     at_base = [link for link in structure.links if BASE in link.between]
     if channel == f"x:{BASE}" and at_base and not any("d" in symbols(link.law.elastic) for link in at_base):
         raise IdentificationError(
-            f"noise of {channel} cannot be counted in: no spring joins the base ({', '.join(link.name for link in at_base)}), "
-            f"and what moves the masses is its derivative, which is not white; give the acceleration, a:{BASE}"
+            f"noise of {channel} cannot be allowed for: no spring joins the base "
+            f"({', '.join(link.name for link in at_base)}), and what moves the masses is its derivative, "
+            f"which is not white; give the acceleration, a:{BASE}"
         )
 
 
-def _each(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
+def _by_name(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
     if isinstance(given, str):
         given = (given,)
     if not isinstance(given, Mapping | Sequence):
@@ -209,7 +210,7 @@ def refuse_beside_random_forces(
     for given, description, instead in refused:
         if given:
             raise IdentificationError(
-                f"random forces and {description} cannot be found together yet: {instead}"
+                f"random forces and {description} cannot be estimated together yet: {instead}"
             )
 
 

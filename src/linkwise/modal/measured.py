@@ -114,7 +114,7 @@ def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> N
         )
     if len(record) < _SHORTEST:
         raise IdentificationError(
-            f"the record has {len(record)} samples, too few to tell modes; {_SHORTEST} are the least"
+            f"the record has {len(record)} samples, too few to determine modes; a modal test needs at least {_SHORTEST}"
         )
     for name in forces:
         require_complete(name, record.channel(name), record.start, record.rate)

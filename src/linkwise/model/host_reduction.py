@@ -175,7 +175,7 @@ def _checked(
         largest = float(np.abs(matrix.data).max(initial=0.0))
         if float(np.abs((matrix - matrix.T).data).max(initial=0.0)) > 1e-6 * largest:
             raise StructureError(
-                f"the {quantity} matrix is not symmetric; a host is a linear structure that keeps energy"
+                f"the {quantity} matrix is not symmetric; a host is a linear structure that conserves energy"
             )
     _require_plausible(mass, stiffness)
     return [row - 1 for row in points.values()]
@@ -241,7 +241,7 @@ def _factor(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
         )
     except RuntimeError as error:
         raise StructureError(
-            f"the matrices cannot be factorised ({error}); a degree of freedom is not held"
+            f"the matrices cannot be factorised ({error}); a degree of freedom is not constrained"
         ) from None
 
 

@@ -26,7 +26,7 @@ from linkwise.model.uff_modes import modes_of_uff
 from linkwise.units import to_si
 
 _FREQUENCY, _DAMPING = "frequency", "damping"
-_KEPT = 10  # modes of matrices, where the file does not say how many
+_MODES = 10  # modes of matrices, where the file does not say how many
 
 
 _OF_MATRICES = ("keep", "modal_damping", "rayleigh", "residual")
@@ -119,7 +119,7 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
             mass,
             stiffness,
             entry.points,
-            keep=_KEPT if entry.keep is None else entry.keep,
+            keep=_MODES if entry.keep is None else entry.keep,
             modal_damping=entry.modal_damping or 0.0,
             rayleigh=entry.rayleigh,
             residual=entry.residual is not False,
@@ -218,7 +218,7 @@ def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]
             units[key] = bracketed.rstrip("] ")
     repeated = next((name for number, name in enumerate(names) if name in names[:number]), None)
     if _FREQUENCY not in names or repeated is not None or "" in names:
-        problem = f"the column {repeated} is there twice" if repeated else "there is no column frequency[Hz]"
+        problem = f"the column {repeated} is listed twice" if repeated else "there is no column frequency[Hz]"
         problem = "a column has no name" if "" in names else problem
         raise StructureError(f"{problem}; the columns are {', '.join(names)}", where)
     _require_frequency(units.get(_FREQUENCY, "Hz"), where)

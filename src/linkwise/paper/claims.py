@@ -63,7 +63,7 @@ def _far_below(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
         f"{BELOW:g} times below the {INFORMED_NMSE:g} % that the paper's physics-informed SINDy keeps there"
     )
     if not errors:
-        return Claim(f"{method} at {level:g} dB: nothing to tell yet. It is to stay {required}.", None)
+        return Claim(f"{method} at {level:g} dB: no results yet. It should stay {required}.", None)
     least = min(INFORMED_NMSE / value for value in errors.values())
     worst = max(errors, key=lambda masses: errors[masses])
     text = (
@@ -79,7 +79,7 @@ def _far_below(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
         return Claim(f"{text}; it misses {BELOW:g} times in the cells of {', '.join(missed)}.", False)
     absent = _absent(paper, errors)
     if absent:
-        return Claim(f"{text}; there is nothing yet for {absent}. It is to stay {required}.", None)
+        return Claim(f"{text}; there are no results yet for {absent}. It should stay {required}.", None)
     return Claim(f"{text} in every cell; {BELOW:g} times was asked for.", True)
 
 
@@ -108,7 +108,7 @@ def _informed(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
     errors = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
     if not errors:
         return Claim(
-            f"{method} at {level:g} dB: nothing to tell yet; the paper has around {INFORMED_NMSE:g} %.", None
+            f"{method} at {level:g} dB: no results yet; the paper has around {INFORMED_NMSE:g} %.", None
         )
     text = (
         f"{method} at {level:g} dB: {min(errors.values()):.2g} to {max(errors.values()):.2g} %; "
@@ -118,7 +118,7 @@ def _informed(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
     if off:
         return Claim(f"{text}, which {', '.join(off)} miss by more than a factor {NEAR:g}.", False)
     absent = _absent(paper, errors)
-    return Claim(f"{text}{f'; nothing yet for {absent}' if absent else ''}.", None if absent else True)
+    return Claim(f"{text}{f'; no results yet for {absent}' if absent else ''}.", None if absent else True)
 
 
 def _trusted(table: StudyTable, paper: PaperStudy) -> list[Claim]:

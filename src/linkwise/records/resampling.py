@@ -47,8 +47,8 @@ def resample_evenly(
     even = bool(np.all(np.abs(np.diff(times) * mean - 1.0) < EVEN))
     if even and rate > 1.001 * mean:
         raise RecordError(
-            f"the record has {mean:.6g} Hz and even times: samples at {rate:g} Hz would be interpolated and tell nothing "
-            "more, and their noise would not be independent, which looks like an error of a sensor; leave it at its rate",
+            f"the record has {mean:.6g} Hz and even times: samples at {rate:g} Hz would be interpolated and add no "
+            "information, and their noise would not be independent, which looks like an error of a sensor; keep its rate",
             file,
             arguments=("resample",),
         )

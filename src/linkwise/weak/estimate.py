@@ -253,9 +253,9 @@ def _verdict(
     ]
     if hardly:
         return Verdict.HARDLY_DETERMINED, (
-            f"{explained}, but the record tells hardly more of {', '.join(hardly)} than the noise that the weak form takes "
-            "off, so no interval is given: it would be too narrow. Give a number, record a motion that stands farther above "
-            'the noise, or use method "ml", which needs no such correction.'
+            f"{explained}, but the record contains hardly more information on {', '.join(hardly)} than the noise that the "
+            "weak form subtracts, so no interval is given: it would be too narrow. Give a number, record a motion that "
+            'stands farther above the noise, or use method "ml", which needs no such correction.'
         )
     follows = _follows_the_motion(record, structure, equations, fit, noise)
     if follows:

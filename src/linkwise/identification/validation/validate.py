@@ -229,7 +229,7 @@ def _burn_samples(record: Record, burn: float | None) -> int:
     if samples < 2 or count - samples < _SCORED:
         raise RecordError(
             f"a burn of {samples * record.step:g} s leaves {max(count - samples, 0)} of {count} samples to score and uses "
-            f"{samples} to tell the state: it needs 2 at least, and {_SCORED} must be left",
+            f"{samples} to determine the state: it needs at least 2, and {_SCORED} must be left",
             arguments=("burn",),
         )
     for name in record.responses:

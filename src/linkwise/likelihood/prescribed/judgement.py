@@ -30,7 +30,7 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
     if not fit.determined:
         return (
             Verdict.HARDLY_DETERMINED,
-            f"{explained}, but the forces do not tell all unknowns apart, so no interval is given: hold some at known "
+            f"{explained}, but the forces do not determine all unknowns, so no interval is given: hold some at known "
             "values, or record another motion.",
             share,
         )
@@ -58,7 +58,7 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
     if share > 0.0:
         return (
             Verdict.MODEL_ERROR_NEEDED,
-            f"{explained}, a model error that all intervals count in; as it follows the motion, sums over periods of the "
+            f"{explained}, a model error that all intervals include; as it follows the motion, sums over periods of the "
             "motion are compared for that.",
             share,
         )

@@ -44,7 +44,7 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
         )
     if not np.ptp(values) > 0.0:
         raise IdentificationError(
-            f"{name} does not change: the force in a link that does not move tells nothing of its law"
+            f"{name} does not change: the force in a link that does not move says nothing about its law"
         )
     cells = {
         number: record.channel(cell_name(structure, number))

@@ -293,7 +293,7 @@ def require_supported(record: Record, structure: Structure) -> None:
             require_complete(name, record.channel(name), record.start, record.rate)
     if len(record) < _FEWEST:
         raise IdentificationError(
-            f"the record has too few samples, {len(record)}, to tell the motion of a host; {_FEWEST} are the least"
+            f"the record has {len(record)} samples, too few to determine the motion of a host; it needs at least {_FEWEST}"
         )
     if not any(Channel.parse(name).kind in "xva" for name in record.responses):
         raise IdentificationError("the record shows no motion: give a channel x:PLACE, v:PLACE or a:PLACE")
