@@ -111,3 +111,18 @@ def test_markup_in_names_is_harmless() -> None:
     assert [heading["text"] for heading in layout["annotations"]] == [
         "&lt;/script&gt;&lt;b&gt;$x$&lt;/b&gt;.csv"
     ]
+
+
+def test_legend_headings_and_titles_of_axes_do_not_cover_each_other() -> None:
+    """In a browser the legend lay on the heading of the first panel, and titles on labels of four characters and more."""
+    record = three_sines()
+    headed, plain = lw.plot.histories_figure(record), lw.plot.histories_figure(record)
+    for axes, name in zip(headed.axes, ("above", "", ""), strict=True):
+        axes.set_title(name, loc="left")
+    for axes in plain.axes:
+        axes.set_title("", loc="left")
+    with_heading, without = to_plotly(headed)["layout"], to_plotly(plain)["layout"]
+    [heading] = with_heading["annotations"]
+    assert heading["y"] == without["legend"]["y"] == 1.0 < with_heading["legend"]["y"]
+    vertical = [with_heading[name] for name in ("yaxis", "yaxis2")]
+    assert all(axis["automargin"] and axis["title"]["standoff"] > 0 for axis in vertical)

@@ -35,12 +35,14 @@ _MARKERS = {
     "x": "x",
 }
 _SMALL = 0.5  # of the size of a marker that matplotlib's point has
-_LAYOUT = {
+_LAYOUT: dict[str, Any] = {
     "font": {"family": "system-ui, sans-serif", "size": 13},
     "margin": {"l": 70, "r": 15, "t": 15, "b": 50},
     "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom"},
     "hoverlabel": {"namelength": -1},
 }
+_BESIDE = 6  # pixels between the labels of a vertical axis and its title
+_HEADING = 30  # pixels that the heading of a panel is high, as a part of a height that margins are taken from
 _CONFIG = {"displaylogo": False, "responsive": True}
 
 
@@ -80,7 +82,10 @@ def to_plotly(figure: Figure) -> dict[str, Any]:
                 (shapes if "type" in part and part["type"] in ("rect", "line") else data).append(part)
     layout["shapes"] = shapes
     if len(panels) > 1:
-        layout["annotations"] = [_heading(axes) for axes in panels if _title(axes)]
+        headings = [_heading(axes) for axes in panels if _title(axes)]
+        layout["annotations"] = headings
+        if any(heading["y"] == 1.0 for heading in headings):  # which the legend must not cover
+            layout["legend"] = {**_LAYOUT["legend"], "y": 1.0 + _HEADING / layout["height"]}
     return {"data": data, "layout": layout}
 
 
@@ -186,12 +191,14 @@ def _axis_layouts(axes: Axes, suffix: str, panels: Sequence[Axes]) -> dict[str, 
     }
     if shared is not axes:
         across["matches"] = "x" if number == 1 else f"x{number}"
-    up = {
+    up: dict[str, Any] = {
         **_axis(axes.get_ylabel(), axes.get_ylim(), axes.get_yscale()),
         "domain": [bottom, top],
         "anchor": f"x{suffix}",
         "nticks": 6,
+        "automargin": True,
     }
+    up["title"]["standoff"] = _BESIDE
     return {f"xaxis{suffix}": across, f"yaxis{suffix}": up}
 
 
@@ -199,7 +206,8 @@ def _axis(text: str, limits: tuple[float, float], kind: str) -> dict[str, Any]:
     if kind not in ("linear", "log"):
         raise TypeError(f"a {kind} axis has no interactive form")
     ends = [float(end) for end in (np.log10(limits) if kind == "log" else limits)]
-    return {"title": {"text": _text(text)}, "range": ends, "type": kind, "zeroline": False}
+    exponents = {"exponentformat": "power"} if kind == "log" else {}
+    return {"title": {"text": _text(text)}, "range": ends, "type": kind, "zeroline": False, **exponents}
 
 
 def _domains(axes: Axes) -> tuple[tuple[float, float], tuple[float, float]]:

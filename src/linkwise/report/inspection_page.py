@@ -116,8 +116,8 @@ def inspection_page(reported: Reported[Inspection], pictures: Mapping[str, Marku
         pictures,
         title="Inspection",
         verdict=[
+            *([] if inspection.levels is None else level_headline(inspection.levels)),
             headline(inspection),
-            *(verdict.value for verdict in inspection.verdicts if verdict.forbids),
         ],
         trusted=inspection.trusted,
     )
