@@ -73,7 +73,7 @@ class StudyReport:
             return (
                 f"{len(unmet)} of {len(self.claims)} claims {'does' if len(unmet) == 1 else 'do'} not hold."
             )
-        if open_ or Verdict.STUDY_INCOMPLETE in self.table.verdicts:
+        if open_:
             return "So far nothing speaks against it, but the study is not complete."
         if self.comparison.cells:
             return "The paper's results are reproduced, and surpassed."
