@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from linkwise.analysis.modes import Modes, modes
     from linkwise.analysis.wells import barrier, wells
     from linkwise.discovery.discover import check_discovery, discover
+    from linkwise.discovery.model_average import ModelAverage
     from linkwise.discovery.options import DiscoveryOptions
-    from linkwise.discovery.result import Discovery, PathPoint, RunnerUp, TermEvidence
+    from linkwise.discovery.other_models import PathPoint, RunnerUp
+    from linkwise.discovery.result import Discovery, TermEvidence
     from linkwise.discovery.scoring import TermScore, align_truth, term_score
     from linkwise.discovery.terms import Term, parse_terms
     from linkwise.errors import (
@@ -226,6 +228,7 @@ __all__ = [
     "MassDecay",
     "MaximumLikelihood",
     "MethodResult",
+    "ModelAverage",
     "Modes",
     "MotionDiagnostics",
     "NamedLaw",

@@ -16,8 +16,10 @@ HOMES = {
     "analysis.modes": ("Modes", "modes"),
     "analysis.wells": ("barrier", "wells"),
     "discovery.discover": ("check_discovery", "discover"),
+    "discovery.model_average": ("ModelAverage",),
     "discovery.options": ("DiscoveryOptions",),
-    "discovery.result": ("Discovery", "PathPoint", "RunnerUp", "TermEvidence"),
+    "discovery.other_models": ("PathPoint", "RunnerUp"),
+    "discovery.result": ("Discovery", "TermEvidence"),
     "discovery.scoring": ("TermScore", "align_truth", "term_score"),
     "discovery.terms": ("Term", "parse_terms"),
     "errors": (

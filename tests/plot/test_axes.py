@@ -23,7 +23,7 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "crossings", "distortion", "energy", "evidence", "force", "graph", "histories", "level_modes",
+    "absorption", "crossings", "departures", "distortion", "energy", "evidence", "force", "graph", "histories", "level_modes",
     "level_response", "loop", "map", "path", "prediction", "prediction_error", "prediction_profile", "prediction_spectrum",
     "ring_down", "runners_up", "spectrum", "study", "surface",
 )  # fmt: skip
@@ -65,6 +65,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     results = {
         "distortion": (periodic,), "level_modes": (tapped,), "level_response": (tapped,), "ring_down": (tapped,),
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
+        "departures": (discovered, "m2-m1"),
         "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "loop": (fitted, "nes1"),
         "surface": (fitted, "nes1"),
         "map": (swept, "sinks_share"),

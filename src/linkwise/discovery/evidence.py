@@ -10,8 +10,9 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.other_models import PathPoint, RunnerUp
 from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.result import CERTAIN, PathPoint, RunnerUp, TermEvidence
+from linkwise.discovery.result import CERTAIN, TermEvidence
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import Move, MoveKind
 from linkwise.estimates.link_estimate import NORMAL_95

@@ -18,6 +18,7 @@ from linkwise.discovery.evidence import (
     term_evidence,
 )
 from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
+from linkwise.discovery.model_average import model_average
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rival_errors import rival_errors, rival_remarks
@@ -99,6 +100,7 @@ def judged_discovery(
         ),
         path=selection_path(selection),
         runners_up=runners_up(selection),
+        average=model_average(selection, screened.candidates, alone),
         remarks=(
             *(remark for _, remark in search),
             *rival_form_remarks(forms, selection),

@@ -5,9 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from math import nan
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.discovery.model_average import ModelAverage
+from linkwise.discovery.other_models import PathPoint, RunnerUp
 from linkwise.discovery.terms import Term
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.estimate import Estimate
@@ -120,69 +127,6 @@ class TermEvidence:
         return self.z**2 - self.margin if self.kept else self.z**2 + self.margin
 
 
-@dataclass(frozen=True)
-class PathPoint:
-    """A model on the path: the best of its size, one term away from the one before.
-
-    Costs are those of the quadratic model at the selected point: exact there, and rough far from it.
-
-    Attributes
-    ----------
-    terms : int
-        The number of terms.
-    cost : float
-        -2 log likelihood above that of the largest model on the path.
-    criterion : float
-        Cost plus penalty, above that of the selected model.
-    step : str
-        The term added ("+ m2-m1.k3") or dropped ("- m2-m1.c") on the way from the selected model.
-    chosen : bool
-        Whether this is the selected model.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> chosen = next(point for point in discovery.path if point.chosen)
-    >>> chosen.terms == len(discovery.kept), chosen.criterion
-    (True, 0.0)
-    """
-
-    terms: int
-    cost: float
-    criterion: float
-    step: str
-    chosen: bool
-
-
-@dataclass(frozen=True)
-class RunnerUp:
-    """A model that differs from the selected one by one term.
-
-    Attributes
-    ----------
-    change : str
-        The difference in words, "without m2-m1.c".
-    margin : float
-        By how much its criterion is higher.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> margins = [model.margin for model in discovery.runners_up]
-    >>> margins == sorted(margins)
-    True
-    """
-
-    change: str
-    margin: float
-
-
 _NOW_VERDICTS = Deprecated("verdicts", since="0.2.0", until="0.4.0")
 
 
@@ -207,6 +151,8 @@ class Discovery(JudgedView):
         The criterion against the number of terms.
     runners_up : tuple of RunnerUp
         The next best models, best first.
+    average : ModelAverage
+        The models that survive beside the selected one, with weights.
     remarks : tuple of str
         Sentences on what the records cannot show.
     verdicts : tuple of Verdict
@@ -234,6 +180,7 @@ class Discovery(JudgedView):
     terms: tuple[TermEvidence, ...]
     path: tuple[PathPoint, ...]
     runners_up: tuple[RunnerUp, ...]
+    average: ModelAverage
     remarks: tuple[str, ...]
     verdicts: tuple[Verdict, ...]
     rounds: int
@@ -269,6 +216,40 @@ class Discovery(JudgedView):
         return tuple(
             dict.fromkeys(term.link for term in self.kept if self.decision(term.link) is not Decision.CERTAIN)
         )
+
+    @cached_property
+    def inclusion(self) -> dict[str, float]:
+        """The probability that each term tested is there, by name, among the terms on offer; NaN if it is not identifiable."""
+        probabilities = self.average.probabilities
+        return {term.name: probabilities[term.name] if term.identifiable else nan for term in self.terms}
+
+    def force_band(self, link: str, d: ArrayLike, *, averaged: bool = True) -> tuple[Floats, Floats, Floats]:
+        """Stiffness force of a link with its 95 % band, averaged over the models that survive, or of the selected one.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link.
+        d : array_like
+            Elongations in m.
+        averaged : bool, default True
+            Average over the models. That band is wider where they differ; that of the selected model allows for each term
+            that was dropped from the link as large as the record lets it be, however improbable.
+
+        Returns
+        -------
+        force, lower, upper : array of the shape of `d`
+            Force and ends of the band in N; NaN ends where no interval can be trusted.
+
+        Raises
+        ------
+        StructureError
+            If there is no such link.
+        """
+        estimate, elongations = self.estimate.link(link), np.asarray(d, dtype=float)
+        if not averaged:
+            return estimate.force_band(elongations)
+        return self.average.force_band(estimate, elongations)
 
     def decision(self, link: str) -> Decision:
         """How firm it is that a link is there: certain if it was stated, or one of its terms is certain.
@@ -336,7 +317,11 @@ class Discovery(JudgedView):
             "settled": Verdict.SEARCH_UNSETTLED not in self.verdicts,
             "seen": Verdict.DISPLACEMENTS_INTEGRATED not in self.verdicts,
             "exact": Verdict.TERMS_MAY_BE_MISSING not in self.verdicts,
-            "terms": [_as_dict(term) for term in self.terms],
+            "terms": [{**_as_dict(term), "inclusion": self.inclusion[term.name]} for term in self.terms],
+            "models": [
+                {"terms": list(terms), "weight": float(weight)}
+                for terms, weight in zip(self.average.models, self.average.weights, strict=True)
+            ],
             "path": [
                 {
                     "terms": point.terms,

@@ -18,7 +18,7 @@ _RUNNERS_UP = 5
 _WIDTH = 100  # at which sentences are wrapped
 
 TERM_HEAD = ("", "value", "std. error", "z", "margin", "unit")
-DOUBTFUL_HEAD = ("", "term", "now", "z", "margin", "would be")
+DOUBTFUL_HEAD = ("", "term", "now", "z", "margin", "probability", "would be")
 RUNNER_UP_HEAD = ("model", "criterion above the selected one")
 
 
@@ -187,7 +187,8 @@ def doubtful_rows(discovery: Discovery) -> Rows:
         size = abs(term.standard_error) if isfinite(term.standard_error) else None
         value = f"{format_value(term.value, size)} {term.unit}" if term.identifiable else "not identifiable"
         decision = "kept" if term.kept else "dropped"
-        rows.append((term.link, term.term, decision, rough(term.z), rough(term.margin), value))
+        probability = percentage(discovery.inclusion[term.name]) if term.identifiable else ""
+        rows.append((term.link, term.term, decision, rough(term.z), rough(term.margin), probability, value))
     return rows
 
 
@@ -199,6 +200,13 @@ def runner_up_rows(discovery: Discovery) -> Rows:
 def all_remarks(discovery: Discovery) -> tuple[str, ...]:
     """What the records cannot show, each sentence once."""
     return tuple(dict.fromkeys((*discovery.remarks, *discovery.estimate.findings)))
+
+
+def percentage(probability: float) -> str:
+    """A probability that is not told closer than it is known."""
+    if not 0.005 < probability < 0.995:
+        return "> 99 %" if probability > 0.5 else "< 1 %"
+    return f"{100.0 * probability:.0f} %"
 
 
 def rough(value: float) -> str:

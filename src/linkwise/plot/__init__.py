@@ -1,6 +1,6 @@
 """Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
-`force`, `loop`, `surface`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `prediction`,
+`force`, `loop`, `surface`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `departures`, `prediction`,
 `prediction_error`, `prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map`, `level_modes`,
 `level_response`, `distortion`, `ring_down` and `study` draw one picture on one Axes. Functions whose names end in `_figure`
 put these pictures together as the commands write them. All take results and compute nothing. Names load on first use, so that
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from linkwise.plot.absorption_energy import energy, energy_figure
     from linkwise.plot.absorption_map import map, map_figure
     from linkwise.plot.channel_spectra import spectra_figure, spectrum
+    from linkwise.plot.discovery_average import departures, departures_figure
     from linkwise.plot.discovery_evidence import evidence, evidence_figure
     from linkwise.plot.discovery_graph import graph, graph_figure
     from linkwise.plot.discovery_path import path, path_figure, runners_up
@@ -51,6 +52,8 @@ __all__ = [
     "crossings",
     "crossings_figure",
     "decay_figure",
+    "departures",
+    "departures_figure",
     "distortion",
     "distortion_figure",
     "energy",
@@ -99,6 +102,7 @@ _HOMES = {
     "absorption_energy": ("energy", "energy_figure"),
     "absorption_map": ("map", "map_figure"),
     "channel_spectra": ("spectra_figure", "spectrum"),
+    "discovery_average": ("departures", "departures_figure"),
     "discovery_evidence": ("evidence", "evidence_figure"),
     "discovery_graph": ("graph", "graph_figure"),
     "discovery_path": ("path", "path_figure", "runners_up"),

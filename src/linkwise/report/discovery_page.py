@@ -29,8 +29,9 @@ from linkwise.report.section import Build, Reported, Section, figure_section, se
 from linkwise.report.templates import TEMPLATES
 
 if TYPE_CHECKING:
-    from linkwise.plot import evidence_figure, graph_figure, path_figure
+    from linkwise.plot import departures_figure, evidence_figure, graph_figure, path_figure
 else:  # matplotlib loads where a figure is drawn, which may be another process
+    departures_figure = LazyFunction("linkwise.plot", "departures_figure")
     evidence_figure = LazyFunction("linkwise.plot", "evidence_figure")
     graph_figure = LazyFunction("linkwise.plot", "graph_figure")
     path_figure = LazyFunction("linkwise.plot", "path_figure")
@@ -73,6 +74,22 @@ def _path(reported: Reported[Discovery]) -> Section:
     return Section("Why these terms", rows=runner_up_rows(discovery), figure=partial(path_figure, discovery))
 
 
+def _average(reported: Reported[Discovery]) -> Section | None:
+    """The models that survive beside the selected one, where they tell another force; without trust there is none."""
+    discovery = reported.result
+    link = discovery.average.departing(discovery.estimate.links) if discovery.trusted else None
+    if link is None:
+        return None
+    return Section(
+        "Other models that survive",
+        [
+            "Each has the weight of its criterion. The averaged band counts in that the selected one may be wrong."
+        ],
+        figure=partial(departures_figure, discovery, link),
+        folded=True,
+    )
+
+
 def _evidence(reported: Reported[Discovery]) -> Section:
     """What each term explains."""
     return Section(
@@ -91,6 +108,7 @@ SECTIONS: Registry[Build[Discovery]] = Registry(
         "certainty": _certainty,
         "doubts": _doubts,
         "path": _path,
+        "average": _average,
         "evidence": _evidence,
     },
 )
