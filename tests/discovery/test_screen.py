@@ -94,3 +94,27 @@ def test_displacements_are_summed_up_where_none_was_measured(kind: str) -> None:
         0.01 * np.std(x), rel=0.05
     )  # the share of the channel that it came from
     assert "x:m1" not in seen.noise
+
+
+def test_noise_bias_that_was_left_in_is_taken_out_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without all of it the matrix is not positive definite until the weakest coefficient is gone."""
+    tried: list[float] = []
+
+    class Regression:
+        names = ("m1-ground.k", "m1-ground.c")
+
+        def quadratic(self, bias: float) -> float:
+            return bias
+
+    def eliminate(bias: float, chosen: list[int], always: frozenset[int], limit: float) -> list[int]:
+        tried.append(bias)
+        if len(chosen) == 2 and bias < max(module._BIAS):
+            raise np.linalg.LinAlgError
+        return [0]
+
+    monkeypatch.setattr(module, "backward_elimination", eliminate)
+    pool = candidates_for([noisy_record(30.0, 1000)], masses(lw.bnes_chain(4)), "cubic")
+    assert module._significant(Regression(), pool, 4.0) == [0]  # type: ignore[arg-type]
+    levels = list(module._BIAS)
+    assert levels == sorted(levels) and len(levels) > 1
+    assert tried == [*levels, *levels[-2::-1]]

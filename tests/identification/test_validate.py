@@ -64,7 +64,7 @@ def test_an_estimate_predicts_another_record(agreeing: lw.Validation) -> None:
     """Three coefficients, estimated again from the other record, lie within the limits of their joint test."""
     assert agreeing.verdicts == (lw.Verdict.PREDICTION_AGREES,)
     assert [each.name for each in agreeing.coefficients] == ["spring.k", "spring.k3", "spring.c"]
-    assert all(each.agrees for each in agreeing.coefficients)
+    assert all(each.agrees for each in some(agreeing.coefficients))
     assert agreeing.findings == ()
     assert agreeing.burn == pytest.approx(60 / 500.0, rel=1e-12)  # 5 % of 1201 samples
     text = str(agreeing)

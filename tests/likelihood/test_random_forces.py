@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy
-from present import present
+from present import present, some
 from problems import oscillator, row_of_masses
 
 import linkwise as lw
@@ -101,7 +101,7 @@ def with_load_cell(seed: int) -> lw.Record:
 
 def assert_true_within_errors(fit: lw.Estimate, true: lw.Structure) -> None:
     assert fit.trusted, fit.message
-    for parameter in fit.parameters:
+    for parameter in some(fit.parameters):
         found = fit.coefficient(parameter.name)
         error = found.value - present(true.coefficient(parameter.name).value)
         assert abs(error) < ERRORS * present(found.standard_error), parameter.name
@@ -111,7 +111,7 @@ def test_an_ambient_record_gives_stiffness_damping_and_the_forces() -> None:
     fit = lw.identify(ambient(2, 20.0, seed=1), chain(2).unknown("all"), ambient="all")
     assert_true_within_errors(fit, chain(2))
     assert [force.where for force in fit.random_forces] == ["m1", "m2"]
-    for force in fit.random_forces:
+    for force in some(fit.random_forces):
         assert force.found
         # 2000 samples, of which the record determines more than 500: scatter below 1 / sqrt(1000), five times that
         assert force.deviation == pytest.approx(1.0, rel=0.16)
@@ -125,7 +125,9 @@ def test_an_ambient_record_gives_stiffness_damping_and_the_forces() -> None:
 def test_accelerations_alone_in_ambient_forces_give_stiffness_and_damping() -> None:
     fit = lw.identify(accelerations(6), chain(2).unknown("all"), ambient="all")
     assert_true_within_errors(fit, chain(2))
-    for force in fit.random_forces:  # accelerations show nearly all 1000 of them: five times 1 / sqrt(2000)
+    for force in some(
+        fit.random_forces
+    ):  # accelerations show nearly all 1000 of them: five times 1 / sqrt(2000)
         assert force.deviation == pytest.approx(1.0, rel=5.0 / np.sqrt(2000))
 
 

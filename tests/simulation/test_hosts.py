@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from present import some
 
 import linkwise as lw
 
@@ -64,7 +65,7 @@ def test_a_host_by_its_modes_moves_as_its_masses_do() -> None:
         )
     )
     assert host.channels[:3] == ("x:beam.a", "x:beam.b", "x:sink")
-    for column, name in enumerate(masses.channels):
+    for column, name in some(enumerate(masses.channels)):
         size = np.abs(masses.values[:, column]).max()
         # half a second of chaotic motion amplifies 1e-16 by less than 1e8
         assert np.abs(host.values[:, column] - masses.values[:, column]).max() < 1e-8 * size, name

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 from present import present
 from problems import THREE, truth
 
 import linkwise as lw
-from linkwise.likelihood.shooting.flow import Inputs, flow
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
@@ -119,6 +121,23 @@ def test_middles_are_what_twice_as_many_steps_find(three: lw.Structure) -> None:
         # the middle stage is of a lower order than the step
         assert np.abs(ours - theirs).max() < 1e-4 * np.abs(theirs).max(), name
     assert fine.thinned(1) is fine
+
+
+@pytest.mark.parametrize("degree", range(6))
+def test_middles_of_masses_are_those_of_the_polynomial_of_both_ends(degree: int) -> None:
+    """Displacement, velocity and acceleration at both ends determine degree 5, whose middles are exact."""
+    step = np.array([0.5, 2.0])
+    time = step * np.arange(4)[:, None] - 1.0  # (J + 1, K)
+    motion = Polynomial.basis(degree)
+    orbit = replace(
+        Trajectories.empty(3, 1, 0, 0, 2),
+        states=np.stack([motion(time), step * motion.deriv()(time)], axis=1)[:, :, None],
+        accelerations=motion.deriv(2)(time)[:, None],
+    )
+    middle = time[:-1] + 0.5 * step
+    expected = np.stack([motion(middle), step * motion.deriv()(middle)], axis=1)
+    size = 5.0 * 5.0**degree  # of the farthest end, and of the slope there
+    np.testing.assert_allclose(orbit.middles(step)[:, :, 0], expected, atol=1e-12 * size)
 
 
 def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
