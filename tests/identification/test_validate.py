@@ -182,6 +182,14 @@ def test_a_burn_that_leaves_too_little_is_refused(burn: float, message: str) -> 
     assert caught.value.arguments == ("burn",)
 
 
+def test_a_burn_may_leave_twenty_samples_and_no_fewer() -> None:
+    record = forced(duffing(), 2)[:120]
+    validation = lw.validate(record, duffing(), burn=100 / 500.0)
+    assert validation.channels["x:m1"].samples == 20
+    with pytest.raises(lw.RecordError, match="leaves 19 of 120 samples"):
+        lw.validate(record, duffing(), burn=101 / 500.0)
+
+
 def test_records_that_do_not_fit_the_structure_are_refused() -> None:
     record = forced(duffing(), 2)
     with pytest.raises(lw.RecordError, match="no response of m1"):

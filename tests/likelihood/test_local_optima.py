@@ -10,7 +10,7 @@ from problems import chain_record, truth
 
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.local_optima import is_regular, lower_of_two, rises_by
+from linkwise.likelihood.local_optima import is_regular, lower_of_two, profiles_rise, rises_by
 from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.starts.values import starting_values
 
@@ -40,6 +40,16 @@ def test_parameters_whose_intervals_do_not_rest_on_the_covariance_stay(fit: Like
     wide = replace(lengthened(fit, 50), covariance=fit.covariance * np.outer(factor, factor))
     assert not is_regular(wide)
     assert is_regular(wide, fit.segments.system.parameters.names[:1])
+
+
+def test_profiles_rise_as_the_covariance_says_or_the_fit_is_not_believed(fit: LikelihoodFit) -> None:
+    """Intervals a tenth as wide, or none, are no measure of the cost."""
+    assert profiles_rise(fit)
+    assert not profiles_rise(replace(fit, covariance=0.01 * fit.covariance))
+    for none in (0.0, np.inf):
+        covariance = fit.covariance.copy()
+        covariance[0, 0] = none
+        assert not profiles_rise(replace(fit, covariance=covariance))
 
 
 def test_a_search_that_had_run_out_of_steps_is_not_believed(fit: LikelihoodFit) -> None:
