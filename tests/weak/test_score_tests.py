@@ -73,6 +73,18 @@ def test_a_missing_term_is_named(chain: lw.Structure) -> None:
     assert lw.identify(record, quintic.unknown("all"), method="weak").trusted
 
 
+def test_inertia_and_applied_forces_are_named(chain: lw.Structure) -> None:
+    """A displacement that is cut off where it turns looks as a force in phase with its acceleration does."""
+    change, snr_db = FAULTS["clipping"]
+    clipped = lw.identify(faulty(change, snr_db), chain.unknown("all"), method="weak")
+    assert "a force like acceleration of m2 on m2 alone" in clipped.message
+    clean = lw.simulate(chain, forces={"m1": "20*sin(150*t) + 15*sin(190*t)"}, duration=3.0, rate=1000.0)
+    gained = clean.values * np.where(np.array(clean.channels) == "force:m1", 1.03, 1.0)
+    record = replace(clean, values=gained, simulated=None).with_noise(40.0, seed=41)
+    fit = lw.identify(record, chain.unknown("nes1.alpha", "nes1.c"), method="weak")
+    assert "a force like force of m1 on m1 alone" in fit.message
+
+
 @pytest.mark.parametrize("masses", [2, 4])
 @pytest.mark.parametrize("snr_db", [10.0, 20.0, 40.0])
 def test_clean_records_are_trusted(masses: int, snr_db: float) -> None:
