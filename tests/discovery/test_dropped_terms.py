@@ -104,6 +104,7 @@ def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> No
         assert found.trusted
         for term in some(found.kept):
             error = found.estimate.coefficient(term.name).standard_error
+            # of one fit in two ways, the model of the selection and the covariance of the optimum
             assert error is not None and error == pytest.approx(term.standard_error, rel=0.01)
             distance = abs(term.value - present(true.coefficient(term.name).value))
             far.append(distance / error)

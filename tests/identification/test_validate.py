@@ -282,7 +282,9 @@ def test_a_rig_on_a_moving_base_with_hidden_masses(sensors: tuple[str, ...]) -> 
 def test_an_exact_record_agrees() -> None:
     """Noise below what arithmetic in single precision resolves is not asked for."""
     found = lw.validate(forced(duffing(), 1, 300.0), duffing())
-    assert found.trusted and found.channels["x:m1"].fit_percent > 99.999
+    assert (
+        found.trusted and found.channels["x:m1"].fit_percent > 99.999
+    )  # 1e-5: single precision, a hundred times
 
 
 def test_a_limit_beyond_the_motion_is_said_to_agree_with_anything() -> None:
