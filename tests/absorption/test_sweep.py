@@ -32,11 +32,8 @@ def check(found: lw.AbsorptionMap, place: tuple[int, ...], single: lw.Absorption
     for link in some(single.with_sinks.structure.links):
         assert shares[f"share:{link.name}"] == pytest.approx(single.with_sinks.share(link.name), abs=1e-7)
     assert sum(shares.values()) + at["remaining"] == pytest.approx(1.0, abs=1e-12) and at["closure"] < 1e-12
-    assert {name for name in at if name.startswith("power:")} == {
-        f"power:{each.link}" for each in single.harvests
-    }
-    for harvest in some(single.harvests):
-        assert at[f"power:{harvest.link}"] == pytest.approx(harvest.power, rel=1e-6)
+    powers = {name: value for name, value in at.items() if name.startswith("power:")}
+    assert powers == pytest.approx({f"power:{each.link}": each.power for each in single.harvests}, rel=1e-6)
 
 
 def test_two_coefficients_of_the_sink() -> None:
