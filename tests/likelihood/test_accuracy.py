@@ -56,10 +56,12 @@ def test_errors_are_as_small_as_information_allows(many: Runs) -> None:
 
 
 def test_a_wrong_noise_model_is_caught_each_time() -> None:
-    asked = lw.bnes_chain(2).unknown("all")
+    unknown = lw.bnes_chain(2).unknown("all")
     for seed in range(FIRST, FIRST + 5):
         record = chain_record(2).with_noise(20.0, seed=seed)
         half = {name: 0.5 * sigma for name, sigma in present(record.simulated).noise.items()}
-        fit = lw.identify(lw.Record(0.0, 1000.0, record.channels, record.values, half), asked)
+        fit = lw.identify(lw.Record(0.0, 1000.0, record.channels, record.values, half), unknown)
         assert fit.status == "chi-square off"
-        assert all(each.interval is None for link in some(fit.links) for each in link.coefficients)
+        assert all(
+            coefficient.interval is None for link in some(fit.links) for coefficient in link.coefficients
+        )

@@ -34,8 +34,8 @@ def scaled(record: lw.Record, name: str, gain: float) -> lw.Record:
 def test_an_unknown_gain_is_found_with_the_laws(quiet: lw.Record) -> None:
     chain = lw.bnes_chain(2)
     record = scaled(quiet.with_noise(40.0, seed=1), "x:m1", 1.1)
-    asked = chain.unknown("nes")
-    fit = lw.identify(record, asked, gains=["x:m1"])
+    unknown = chain.unknown("nes")
+    fit = lw.identify(record, unknown, gains=["x:m1"])
     assert fit.trusted
     for name in ("nes1.alpha", "nes1.beta", "nes1.c"):
         low, high = fit.coefficient(name).interval or (np.nan, np.nan)
@@ -44,17 +44,17 @@ def test_an_unknown_gain_is_found_with_the_laws(quiet: lw.Record) -> None:
         assert low - 1.5 * spare < present(chain.coefficient(name).value) < high + 1.5 * spare
     assert any(line.startswith(("x:m1 shows 1.1", "x:m1 shows 1.09")) for line in fit.findings)
     assert fit.message == "The laws explain the record to within its noise."
-    assert lw.identify(record, asked).message != fit.message  # with the gain taken as 1 they do not
+    assert lw.identify(record, unknown).message != fit.message  # with the gain taken as 1 they do not
 
 
 @pytest.mark.parametrize("loss", [Gaussian(), Huber()])
 def test_the_column_of_a_gain_is_its_difference_quotient(quiet: lw.Record, loss: Gaussian | Huber) -> None:
     chain = lw.bnes_chain(2)
-    asked = chain.unknown("nes")
-    system = System.of(asked)
+    unknown = chain.unknown("nes")
+    system = System.of(unknown)
     record = quiet[:60].with_noise(20.0, seed=0)
-    segments = cut_segments([record], asked, system, samples=5, refine=1, offsets=["x:m2"], gains=["x:m2"])
-    theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
+    segments = cut_segments([record], unknown, system, samples=5, refine=1, offsets=["x:m2"], gains=["x:m2"])
+    theta = np.array([chain.coefficient(p.name).value for p in unknown.parameters])
     states = quiet.simulated
     assert states is not None
     nodes = np.concatenate([states.displacement[:60:5].T, states.velocity[:60:5].T])
@@ -72,11 +72,11 @@ def test_the_column_of_a_gain_is_its_difference_quotient(quiet: lw.Record, loss:
 
 def test_each_record_has_its_own_noise(quiet: lw.Record) -> None:
     chain = lw.bnes_chain(2)
-    asked = chain.unknown("nes")
+    unknown = chain.unknown("nes")
     loud, soft = quiet.with_noise(20.0, seed=2), quiet.with_noise(50.0, seed=3)
-    theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
-    both = likelihood_fit([loud, soft], asked, theta)
-    alone = likelihood_fit([soft], asked, theta)
+    theta = np.array([chain.coefficient(p.name).value for p in unknown.parameters])
+    both = likelihood_fit([loud, soft], unknown, theta)
+    alone = likelihood_fit([soft], unknown, theta)
     assert both.chi_square == pytest.approx(
         1.0, abs=0.05
     )  # of 12002 samples, and the estimate of their noise
@@ -92,15 +92,20 @@ def test_a_gain_of_no_channel_is_refused(quiet: lw.Record) -> None:
 
 def test_the_order_of_the_records_does_not_matter() -> None:
     chain = lw.bnes_chain(2)
-    asked = chain.unknown("nes")
+    unknown = chain.unknown("nes")
     weak_hit = chain_record(2, duration=1.0, speed=0.02).with_noise(30.0, seed=4)
     strong_hit = chain_record(2, duration=2.0).with_noise(30.0, seed=5)
-    one, other = lw.identify([weak_hit, strong_hit], asked), lw.identify([strong_hit, weak_hit], asked)
-    assert one.trusted and other.trusted
-    np.testing.assert_allclose(one.values, other.values, rtol=1e-3)  # both within their errors of one optimum
+    weak_first, strong_first = (
+        lw.identify([weak_hit, strong_hit], unknown),
+        lw.identify([strong_hit, weak_hit], unknown),
+    )
+    assert weak_first.trusted and strong_first.trusted
+    np.testing.assert_allclose(
+        weak_first.values, strong_first.values, rtol=1e-3
+    )  # both within their errors of one optimum
     # extremes of motions that differ by a part of the noise, 3 % of their deviation
-    assert one.link("nes1").d_range == pytest.approx(other.link("nes1").d_range, rel=1e-2)
-    assert one.findings == other.findings == ()
+    assert weak_first.link("nes1").d_range == pytest.approx(strong_first.link("nes1").d_range, rel=1e-2)
+    assert weak_first.findings == strong_first.findings == ()
 
 
 @pytest.mark.parametrize("loss", [Huber(), Huber(0.7), Student()])

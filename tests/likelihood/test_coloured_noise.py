@@ -54,7 +54,7 @@ def in_segments(series: np.ndarray) -> np.ndarray:
     return series.reshape(-1, 5, series.shape[1]).transpose(1, 2, 0)
 
 
-def found(series: np.ndarray) -> ColouredNoise | None:
+def estimated_noise(series: np.ndarray) -> ColouredNoise | None:
     segments = in_segments(series)
     return ColouredNoise.of(segments, np.ones(segments.shape[2] - 1, dtype=bool))
 
@@ -62,14 +62,14 @@ def found(series: np.ndarray) -> ColouredNoise | None:
 @pytest.mark.parametrize("noise", list(NOISE))
 def test_intervals_allow_for_coloured_noise(noise: str) -> None:
     chain = lw.bnes_chain(2)
-    asked = chain.unknown("all")
+    unknown = chain.unknown("all")
     z = []
     for seed in range(3):
-        fit = lw.identify(noisy(noise, seed), asked)
+        fit = lw.identify(noisy(noise, seed), unknown)
         assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
         coloured = "x:m1, x:m2" if noise == "differenced" else "x:m1"
         assert f"which is correlated from sample to sample in {coloured}; all intervals" in fit.message
-        z.append((fit.values - truth(chain, asked)) / np.sqrt(fit.covariance.diagonal()))
+        z.append((fit.values - truth(chain, unknown)) / np.sqrt(fit.covariance.diagonal()))
     low, high = scipy.stats.chi2.ppf([0.0005, 0.9995], np.size(z)) / np.size(z)
     assert low < np.mean(np.square(z)) < high
 
@@ -81,39 +81,39 @@ def test_intervals_of_a_chaotic_chain_allow_for_coloured_noise() -> None:
     errors = np.random.default_rng(1).normal(size=clean.values.shape)
     errors[:, :2] = autoregressive(np.random.default_rng(2), (len(clean), 2), 0.9)
     size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0 ** (-20.0 / 20.0)
-    asked = chain.unknown("all")
-    fit = lw.identify(replace(clean, values=clean.values + size * errors), asked)
+    unknown = chain.unknown("all")
+    fit = lw.identify(replace(clean, values=clean.values + size * errors), unknown)
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and "in x:m1; all" in fit.message
-    z = (fit.values - truth(chain, asked)) / np.sqrt(fit.covariance.diagonal())
+    z = (fit.values - truth(chain, unknown)) / np.sqrt(fit.covariance.diagonal())
     assert np.max(np.abs(z)) < 4.0  # standard errors: of 10 by chance once in 1600
 
 
 def test_a_search_that_did_not_converge_is_taken_up_with_coloured_noise() -> None:
     """Three steps are too few for white noise; from where they end the coloured noise is found, and its optimum."""
-    record, asked = noisy("AR(1) of 0.9", 3), lw.bnes_chain(2).unknown("nes")
-    theta, spread = starting_values([record], asked)
+    record, unknown = noisy("AR(1) of 0.9", 3), lw.bnes_chain(2).unknown("nes")
+    theta, spread = starting_values([record], unknown)
     short = LikelihoodOptions(steps=3)
     white = likelihood_fit(
         [record],
-        asked,
+        unknown,
         theta,
         spread=spread,
         options=replace(short, coloured_noise=False, model_error=False),
     )
     assert white.status is AnnealingStatus.EXHAUSTED
-    fit = likelihood_fit([record], asked, theta, spread=spread, options=short)
+    fit = likelihood_fit([record], unknown, theta, spread=spread, options=short)
     assert fit.status is AnnealingStatus.CONVERGED and fit.optimum.coloured is not None
     assert fit.model_error == 0.0
-    whole = likelihood_fit([record], asked, theta, spread=spread)
+    whole = likelihood_fit([record], unknown, theta, spread=spread)
     errors = np.sqrt(whole.covariance.diagonal())
     # each search ends where the cost would fall by no more than its tolerance
     assert np.max(np.abs(fit.values - whole.values) / errors) < 2.0 * np.sqrt(AnnealingSchedule.tolerance)
 
 
 def test_a_profile_counts_the_colour() -> None:
-    record, asked = noisy("AR(1) of 0.9", 3, duration=6.0), lw.bnes_chain(2).unknown("nes")
-    theta, spread = starting_values([record], asked)
-    fit = likelihood_fit([record], asked, theta, spread=spread)
+    record, unknown = noisy("AR(1) of 0.9", 3, duration=6.0), lw.bnes_chain(2).unknown("nes")
+    theta, spread = starting_values([record], unknown)
+    fit = likelihood_fit([record], unknown, theta, spread=spread)
     assert fit.optimum.of_white is not None
     for factor in (1.0, 2.0):
         deviation = factor * float(np.sqrt(fit.covariance[0, 0]))
@@ -140,7 +140,7 @@ def test_noise_that_is_stated_and_larger_is_not_excused() -> None:
 def test_an_autoregression_is_found(correlation: float) -> None:
     series = autoregressive(np.random.default_rng(1), (6000, 2), correlation)
     series[700:710] = 0.0  # missing
-    noise = found(series)
+    noise = estimated_noise(series)
     assert noise is not None
     assert noise.channels.tolist() == [0] and noise.samples.tolist() == [5990, 5990]
     error = np.sqrt((1.0 - correlation**2) / 6000)
@@ -170,14 +170,14 @@ def test_what_is_no_coloured_noise_of_a_sensor(kind: str) -> None:
         "fading": _fading(autoregressive(rng, (6000, 1), 0.5)),
         "resonant": _resonant(rng),
     }[kind]
-    assert found(series) is None
+    assert estimated_noise(series) is None
 
 
 def test_scores_of_coloured_noise_scatter_as_its_correlations_say() -> None:
     """By the spectrum, against the double sum over all pairs of samples; the chains of segments are told apart."""
     rng = np.random.default_rng(3)
     series = autoregressive(rng, (2000, 2), 0.8)
-    noise = found(series)
+    noise = estimated_noise(series)
     assert noise is not None
     linked = np.ones(9, dtype=bool)
     linked[3] = False
@@ -191,7 +191,9 @@ def test_scores_of_coloured_noise_scatter_as_its_correlations_say() -> None:
     lags = np.fft.ifft(spectrum).real
     own = rows.reshape(10, 5, 2, 3)
     first, second = own[:4, :, 0].reshape(-1, 3), own[4:, :, 0].reshape(-1, 3)
-    expected = sum(each.T @ scipy.linalg.toeplitz(lags[: len(each)]) @ each for each in (first, second))
+    expected = sum(
+        columns.T @ scipy.linalg.toeplitz(lags[: len(columns)]) @ columns for columns in (first, second)
+    )
     white = own[:, :, 1].reshape(-1, 3)
     expected = expected + noise.innovations[1] * (white.T @ white)
     assert np.allclose(covariance, expected, rtol=1e-3)  # 0.95^200 and less is left between chains

@@ -43,10 +43,10 @@ def late(name: str, tenths: int, seed: int, snr_db: float = 30.0) -> lw.Record:
     return record.with_noise(snr_db, seed=seed)
 
 
-def told(fit: lw.Estimate, name: str) -> tuple[float, float]:
+def delay_found(fit: lw.Estimate, name: str) -> tuple[float, float]:
     """The delay in s that was found, and its standard error."""
     pattern = rf"{name} is late by (\S+) ms \(estimated with the other unknowns, standard error (\S+) ms\)\."
-    [match] = [found for found in (re.match(pattern, line) for line in fit.findings) if found]
+    [match] = [candidate for candidate in (re.match(pattern, line) for line in fit.findings) if candidate]
     return 1e-3 * float(match[1]), 1e-3 * float(match[2])
 
 
@@ -55,21 +55,21 @@ def told(fit: lw.Estimate, name: str) -> tuple[float, float]:
 def test_a_delay_of_one_of_four_channels_is_found_with_the_laws(name: str, tenths: int) -> None:
     record = late(name, tenths, seed=31)
     fit = lw.identify(record, ASKED, delays=[name])
-    delay, deviation = told(fit, name)
+    delay, deviation = delay_found(fit, name)
     assert fit.trusted
     assert delay == pytest.approx(1e-4 * tenths, abs=2e-5)  # a fiftieth of a sample
     # five deviations, 6e-7 of chance; here, below and for the laws
     assert delay == pytest.approx(1e-4 * tenths, abs=5.0 * deviation)
     for parameter in some(ASKED.parameters):
-        found = fit.coefficient(parameter.name)
-        error = found.value - present(CHAIN.coefficient(parameter.name).value)
-        assert abs(error) < 5.0 * present(found.standard_error)
+        estimate = fit.coefficient(parameter.name)
+        error = estimate.value - present(CHAIN.coefficient(parameter.name).value)
+        assert abs(error) < 5.0 * present(estimate.standard_error)
 
 
 def test_a_delay_of_several_samples_is_found_after_whole_shifts() -> None:
     record = late("a:m2", 34, seed=32)
     fit = lw.identify(record, ASKED, delays=["a:m2"])
-    delay, deviation = told(fit, "a:m2")
+    delay, deviation = delay_found(fit, "a:m2")
     assert fit.trusted and delay == pytest.approx(3.4e-3, abs=5.0 * deviation)
 
 
@@ -79,7 +79,7 @@ def test_a_delay_is_admitted_and_without_that_not_trusted() -> None:
     assert not alone.trusted
     assert (alone.diagnosis[0].kind, alone.diagnosis[0].where) == ("delay", "x:m2")
     fit = lw.identify(record, ASKED, admit=["delay"])
-    delay, deviation = told(fit, "x:m2")
+    delay, deviation = delay_found(fit, "x:m2")
     assert fit.trusted and delay == pytest.approx(3e-4, abs=5.0 * deviation)
 
 
@@ -135,14 +135,14 @@ def test_the_motion_between_samples_is_of_degree_11(kind: int, delay: float, deg
     orbit = Trajectories(states, empty, accelerations, empty, empty, empty, empty)
     shown, rate = late_motion(orbit, np.array([step]), 1, mass=0, kind=kind, delay=delay * step)
     # rounding of 1e-16 through coefficients of up to 1e3, and two digits; inside, the remainder is 1e-6 and more
-    same = partial(pytest.approx, rel=1e-9, abs=1e-9 / step ** (kind + 1))
+    approximately = partial(pytest.approx, rel=1e-9, abs=1e-9 / step ** (kind + 1))
     for sample in range(count - 1):
         at = time[sample] - delay * step
         first = min(max(int(np.floor(sample - delay)) + 1 - points // 2, 0), count - points)
         around = np.repeat(time[first : first + points], 3)
         polynomial = motion if degree == 11 else motion - Polynomial.fromroots(around)
-        assert shown[sample, 0] == same(polynomial.deriv(kind)(at))
-        assert rate[sample, 0] == same(polynomial.deriv(kind + 1)(at))
+        assert shown[sample, 0] == approximately(polynomial.deriv(kind)(at))
+        assert rate[sample, 0] == approximately(polynomial.deriv(kind + 1)(at))
 
 
 QUAKE = "0.0004*sin(61*t) + 0.0003*sin(97*t + 1) + 0.0002*sin(131*t + 2) + 0.0001*sin(210*t)"
@@ -168,7 +168,7 @@ def shaken(duration: float, late: float) -> lw.Record:
 
 def explained(fit: lw.Estimate, late: float) -> None:
     """The fit is trusted, with a delay `late` in s and a stiffness within five deviations: 6e-7 of chance."""
-    delay, deviation = told(fit, "a:m1")
+    delay, deviation = delay_found(fit, "a:m1")
     stiffness = fit.coefficient("frame.k")
     assert fit.trusted
     assert abs(delay - late) < 5.0 * deviation
@@ -187,10 +187,10 @@ def test_half_a_sample_on_a_moving_base_is_found_as_a_delay_of_all_that_the_sens
 
 def test_a_base_that_is_late_is_admitted_as_a_response_that_is_early() -> None:
     """The diagnosis names the base, whose delay no parameter stands for."""
-    record, asked = shaken(1.5, -0.002), STOREY.unknown("all")
-    first = lw.identify(record, asked).diagnosis[0]
+    record, unknown = shaken(1.5, -0.002), STOREY.unknown("all")
+    first = lw.identify(record, unknown).diagnosis[0]
     assert (first.kind, first.where) == ("delay", "a:base")
-    explained(lw.identify(record, asked, admit=["delay"]), -0.002)
+    explained(lw.identify(record, unknown, admit=["delay"]), -0.002)
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,8 @@ def shifts_tried(answers: Callable[[int], Found]) -> tuple[Found, list[int]]:
         return answers(tried[-1])
 
     options = LikelihoodOptions(delays=["a:m1"])
-    kept = answer_with_sensors(search, [record], options, (), lambda fit, records, delays: fit)
-    return kept, tried
+    answer = answer_with_sensors(search, [record], options, (), lambda fit, records, delays: fit)
+    return answer, tried
 
 
 def test_shifts_without_a_fit_are_passed_over() -> None:
@@ -225,8 +225,8 @@ def test_shifts_without_a_fit_are_passed_over() -> None:
             raise lw.IdentificationError("the motion runs to infinity")
         return Found(float(abs(shift + 3)))
 
-    kept, tried = shifts_tried(answers)
-    assert kept.chi_square == 0.0
+    answer, tried = shifts_tried(answers)
+    assert answer.chi_square == 0.0
     assert tried[:3] == [0, 1, -1]
 
 
@@ -238,16 +238,16 @@ def test_a_delay_at_the_end_of_its_range_is_no_optimum(far: int) -> None:
         ended = Found(1.0, model_error=5.0, delays={"a:m1": -1.5 * float(np.sign(far)) / 120.0})
         return ended if shift == far else Found(4.0 + abs(shift), model_error=0.5)
 
-    kept, tried = shifts_tried(answers)
+    answer, tried = shifts_tried(answers)
     assert far in tried
-    assert kept.delays == {"a:m1": 1e-3}
-    assert kept.model_error == 0.5
+    assert answer.delays == {"a:m1": 1e-3}
+    assert answer.model_error == 0.5
 
 
 def test_an_interrupt_ends_the_search_over_shifts() -> None:
     stopped = Found(9.0, status=AnnealingStatus.INTERRUPTED)
-    kept, tried = shifts_tried(lambda shift: stopped if shift == 1 else Found(1.0))
-    assert kept is stopped
+    answer, tried = shifts_tried(lambda shift: stopped if shift == 1 else Found(1.0))
+    assert answer is stopped
     assert tried == [0, 1]
 
 

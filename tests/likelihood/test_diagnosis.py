@@ -61,9 +61,9 @@ def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     )  # where two sensors move together, the other one's is as good
     assert named[0].size == pytest.approx(size, abs=LOST * named[0].standard_error + FOUND * size)
     assert f"{fit.diagnosis[0].description}" in fit.message
-    told = fit.to_dict()["diagnosis"][0]
+    entry = fit.to_dict()["diagnosis"][0]
     # five deviations squared, which no noise gains; measured 105 and more
-    assert {"cause", "where", "size", "unit", "gain", "message"} == set(told) and told["gain"] > 25.0
+    assert {"cause", "where", "size", "unit", "gain", "message"} == set(entry) and entry["gain"] > 25.0
 
 
 @pytest.mark.parametrize("snr_db", [20.0, 25.0, 40.0])
@@ -179,9 +179,9 @@ def test_forces_are_those_of_the_links_they_are_told_of() -> None:
         l3=("k*d", {"k": stiffness[2]}),
     )
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=2.0, rate=500.0).with_noise(50.0, seed=1)
-    asked = true.unknown("l2")
+    unknown = true.unknown("l2")
     theta = np.array([stiffness[1], 0.1])
-    fit = likelihood_fit([record], asked, theta)
+    fit = likelihood_fit([record], unknown, theta)
     forces = link_forces(fit.optimum, fit.misfit)
     simulated = true.elongations(np.stack([record.channel(f"x:m{i}") for i in (1, 2, 3)], axis=1))
     expected = np.sqrt(np.mean((simulated * stiffness) ** 2, axis=0))

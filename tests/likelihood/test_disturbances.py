@@ -38,8 +38,9 @@ DRIFT = 6.0 * np.sin(1.5 * TIME)
 def farthest(fit: lw.Estimate) -> float:
     """The largest error of a coefficient in standard errors."""
     return max(
-        abs(found.value - present(CHAIN.coefficient(found.name).value)) / present(found.standard_error)
-        for found in (fit.coefficient(parameter.name) for parameter in ASKED.parameters)
+        abs(estimate.value - present(CHAIN.coefficient(estimate.name).value))
+        / present(estimate.standard_error)
+        for estimate in (fit.coefficient(parameter.name) for parameter in ASKED.parameters)
     )
 
 

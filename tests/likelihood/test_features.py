@@ -70,16 +70,16 @@ def shaken(
 def errors(fit: lw.Estimate, true: lw.Structure) -> np.ndarray:
     """(p,) errors in standard errors. A fit without intervals has none."""
     assert fit.status == "converged", fit.message
-    found = [fit.coefficient(p.name) for p in fit.parameters]
+    estimates = [fit.coefficient(p.name) for p in fit.parameters]
     masses = dict(zip(true.mass_names, true.mass_values, strict=True))
     expected = [
-        masses[each.name.removesuffix(".mass")]
-        if each.name.endswith(".mass")
-        else true.coefficient(each.name).value
-        for each in found
+        masses[estimate.name.removesuffix(".mass")]
+        if estimate.name.endswith(".mass")
+        else true.coefficient(estimate.name).value
+        for estimate in estimates
     ]
     return np.array(
-        [(a.value - present(b)) / present(a.standard_error) for a, b in zip(found, expected, strict=True)]
+        [(a.value - present(b)) / present(a.standard_error) for a, b in zip(estimates, expected, strict=True)]
     )
 
 
@@ -101,8 +101,8 @@ def clean() -> lw.Record:
 
 def test_a_gap_is_found_with_its_stiffness() -> None:
     true = two("k*d + c*v + s*max(d - g, 0)", "k = 500.0, c = 0.5, s = 8000.0, g = 0.004")
-    asked = starting(true, k=600.0, c=0.3, s=5000.0, g=0.005)
-    fit = lw.identify(shaken(true).with_noise(40.0, seed=1), asked)
+    unknown = starting(true, k=600.0, c=0.3, s=5000.0, g=0.005)
+    fit = lw.identify(shaken(true).with_noise(40.0, seed=1), unknown)
     assert np.abs(errors(fit, true)).max() < WITHIN
     gap = fit.coefficient("link.g")
     assert present(gap.standard_error) < 2e-5  # in 4 mm; 1.3e-5 to 1.6e-5 on seeds 2000 to 2007
@@ -110,8 +110,8 @@ def test_a_gap_is_found_with_its_stiffness() -> None:
 
 def test_friction_is_found_with_the_width_of_its_step() -> None:
     true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
-    asked = starting(true, k=600.0, F=2.0, s=0.2)
-    fit = lw.identify(shaken(true).with_noise(40.0, seed=2), asked)
+    unknown = starting(true, k=600.0, F=2.0, s=0.2)
+    fit = lw.identify(shaken(true).with_noise(40.0, seed=2), unknown)
     assert np.abs(errors(fit, true)).max() < WITHIN
     assert present(fit.coefficient("link.s").standard_error) < 0.006  # 0.0046 to 0.0048 on seeds 2000 to 2007
 
@@ -207,15 +207,15 @@ def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.R
 def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     first = chain_record(2, duration=1.5).with_noise(30.0, seed=8)
     second = chain_record(2, duration=0.8, rate=1500.0, hit="m2", speed=-3.0).with_noise(30.0, seed=9)
-    asked = chain.unknown("all")
-    both = lw.identify([first, second], asked)
-    alone = [lw.identify(each, asked) for each in (first, second)]
+    unknown = chain.unknown("all")
+    both = lw.identify([first, second], unknown)
+    alone = [lw.identify(record, unknown) for record in (first, second)]
     assert np.abs(errors(both, chain)).max() < WITHIN
-    assert both.samples == sum(each.samples for each in alone)
-    information = sum(np.linalg.inv(each.covariance) for each in alone)
+    assert both.samples == sum(single.samples for single in alone)
+    information = sum(np.linalg.inv(single.covariance) for single in alone)
     joint = np.linalg.inv(both.covariance)
     # Fisher's information adds up. The noise is one figure for both records, which were at different levels
-    assert (np.diag(both.covariance) < np.min([np.diag(each.covariance) for each in alone], axis=0)).all()
+    assert (np.diag(both.covariance) < np.min([np.diag(single.covariance) for single in alone], axis=0)).all()
     # and moves the sum by 0.2 % at most on seeds 2000 to 2007
     assert np.trace(np.linalg.solve(information, joint)) / 5 == pytest.approx(1.0, abs=0.01)
 
@@ -251,25 +251,25 @@ def test_mixed_sensors(
     chain: lw.Structure, clean: lw.Record, channels: tuple[str, ...] | tuple[str, str]
 ) -> None:
     record = clean.select(channels).with_noise(40.0, seed=11)
-    asked = chain.unknown("all")
+    unknown = chain.unknown("all")
     starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
-    fit = lw.identify(record, asked, starts=starts)
+    fit = lw.identify(record, unknown, starts=starts)
     assert np.abs(errors(fit, chain)).max() < WITHIN
     assert set(fit.noise) == set(channels)
-    for name, found in some(fit.noise.items()):
-        assert found.sigma == pytest.approx(
+    for name, estimate in some(fit.noise.items()):
+        assert estimate.sigma == pytest.approx(
             present(record.simulated).noise[name], rel=0.1
         )  # 5 / sqrt(2 2001)
 
 
 def test_a_second_sensor_on_a_mass_sharpens(chain: lw.Structure, clean: lw.Record) -> None:
     starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
-    one, more = (
+    single, more = (
         lw.identify(clean.select(names).with_noise(40.0, seed=12), chain.unknown("all"), starts=starts)
         for names in (("x:m1", "x:m2"), ("x:m1", "x:m2", "v:m2"))
     )
-    assert one.trusted and more.trusted
-    assert (np.diag(more.covariance) < np.diag(one.covariance)).all()
+    assert single.trusted and more.trusted
+    assert (np.diag(more.covariance) < np.diag(single.covariance)).all()
 
 
 # --- what is not as stated -------------------------------------------------------------------------------------------
@@ -286,11 +286,11 @@ def test_outliers_bend_the_gaussian_and_not_the_robust(
     sigma = np.array([present(record.simulated).noise[name] for name in record.channels])
     values[bad] += (random.uniform(20.0, 60.0, values.shape) * sigma)[bad]  # all to one side
     spoiled = replace(record, values=values, noise=dict(present(record.simulated).noise))
-    asked = chain.unknown("all")
-    plain, robust = lw.identify(spoiled, asked), lw.identify(spoiled, asked, loss=loss)
+    unknown = chain.unknown("all")
+    plain, robust = lw.identify(spoiled, unknown), lw.identify(spoiled, unknown, loss=loss)
     assert not plain.trusted
-    true = np.array([chain.coefficient(p.name).value for p in asked.parameters])
-    deviation = np.sqrt(np.diag(lw.identify(replace(record, noise={}), asked).covariance))
+    true = np.array([chain.coefficient(p.name).value for p in unknown.parameters])
+    deviation = np.sqrt(np.diag(lw.identify(replace(record, noise={}), unknown).covariance))
     wrong, right = (np.abs(fit.values - true) / deviation for fit in (plain, robust))
     # on seeds 2000 to 2005 the Gaussian is off by 6.3 to 16.6 deviations of the record without outliers, the others by 0.8
     # to 2.3, which is 6 to 35 % of it
@@ -308,8 +308,8 @@ def test_noise_stated_wrong_is_caught(chain: lw.Structure, clean: lw.Record, fac
     # 4002 samples: 4.5 of sqrt(2/4002)
     assert fit.chi_square_per_sample == pytest.approx(1.0 / factor**2, rel=0.1)
     assert fit.coefficient("nes1.alpha").interval is None
-    told = lw.identify(replace(record, noise=dict(present(record.simulated).noise)), chain.unknown("all"))
-    assert told.trusted and told.coefficient("nes1.alpha").interval is not None
+    estimate = lw.identify(replace(record, noise=dict(present(record.simulated).noise)), chain.unknown("all"))
+    assert estimate.trusted and estimate.coefficient("nes1.alpha").interval is not None
 
 
 def test_a_wrong_law_is_not_trusted(chain: lw.Structure, clean: lw.Record) -> None:
@@ -328,9 +328,9 @@ def test_a_law_that_is_a_little_wrong_is_not_trusted_and_says_what_it_lacks() ->
     """The true law has a small quintic term more; the values are those of the nearest cubic law."""
     law = "k*d + b*d**3 + c*v"
     true = two(f"{law} + z*d**5", "k = 500.0, b = 1e6, c = 0.5, z = 4e8")
-    asked = two(law, "k = 500.0, b = 1e6, c = 0.5").unknown("link")
+    unknown = two(law, "k = 500.0, b = 1e6, c = 0.5").unknown("link")
     record = shaken(true)
-    fits = [lw.identify(record.with_noise(50.0, seed=seed), asked) for seed in range(3)]
+    fits = [lw.identify(record.with_noise(50.0, seed=seed), unknown) for seed in range(3)]
     for fit in fits:
         assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
         assert "explains the record to within" in fit.message and "a force like d**5 in link" in fit.message
@@ -368,16 +368,16 @@ def test_two_runs_are_equal_to_the_last_bit(
 
 def test_an_interrupt_returns_the_best_so_far(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=17)
-    seen: list[lw.AnnealingStep] = []
+    reports: list[lw.AnnealingStep] = []
 
     def stop(report: lw.ProgressReport) -> None:
         assert isinstance(report.detail, lw.AnnealingStep)
-        seen.append(report.detail)
-        if len(seen) == 2:
+        reports.append(report.detail)
+        if len(reports) == 2:
             raise KeyboardInterrupt
 
     fit = lw.identify(record, chain.unknown("all"), progress=stop)
-    assert len(seen) == 2 and seen[0].step == 0 and seen[0].q > seen[1].q
+    assert len(reports) == 2 and reports[0].step == 0 and reports[0].q > reports[1].q
     assert fit.status == "not converged" and "nterrupted" in fit.message and "best so far" in fit.message
     assert fit.coefficient("nes1.alpha").interval is None
     # after two steps 1 to 20 % are left on seeds 2000 to 2007; the starting value may be off by any factor
@@ -393,17 +393,17 @@ def test_steps_that_run_out_give_no_interval(
     monkeypatch.setattr(explained, "with_model_error", lambda *_: None)  # which would look for a looser fit
     fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=18), chain.unknown("all"))
     assert fit.status == "not converged" and "ran out" in fit.message
-    assert all(each.interval is None for link in some(fit.links) for each in link.coefficients)
+    assert all(coefficient.interval is None for link in some(fit.links) for coefficient in link.coefficients)
     assert not fit.trusted
 
 
 def test_progress_tells_every_step(chain: lw.Structure, clean: lw.Record) -> None:
-    seen: list[Any] = []
+    reports: list[Any] = []
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=19)
-    lw.identify(record, chain.unknown("all"), progress=lambda report: seen.append(report.detail))
-    assert [each.step for each in seen] == list(range(len(seen)))
-    assert seen[0].q == 0.1 and seen[-1].q == pytest.approx(1e-5)
-    assert seen[-1].data_per_sample == pytest.approx(1.0, abs=0.1)  # 4002 samples: 4.5 of sqrt(2/4002)
+    lw.identify(record, chain.unknown("all"), progress=lambda report: reports.append(report.detail))
+    assert [step.step for step in reports] == list(range(len(reports)))
+    assert reports[0].q == 0.1 and reports[-1].q == pytest.approx(1e-5)
+    assert reports[-1].data_per_sample == pytest.approx(1.0, abs=0.1)  # 4002 samples: 4.5 of sqrt(2/4002)
 
 
 def test_without_any_start_it_says_which_is_missing() -> None:

@@ -43,9 +43,9 @@ def test_friction_that_a_model_error_hides_takes_trust_away(clean: lw.Record, se
 
 
 def test_friction_that_was_not_offered_takes_trust_from_a_discovery(clean: lw.Record) -> None:
-    found = lw.discover(clean.with_noise(20.0, seed=1), masses(lw.bnes_chain(2)))
-    assert lw.Verdict.SYSTEMATIC_MISFIT in found.verdicts and not found.trusted
-    assert found.diagnosis[0].term == "sign(v)"
+    discovery = lw.discover(clean.with_noise(20.0, seed=1), masses(lw.bnes_chain(2)))
+    assert lw.Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and not discovery.trusted
+    assert discovery.diagnosis[0].term == "sign(v)"
 
 
 @pytest.mark.parametrize("seed", [0, 1])

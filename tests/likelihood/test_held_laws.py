@@ -33,9 +33,9 @@ def problem(softening: lw.Structure) -> ShootingProblem:
     rate = PER_PERIOD * float(np.max(lw.modes(softening).frequencies))
     record = lw.simulate(softening, release={"v:m1": 1.5}, duration=1000 / rate, rate=rate)
     record = record.with_noise(40.0, seed=1)
-    asked = softening.unknown("all")
-    theta = np.array([softening.coefficient(p.name).value for p in asked.parameters], dtype=float)
-    return shooting_problem([record], asked, theta, 0.01 * np.abs(theta), SensorModel.of([record], (), ()))
+    unknown = softening.unknown("all")
+    theta = np.array([softening.coefficient(p.name).value for p in unknown.parameters], dtype=float)
+    return shooting_problem([record], unknown, theta, 0.01 * np.abs(theta), SensorModel.of([record], (), ()))
 
 
 def cost_per_sample(problem: ShootingProblem, q: float) -> float:
@@ -43,7 +43,7 @@ def cost_per_sample(problem: ShootingProblem, q: float) -> float:
     return misfit.cost(q) / int(problem.segments.observed.sum())
 
 
-def found(problem: ShootingProblem) -> ShootingProblem:
+def with_fitted_states(problem: ShootingProblem) -> ShootingProblem:
     with ThreadPoolExecutor(1) as executor:
         annealer = Annealer(executor, Gaussian(), silent)
         start = within_reach(problem.segments, problem.start, problem.scales, Gaussian())
@@ -64,7 +64,7 @@ def test_states_become_a_motion_of_the_laws(problem: ShootingProblem, size: floa
     # noise alone costs 1; twice that much more is no motion of the laws
     assert not cost_per_sample(rough, 1.0) < 3.0
     assert np.isfinite(cost_per_sample(rough, 1.0)) == (size < 2.0)
-    better = found(rough)
+    better = with_fitted_states(rough)
     # noise of the samples is 1, and defects of true laws at q = 0.1 are far below it
     assert cost_per_sample(better, 0.1) == pytest.approx(1.0, abs=0.2)
     assert np.array_equal(better.start.theta, rough.start.theta)
@@ -77,16 +77,16 @@ def test_a_flow_that_runs_away_behind_the_last_sample_is_seen(problem: ShootingP
     wild = replace(problem, start=replace(problem.start, theta=theta))
     before, after = wild.start, within_reach(wild.segments, wild.start, wild.scales, Gaussian())
     ends = [
-        np.sum(evaluate(wild.segments, each, wild.scales, Gaussian()).defects ** 2, axis=0)
-        for each in (before, after)
+        np.sum(evaluate(wild.segments, point, wild.scales, Gaussian()).defects ** 2, axis=0)
+        for point in (before, after)
     ]
     largest = np.sum(np.max((after.nodes / wild.scales.state[:, None]) ** 2, axis=1))
     assert np.nanmax(ends[0]) > 1e20 and np.max(ends[1]) <= 4.0 * largest  # of twice the largest state
 
 
 def test_states_that_are_a_motion_stay(problem: ShootingProblem) -> None:
-    good = found(disturbed(problem, 1.3))
-    assert np.array_equal(found(good).start.nodes, good.start.nodes)
+    good = with_fitted_states(disturbed(problem, 1.3))
+    assert np.array_equal(with_fitted_states(good).start.nodes, good.start.nodes)
 
 
 def test_states_stay_where_the_flow_runs_away_from_many(problem: ShootingProblem) -> None:

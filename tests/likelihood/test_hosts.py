@@ -60,9 +60,11 @@ def first_hit() -> lw.Record:
 
 def errors(fit: lw.Estimate) -> np.ndarray:
     """Errors of the coefficients of the sink in standard errors."""
-    found = [fit.coefficient(f"nes.{name}") for name in TRUE]
-    pairs = zip(found, TRUE.values(), strict=True)
-    return np.array([(each.value - true) / (each.standard_error or np.nan) for each, true in pairs])
+    estimates = [fit.coefficient(f"nes.{name}") for name in TRUE]
+    pairs = zip(estimates, TRUE.values(), strict=True)
+    return np.array(
+        [(estimate.value - true) / (estimate.standard_error or np.nan) for estimate, true in pairs]
+    )
 
 
 @cache
@@ -88,16 +90,16 @@ def test_frequencies_known_to_within_are_found() -> None:
     # four standard errors: 6e-5 of chance each
     assert np.abs(errors(fit)).max() < 4.0
     for number_, true in enumerate(FREQUENCIES, start=1):
-        found = fit.coefficient(f"beam.mode{number_}.frequency")
-        assert found.standard_error is not None
+        estimate = fit.coefficient(f"beam.mode{number_}.frequency")
+        assert estimate.standard_error is not None
         # the prior: the record adds to what is stated
-        assert found.standard_error < 0.01 * true
-        assert abs(found.value - true) < 4.0 * found.standard_error
+        assert estimate.standard_error < 0.01 * true
+        assert abs(estimate.value - true) < 4.0 * estimate.standard_error
     assert fit.to_dict()["modes"][0]["frequency"]["unit"] == "Hz"
 
 
 def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
-    wrong = tuple(number(each * (1.03 if r == 1 else 1.0)) for r, each in enumerate(FREQUENCIES))
+    wrong = tuple(number(frequency * (1.03 if r == 1 else 1.0)) for r, frequency in enumerate(FREQUENCIES))
     fit = lw.identify(first_hit(), beam(wrong).unknown("nes"))
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("frequency", "beam.mode2")
@@ -164,10 +166,10 @@ def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis(freq
     fit = lw.identify(recorded, wing.unknown("payload"))
     assert fit.trusted
     for name, value in true.items():
-        found = fit.coefficient(f"payload.{name}")
-        assert found.standard_error is not None
-        assert found.standard_error < 0.05 * abs(value)
-        assert abs(found.value - value) < 4.0 * found.standard_error
+        estimate = fit.coefficient(f"payload.{name}")
+        assert estimate.standard_error is not None
+        assert estimate.standard_error < 0.05 * abs(value)
+        assert abs(estimate.value - value) < 4.0 * estimate.standard_error
     heavy = replace(wing, masses=(*wing.masses[:-1], lw.Mass("store", number(0.055)))).unknown("payload")
     wrong = lw.identify(recorded[:201], heavy)  # of a wrong mass 0.4 s show enough
     assert not wrong.trusted
@@ -175,21 +177,21 @@ def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis(freq
 
 
 def test_infinite_standard_errors_are_not_trusted() -> None:
-    asked, given = beam().unknown("nes"), record()
-    theta, spread = starting_values([given], asked)
-    fit = likelihood_fit([given], asked, theta, spread=spread)
+    unknown, given = beam().unknown("nes"), record()
+    theta, spread = starting_values([given], unknown)
+    fit = likelihood_fit([given], unknown, theta, spread=spread)
     lost = replace(fit, covariance=np.full_like(fit.covariance, np.inf), free=np.ones(len(theta), dtype=bool))
-    identified = asked.with_values(
-        dict(zip((p.name for p in asked.parameters), map(float, theta), strict=True))
+    identified = unknown.with_values(
+        dict(zip((p.name for p in unknown.parameters), map(float, theta), strict=True))
     )
     assert assess(lost, identified, given.channels).verdict is lw.Verdict.HARDLY_DETERMINED
 
 
-def _refused(change: dict[str, object], told: str, structure: lw.Structure | None = None) -> None:
+def _refused(change: dict[str, object], message: str, structure: lw.Structure | None = None) -> None:
     given = replace(record(), **change)  # type: ignore[arg-type]  # of several types
     with pytest.raises((lw.IdentificationError, lw.RecordError)) as error:
         lw.identify(given, structure or beam().unknown("nes"))
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 def test_what_a_start_does_not_take_is_told() -> None:
@@ -261,27 +263,27 @@ def test_sensitivities_to_shapes_are_those_of_differences() -> None:
 def test_shapes_known_to_within_are_found_and_counted() -> None:
     """Shapes off by 2 %: held as known they take trust away and are named, known to within they come out."""
     host = mistaken(101)
-    held = lw.identify(first_hit(), beside(beam(), host))
-    assert not held.trusted
-    assert held.diagnosis[0].kind == "shape"
+    estimate = lw.identify(first_hit(), beside(beam(), host))
+    assert not estimate.trusted
+    assert estimate.diagnosis[0].kind == "shape"
     fit = lw.identify(record(), beside(beam(), host.known_to_within(shape=0.02)))
     assert fit.trusted
     assert np.abs(errors(fit)).max() < 4.0
     assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.08)
     assert len(fit.shapes) == 9
-    for each in some(fit.shapes):
-        true = beam().coefficient(each.name).value
+    for shape in some(fit.shapes):
+        true = beam().coefficient(shape.name).value
         assert true is not None
-        assert each.standard_error is not None
-        assert abs(each.value - true) < 4.0 * each.standard_error
-        assert each.standard_error < 0.02 * 3.21  # the prior of the largest; the record adds to it
+        assert shape.standard_error is not None
+        assert abs(shape.value - true) < 4.0 * shape.standard_error
+        assert shape.standard_error < 0.02 * 3.21  # the prior of the largest; the record adds to it
     (first, *_) = fit.to_dict()["modes"]
     assert first["shape"]["tip"]["unit"] == "1/sqrt(kg)"
     assert fit.structure.coefficient("beam.mode1.shape.tip").value == first["shape"]["tip"]["value"]
     assert "... and 3 more" in str(fit)
     known = with_exact_host()
     for name in TRUE:
-        wide, narrow = (each.coefficient(f"nes.{name}").standard_error for each in (fit, known))
+        wide, narrow = (answer.coefficient(f"nes.{name}").standard_error for answer in (fit, known))
         assert wide is not None
         assert narrow is not None
         assert wide > narrow
@@ -301,7 +303,7 @@ def test_a_shape_that_nothing_tells_is_left_alone() -> None:
     modes = tuple(replace(mode, shape={**mode.shape, "wall": 0.5}) for mode in beam().hosts[0].modes)
     host = lw.Host("beam", modes)
     free = beside(beam(), replace(host, modes=tuple(replace(m, shape_sigma={"wall": 0.1}) for m in modes)))
-    fit, without = (lw.identify(record(), each) for each in (free, beside(beam(), host)))
+    fit, without = (lw.identify(record(), structure) for structure in (free, beside(beam(), host)))
     assert not fit.shapes
     np.testing.assert_allclose(fit.values, without.values, rtol=1e-8)
 
@@ -347,6 +349,6 @@ def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
     assert np.abs(errors(fit)).max() < 4.0
     assert fit.coefficient("beam.mode4.frequency").standard_error == pytest.approx(1.8)
     assert any("beam.mode4.frequency is hardly determined" in finding for finding in fit.findings)
-    seen = fit.coefficient("beam.mode3.frequency").standard_error
-    assert seen is not None
-    assert seen < 0.1  # Hz, where the prior of 1 % has 0.58
+    standard_error = fit.coefficient("beam.mode3.frequency").standard_error
+    assert standard_error is not None
+    assert standard_error < 0.1  # Hz, where the prior of 1 % has 0.58

@@ -60,7 +60,7 @@ def test_noise_that_nobody_stated_takes_trust_and_is_named(channel: str, end: st
     record = driven(channel, noise, 21)
     fit = lw.identify(record, mounted(end).unknown("all"))
     assert not fit.trusted
-    [cause] = [each for each in fit.diagnosis if each.kind == "input noise"]
+    [cause] = [cause for cause in fit.diagnosis if cause.kind == "input noise"]
     assert (cause.where, cause.is_instrument) == (channel, True)
     assert f"allow for noise of {channel}" in fit.message
     true = noise * record.channel(channel).std()
@@ -139,13 +139,13 @@ def test_slopes_by_kicks_are_those_of_a_dense_least_squares_problem() -> None:
 
 
 def test_intervals_hold_noise_that_residuals_hint_at() -> None:
-    record, asked = driven("force:m1", 0.008, 34), mounted("ground").unknown("all")
-    fit = lw.identify(record, asked)
+    record, unknown = driven("force:m1", 0.008, 34), mounted("ground").unknown("all")
+    fit = lw.identify(record, unknown)
     assert fit.trusted
     assert "The residuals hint at noise of force:m1" in fit.message
     with pytest.raises(lw.IdentificationError, match="nor for noise of an input that the residuals hint at"):
         lw.profile_interval(fit, "l1.c")
-    stated = lw.identify(record, asked, input_noise={"force:m1": 0.008})
+    stated = lw.identify(record, unknown, input_noise={"force:m1": 0.008})
     # the noise that is hinted at is told to a factor of three
     ratios = np.sqrt(fit.covariance.diagonal() / stated.covariance.diagonal())
     assert np.all((ratios > 1.0 / 3.0) & (ratios < 3.0))
@@ -174,7 +174,7 @@ def test_normal_scores_are_finite_wherever_a_sum_of_squares_is() -> None:
     """Chances below the least number come from an asymptotic series, to within the 1 / 100 that its first term leaves out."""
     for freedom in (10.0, 1000.0):
         chi_square = np.linspace(freedom, freedom + 8000.0, 400)
-        scores = [normal_score(each - freedom, freedom, freedom) for each in chi_square]
+        scores = [normal_score(square - freedom, freedom, freedom) for square in chi_square]
         assert np.isfinite(scores).all() and (np.diff(scores) > 0.0).all()
         assert np.diff(scores, 2).max() < 0.01 * scores[-1]
     # traces by draws of a sum of many terms, where skewness is lost in their scatter: a normal score as it is

@@ -74,15 +74,15 @@ def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(loss: lw.Loss, cha
     clean = record(chain, duration=6.0)
     errors = np.random.default_rng([47105, 9]).standard_t(3, size=clean.values.shape) / np.sqrt(3.0)
     noisy = with_errors(clean, errors)
-    asked = chain.unknown("all")
-    fit = lw.identify(noisy, asked)
+    unknown = chain.unknown("all")
+    fit = lw.identify(noisy, unknown)
     assert fit.verdicts == (lw.Verdict.OUTLIERS,) and "Take a robust loss" in fit.message
-    robust = lw.identify(noisy, asked, method=lw.MaximumLikelihood(loss=loss))
+    robust = lw.identify(noisy, unknown, method=lw.MaximumLikelihood(loss=loss))
     assert robust.verdicts == (lw.Verdict.CONVERGED,)
-    errors = (robust.values - truth(chain, asked)) / np.sqrt(robust.covariance.diagonal())
+    errors = (robust.values - truth(chain, unknown)) / np.sqrt(robust.covariance.diagonal())
     assert np.max(np.abs(errors)) < 4.0  # standard errors: by chance once in 3000 fits
     stated = replace(noisy, noise={name: sigma.sigma * 2.0 for name, sigma in robust.noise.items()})
-    assert not lw.identify(stated, asked, method=lw.MaximumLikelihood(loss=loss)).trusted
+    assert not lw.identify(stated, unknown, method=lw.MaximumLikelihood(loss=loss)).trusted
 
 
 def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> None:
@@ -100,10 +100,10 @@ def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> 
 @pytest.mark.parametrize("seed", range(1000, 1003))
 def test_a_low_rate_needs_no_model_error(seed: int, chain: lw.Structure) -> None:
     """Four samples a period of the sink at 200 Hz: the steps of the flow are finer than the samples."""
-    asked = chain.unknown("all")
-    fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=seed), asked)
+    unknown = chain.unknown("all")
+    fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=seed), unknown)
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
-    errors = (fit.values - truth(chain, asked)) / np.sqrt(fit.covariance.diagonal())
+    errors = (fit.values - truth(chain, unknown)) / np.sqrt(fit.covariance.diagonal())
     assert np.max(np.abs(errors)) < 5.0  # standard errors: by chance once in 3 million
 
 
@@ -200,12 +200,12 @@ def test_steps_of_the_flow_bend_no_coefficient() -> None:
     structure = row_of_masses([1.0, 0.3], outer=(law, outer), inner=(law, inner))
     rate = 8.0 * float(np.nanmax(lw.modes(structure).frequencies))
     clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=12000 / rate, rate=rate)
-    asked = structure.unknown("all")
+    unknown = structure.unknown("all")
     errors = []
     for seed in range(4):
-        fit = lw.identify(clean.with_noise(40.0, seed=seed), asked)
+        fit = lw.identify(clean.with_noise(40.0, seed=seed), unknown)
         assert fit.trusted, fit.explanation
-        errors.append((fit.values - truth(structure, asked)) / np.sqrt(fit.covariance.diagonal()))
+        errors.append((fit.values - truth(structure, unknown)) / np.sqrt(fit.covariance.diagonal()))
     assert np.sqrt(np.mean(np.square(errors))) < 1.46  # 24 normal errors: beyond once in 1000
 
 
@@ -284,12 +284,12 @@ def test_a_term_that_overturns_a_coefficient_takes_trust_away() -> None:
     band = (frequency > 1.0) & (frequency < 12.0)
     shape = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, 2001)
     force = lw.Sampled(0.0, 200.0, 6.0 * shape / np.std(shape), band_limited=True)
-    asked = oscillator("k*d + c*v + k3*d**3", k=987.0, c=6.0, k3=4e5).unknown("all")
+    unknown = oscillator("k*d + c*v + k3*d**3", k=987.0, c=6.0, k3=4e5).unknown("all")
     fits = []
     for linear in (0.0, 3.0):
         whole = oscillator("k*d + c*v + k3*d**3 + q*v*abs(v)", k=987.0, c=linear, k3=4e5, q=1.0)
         clean = lw.simulate(whole, forces={"m1": force}, duration=10.0, rate=200.0)
-        fits.append(lw.identify(clean.with_noise(40.0, seed=4102), asked))
+        fits.append(lw.identify(clean.with_noise(40.0, seed=4102), unknown))
     assert fits[0].verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and fits[0].model_error > 0.0
     assert fits[0].diagnosis[0].overturned == ("link.c",)
     assert "link.c would have no certain sign" in fits[0].message

@@ -17,9 +17,9 @@ from linkwise.likelihood.starts.values import starting_values
 
 @pytest.fixture(scope="module")
 def fit() -> LikelihoodFit:
-    record, asked = chain_record(2, duration=1.0).with_noise(40.0, seed=1), lw.bnes_chain(2).unknown("all")
-    theta, spread = starting_values([record], asked)
-    return likelihood_fit([record], asked, theta, spread=spread)
+    record, unknown = chain_record(2, duration=1.0).with_noise(40.0, seed=1), lw.bnes_chain(2).unknown("all")
+    theta, spread = starting_values([record], unknown)
+    return likelihood_fit([record], unknown, theta, spread=spread)
 
 
 def lengthened(fit: LikelihoodFit, steps: int) -> LikelihoodFit:
@@ -68,20 +68,20 @@ def test_a_look_that_ends_early_has_seen_a_lower_bound_of_the_rise(
     fit: LikelihoodFit, parameter: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Looks to the end bracket the expected rise within a tenth."""
-    held = np.arange(len(fit.values)) == parameter
+    is_fixed = np.arange(len(fit.values)) == parameter
     deviation = float(np.sqrt(fit.covariance[parameter, parameter]))
     moved = fit.values + 3.0 * fit.covariance[parameter] / deviation
     statuses: list[AnnealingStatus] = []
 
     def watched(*args: object, **options: object) -> AnnealingFit:
-        found = anneal(*args, **options)  # type: ignore[arg-type]
-        statuses.append(found.status)
-        return found
+        annealed = anneal(*args, **options)  # type: ignore[arg-type]
+        statuses.append(annealed.status)
+        return annealed
 
     monkeypatch.setattr("linkwise.likelihood.local_optima.anneal", watched)
-    assert rises_by(0.1, fit, moved, held, 3.0)
-    assert rises_by(0.9, fit, moved, held, 3.0)
-    assert not rises_by(1.1, fit, moved, held, 3.0)
+    assert rises_by(0.1, fit, moved, is_fixed, 3.0)
+    assert rises_by(0.9, fit, moved, is_fixed, 3.0)
+    assert not rises_by(1.1, fit, moved, is_fixed, 3.0)
     assert statuses[0] is AnnealingStatus.COSTLY
     assert statuses[2] is AnnealingStatus.CONVERGED
 
@@ -96,8 +96,10 @@ def test_a_valley_that_bends_is_told(seed: int) -> None:
     }
     law = lw.Law.parse("k*d + k3*d**3 + c*v")
     links = tuple(
-        lw.Link(name, ends[name], law, {key: lw.Coefficient.number(value) for key, value in each.items()})
-        for name, each in values.items()
+        lw.Link(
+            name, ends[name], law, {key: lw.Coefficient.number(value) for key, value in coefficients.items()}
+        )
+        for name, coefficients in values.items()
     )
     masses = (lw.Mass("m1", lw.Coefficient.number(3.4)), lw.Mass("m2", lw.Coefficient.number(0.38)))
     pair = lw.Structure("pair", masses, links)

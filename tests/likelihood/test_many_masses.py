@@ -41,11 +41,11 @@ def structure(name: str, pairs: Iterable[tuple[int, int]], count: int) -> lw.Str
     links = tuple(
         lw.Link(
             f"l{number}",
-            (f"m{one}", "ground" if other < 0 else f"m{other}"),
+            (f"m{first}", "ground" if second < 0 else f"m{second}"),
             HARD,
             {"k": NUMBER(2e4 + 500.0 * number), "k3": NUMBER(3e7), "c": NUMBER(2.0)},
         )
-        for number, (one, other) in enumerate(pairs)
+        for number, (first, second) in enumerate(pairs)
     )
     return lw.Structure(name, tuple(lw.Mass(f"m{k}", NUMBER(1.0)) for k in range(count)), links)
 
@@ -107,7 +107,7 @@ def problem(name: str) -> tuple[ShootingProblem, Misfit]:
     """A short record's problem, away from the truth by 2 % of every coefficient."""
     case = CASES[name]
     true = case.make()
-    asked = true.unknown("all", *case.masses)
+    unknown = true.unknown("all", *case.masses)
     release = {f"v:{true.mass_names[k]}": (-1.0) ** k * (0.5 + 0.1 * k) for k in range(true.size)}
     record = lw.simulate(true, release=release, duration=0.2, rate=1000.0, sensors=case.sensors)
     record = record.with_noise(40.0, seed=1)
@@ -115,20 +115,20 @@ def problem(name: str) -> tuple[ShootingProblem, Misfit]:
         float(dict(zip(true.mass_names, true.mass_values, strict=True))[p.name.removesuffix(".mass")])
         if p.name.endswith(".mass")
         else present(true.coefficient(p.name).value)
-        for p in asked.parameters
+        for p in unknown.parameters
     ]
-    frames = (framed(record, asked),)
+    frames = (framed(record, unknown),)
     sensing = sensor_model(frames, LikelihoodOptions(offsets=case.offsets))
-    found = shooting_problem([frames[0].record], asked, 1.02 * np.array(values), None, sensing)
-    return found, evaluate(found.segments, found.start, found.scales, Gaussian())
+    shooting = shooting_problem([frames[0].record], unknown, 1.02 * np.array(values), None, sensing)
+    return shooting, evaluate(shooting.segments, shooting.start, shooting.scales, Gaussian())
 
 
 def both(
     name: str, *, whole: bool, candidates: CandidateForces | None = None, errors: SensorErrors | None = None
 ) -> tuple[LocalLinearization, Linearization]:
     """Local and dense equations; the reach that of the record, or the `whole` structure."""
-    found, misfit = problem(name)
-    segments, scales, loss = found.segments, found.scales, Gaussian()
+    shooting, misfit = problem(name)
+    segments, scales, loss = shooting.segments, shooting.scales, Gaussian()
     n = len(segments.system.incidence)
     reached = np.ones((n, n), dtype=bool) if whole else reach(segments, misfit, scales)
     origins = column_origins(segments, candidates, errors)
@@ -141,11 +141,11 @@ def both(
 
 def differences(local: LocalLinearization, dense: Linearization, q: float) -> tuple[float, float]:
     """Largest difference of the border's steps, over the longest of them, in standard errors, and relative one of these."""
-    one, other = present(local.factor(q)), present(dense.factor(q))
-    free = np.ones(len(other.reduced), dtype=bool)
-    errors = np.sqrt(np.diag(np.linalg.inv(other.schur)))
-    steps: list[Floats] = [present(each.solve(free))[1] for each in (one, other)]
-    ratio = np.sqrt(np.diag(np.linalg.inv(one.schur))) / errors
+    of_local, of_dense = present(local.factor(q)), present(dense.factor(q))
+    free = np.ones(len(of_dense.reduced), dtype=bool)
+    errors = np.sqrt(np.diag(np.linalg.inv(of_dense.schur)))
+    steps: list[Floats] = [present(factor.solve(free))[1] for factor in (of_local, of_dense)]
+    ratio = np.sqrt(np.diag(np.linalg.inv(of_local.schur))) / errors
     longest = np.max(np.abs(steps[1]) / errors)
     return float(np.max(np.abs(steps[0] - steps[1]) / errors) / longest), float(np.max(np.abs(ratio - 1.0)))
 
@@ -154,17 +154,19 @@ def differences(local: LocalLinearization, dense: Linearization, q: float) -> tu
 def test_blocks_are_those_of_the_whole_where_all_is_reached(name: str) -> None:
     """The same numerics, in single precision, in another order."""
     local, dense = both(name, whole=True)
-    one, other = present(local.factor(0.1)), present(dense.factor(0.1))
-    scale = np.sqrt(np.diag(other.schur))
-    assert np.max(np.abs(one.schur - other.schur) / np.outer(scale, scale)) < 1e-3
-    free = np.ones(len(other.reduced), dtype=bool)
+    of_local, of_dense = present(local.factor(0.1)), present(dense.factor(0.1))
+    scale = np.sqrt(np.diag(of_dense.schur))
+    assert np.max(np.abs(of_local.schur - of_dense.schur) / np.outer(scale, scale)) < 1e-3
+    free = np.ones(len(of_dense.reduced), dtype=bool)
     free[1] = False
-    (nodes, border), (dense_nodes, dense_border) = (present(each.solve(free)) for each in (one, other))
+    (nodes, border), (dense_nodes, dense_border) = (
+        present(factor.solve(free)) for factor in (of_local, of_dense)
+    )
     assert border[1] == dense_border[1] == 0.0
     assert np.max(np.abs(nodes - dense_nodes)) < 1e-3 * np.max(np.abs(dense_nodes))
-    drops = [each.equations(0.1).drop(nodes, border) for each in (local, dense)]
+    drops = [model.equations(0.1).drop(nodes, border) for model in (local, dense)]
     assert drops[0] == pytest.approx(drops[1], rel=1e-6)
-    assert one.log_determinant(free) == pytest.approx(other.log_determinant(free), rel=1e-6)
+    assert of_local.log_determinant(free) == pytest.approx(of_dense.log_determinant(free), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -180,28 +182,28 @@ def test_what_is_left_out_hardly_moves_the_answer(name: str) -> None:
 @pytest.mark.parametrize("name", ["chain", "grid"])
 def test_candidates_and_errors_of_sensors(name: str) -> None:
     """Forces between neighbours, between masses far from each other, and to the ground; two kinds of errors."""
-    found, misfit = problem(name)
-    n = len(found.segments.system.incidence)
+    shooting, misfit = problem(name)
+    n = len(shooting.segments.system.incidence)
     laws = [Law.parse(text) for text in ("d**2", "v*abs(v)")]
     pairs = [(1, 0), (n - 1, 0), (n // 2, -1), (2, 1)]
     forces = [CandidateForce(first, second, law) for first, second in pairs for law in laws]
-    candidates, _ = candidates_along(found.segments, misfit, forces)
-    errors = SensorErrors.of(found.segments, misfit)
+    candidates, _ = candidates_along(shooting.segments, misfit, forces)
+    errors = SensorErrors.of(shooting.segments, misfit)
     local, dense = both(name, whole=False, candidates=candidates, errors=errors)
-    one, other = present(local.factor(0.1)), present(dense.factor(0.1))
-    scale = np.sqrt(np.diag(other.schur))
-    assert len(scale) == found.segments.parameters + len(forces) + len(errors.kind)
-    assert np.max(np.abs(one.schur - other.schur) / np.outer(scale, scale)) < 10.0 * TOLERANCE
-    assert np.max(np.abs(one.reduced - other.reduced) / scale) < 10.0 * TOLERANCE * np.max(
-        np.abs(other.reduced) / scale
+    of_local, of_dense = present(local.factor(0.1)), present(dense.factor(0.1))
+    scale = np.sqrt(np.diag(of_dense.schur))
+    assert len(scale) == shooting.segments.parameters + len(forces) + len(errors.kind)
+    assert np.max(np.abs(of_local.schur - of_dense.schur) / np.outer(scale, scale)) < 10.0 * TOLERANCE
+    assert np.max(np.abs(of_local.reduced - of_dense.reduced) / scale) < 10.0 * TOLERANCE * np.max(
+        np.abs(of_dense.reduced) / scale
     )
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_reach_leaves_out_what_is_small_in_every_segment(name: str) -> None:
     """Dense Jacobians of all segments: what no group reaches is below three times the tolerance."""
-    found, misfit = problem(name)
-    segments, scales = found.segments, found.scales
+    shooting, misfit = problem(name)
+    segments, scales = shooting.segments, shooting.scales
     reached = reach(segments, misfit, scales)
     dense = linearise(segments, misfit, scales, Gaussian())
     n = len(reached)
@@ -228,14 +230,14 @@ def test_intervals_of_many_masses() -> None:
 
 def test_few_masses_and_dense_graphs_stay_dense() -> None:
     for true, local in ((lw.bnes_chain(6), False), (star(20), False), (lw.bnes_chain(20), True)):
-        asked = true.unknown("all")
+        unknown = true.unknown("all")
         record = lw.simulate(true, release={"v:" + true.mass_names[0]: 1.0}, duration=0.1, rate=1000.0)
         record = record.with_noise(40.0, seed=1)
-        frames = (framed(record, asked),)
-        theta = np.array([present(true.coefficient(p.name).value) for p in asked.parameters])
-        found = shooting_problem([record], asked, theta, None, sensor_model(frames, LikelihoodOptions()))
-        misfit = evaluate(found.segments, found.start, found.scales, Gaussian())
-        linear = linear_model(found.segments, misfit, found.scales, Gaussian())
+        frames = (framed(record, unknown),)
+        theta = np.array([present(true.coefficient(p.name).value) for p in unknown.parameters])
+        shooting = shooting_problem([record], unknown, theta, None, sensor_model(frames, LikelihoodOptions()))
+        misfit = evaluate(shooting.segments, shooting.start, shooting.scales, Gaussian())
+        linear = linear_model(shooting.segments, misfit, shooting.scales, Gaussian())
         assert isinstance(linear, LocalLinearization) is local
 
 

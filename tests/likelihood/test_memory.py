@@ -95,17 +95,17 @@ def test_sensitivities_of_states_are_differences_of_the_flow() -> None:
 
     orbit = flow(system.at(theta), start, h, 20, Inputs())
     *_, last = tangents(system.at(theta), orbit, h, scale, theta)
-    found = np.concatenate([last.state[0], last.state[1] / h, last.memory])
+    computed = np.concatenate([last.state[0], last.state[1] / h, last.memory])
     eps, errors = 1e-5, []
     for column in range(len(scale) + len(theta)):
-        shift, other = np.zeros((len(scale), 1)), np.zeros_like(theta)
+        shift, change = np.zeros((len(scale), 1)), np.zeros_like(theta)
         if column < len(scale):
             shift[column] = eps * scale[column]
         else:
-            other[column - len(scale)] = eps * theta[column - len(scale)]
-        difference = (ends(start + shift, theta + other) - ends(start - shift, theta - other)) / (2 * eps)
+            change[column - len(scale)] = eps * theta[column - len(scale)]
+        difference = (ends(start + shift, theta + change) - ends(start - shift, theta - change)) / (2 * eps)
         size = np.abs(difference).max(axis=1, keepdims=True) + 1e-6 * scale[:, None]
-        errors.append(np.median(np.abs(found[:, column] - difference) / size))
+        errors.append(np.median(np.abs(computed[:, column] - difference) / size))
     assert max(errors) < 1e-3  # a segment with a kink may differ; half of them have none
 
 
@@ -122,9 +122,9 @@ def test_a_hysteretic_link_is_identified_from_no_starts(hysteretic: lw.Record, c
     fit = lw.identify(hysteretic.select([*channels, "force:m1"]), joint().unknown("joint"))
     assert fit.trusted, fit.explanation
     for name, value in BOUC_WEN.items():
-        found = fit.coefficient(f"joint.{name}")
+        estimate = fit.coefficient(f"joint.{name}")
         # 3.5 standard errors: 5e-4 of chance each
-        assert abs(found.value - value) < 3.5 * present(found.standard_error), name
+        assert abs(estimate.value - value) < 3.5 * present(estimate.standard_error), name
 
 
 def test_a_law_of_d_and_v_alone_is_refused_on_a_hysteretic_record(hysteretic: lw.Record) -> None:
@@ -147,17 +147,17 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
     assert fit.trusted, fit.explanation
     assert fit.coefficient("piezo.theta").unit == "N/V" and fit.coefficient("piezo.R").unit == "ohm"
     for name, value in HARVESTER.items():
-        found = fit.coefficient(f"piezo.{name}")
+        estimate = fit.coefficient(f"piezo.{name}")
         # 3.5 standard errors: 5e-4 of chance each
-        assert abs(found.value - value) < 3.5 * present(found.standard_error), name
+        assert abs(estimate.value - value) < 3.5 * present(estimate.standard_error), name
 
 
 def nearby(structure: lw.Structure, part: float) -> lw.Structure:
     """All coefficients unknown, with starts that are off by a part, up and down in turn."""
-    asked = structure.unknown("all")
-    factors = {p.name: 1.0 + part * (-1.0) ** number for number, p in enumerate(asked.parameters)}
+    unknown = structure.unknown("all")
+    factors = {p.name: 1.0 + part * (-1.0) ** number for number, p in enumerate(unknown.parameters)}
     links = []
-    for link in asked.links:
+    for link in unknown.links:
         starts = {
             key: replace(
                 coefficient,
@@ -174,9 +174,9 @@ def within_five_deviations(fit: lw.Estimate, true: lw.Structure) -> None:
     """5.7e-7 of chance for each coefficient."""
     assert fit.trusted, fit.explanation
     for parameter in some(fit.parameters):
-        found = fit.coefficient(parameter.name)
-        error = abs(found.value - present(true.coefficient(parameter.name).value))
-        assert error < 5.0 * present(found.standard_error), parameter.name
+        estimate = fit.coefficient(parameter.name)
+        error = abs(estimate.value - present(true.coefficient(parameter.name).value))
+        assert error < 5.0 * present(estimate.standard_error), parameter.name
 
 
 def test_a_harvester_is_identified_from_its_voltage_alone() -> None:

@@ -17,12 +17,12 @@ from linkwise.progress import ProgressReport
 def refitted(reports: list[ProgressReport]) -> tuple[LikelihoodFit, LikelihoodFit]:
     """A fit of the right laws, and one that is led astray at first: wrong states and values, and one step to mend them."""
     chain = lw.bnes_chain(2)
-    asked = chain.unknown("all")
+    unknown = chain.unknown("all")
     record = chain_record(2, duration=1.0).with_noise(30.0, seed=4400)
-    theta = truth(chain, asked)
-    exact = likelihood_fit([record], asked, theta)
+    theta = truth(chain, unknown)
+    exact = likelihood_fit([record], unknown, theta)
     options = LikelihoodOptions(steps=1, nodes=0.5 * exact.optimum.point.nodes, progress=reports.append)
-    return exact, likelihood_fit([record], asked, 1.3 * theta, options=options)
+    return exact, likelihood_fit([record], unknown, 1.3 * theta, options=options)
 
 
 def test_a_search_for_a_model_error_ends_where_the_laws_are_exact() -> None:

@@ -81,9 +81,9 @@ def test_coefficients_are_within_their_errors_and_the_noise_is_found(
     fit = lw.identify(record, storeys(lower).unknown("all"), input_noise="all")
     assert fit.trusted, fit.message
     for parameter in some(fit.parameters):
-        found = fit.coefficient(parameter.name)
-        error = found.value - present(storeys(lower).coefficient(parameter.name).value)
-        assert abs(error) < ERRORS * present(found.standard_error), parameter.name
+        estimate = fit.coefficient(parameter.name)
+        error = estimate.value - present(storeys(lower).coefficient(parameter.name).value)
+        assert abs(error) < ERRORS * present(estimate.standard_error), parameter.name
     [noise] = fit.random_forces
     channel = sensors[-1]
     assert (noise.where, noise.ambient, noise.found) == (channel, False, True)
@@ -103,13 +103,15 @@ def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
     measured = acceleration + deviation * rng.standard_normal(600)
     on_base = lw.Record(0.0, RATE, ("rel:x:m1", "a:base"), np.column_stack([x, measured]))
     pushed = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.column_stack([x, -mass * measured]))
-    one = lw.identify(on_base, storey("base").unknown("all"), input_noise={"a:base": deviation})
-    other = lw.identify(pushed, storey("ground").unknown("all"), input_noise={"force:m1": mass * deviation})
-    assert one.trusted, one.message
+    of_base = lw.identify(on_base, storey("base").unknown("all"), input_noise={"a:base": deviation})
+    of_force = lw.identify(
+        pushed, storey("ground").unknown("all"), input_noise={"force:m1": mass * deviation}
+    )
+    assert of_base.trusted, of_base.message
     # the same equations; searches end within a twentieth of a standard error of the optimum
-    errors = np.sqrt(one.covariance.diagonal())
-    np.testing.assert_allclose(one.values, other.values, atol=0.1 * float(errors.min()))
-    np.testing.assert_allclose(errors, np.sqrt(other.covariance.diagonal()), rtol=0.02)
+    errors = np.sqrt(of_base.covariance.diagonal())
+    np.testing.assert_allclose(of_base.values, of_force.values, atol=0.1 * float(errors.min()))
+    np.testing.assert_allclose(errors, np.sqrt(of_force.covariance.diagonal()), rtol=0.02)
 
 
 @pytest.mark.parametrize("sensors", [("a", "a:base"), ("x", "x:base"), ("rel:x", "x:base")])
@@ -128,8 +130,8 @@ def test_sensitivities_to_the_noise_agree_with_differences(sensors: tuple[str, .
     moved = problem.start.nodes.copy()
     moved[row] += scales.state[row]
     nodes = [
-        evaluate(segments, replace(problem.start, nodes=each), scales, loss)
-        for each in (problem.start.nodes, moved)
+        evaluate(segments, replace(problem.start, nodes=nodes), scales, loss)
+        for nodes in (problem.start.nodes, moved)
     ]
     squares = np.sum((nodes[1].residuals - nodes[0].residuals) ** 2, axis=(0, 1))
     defects = np.sum((nodes[1].defects - nodes[0].defects) ** 2, axis=0)

@@ -41,14 +41,14 @@ def record() -> lw.Record:
 
 
 def test_a_prior_counts_once_in_gradient_curvature_and_cost(record: lw.Record) -> None:
-    asked = known_within(CHAIN.unknown("nes"), 0.0101, 1e-4)
-    fit = likelihood_fit([record[:300]], asked, np.array([-100.0, 1e6, 0.02, 0.0101]))
+    unknown = known_within(CHAIN.unknown("nes"), 0.0101, 1e-4)
+    fit = likelihood_fit([record[:300]], unknown, np.array([-100.0, 1e6, 0.02, 0.0101]))
     optimum, prior = fit.optimum, present(fit.segments.prior)
     free = replace(optimum.segments, prior=None)
     point = replace(optimum.point, theta=optimum.point.theta * 1.003)
     both = [
-        linearise(each, evaluate(each, point, optimum.scales, Gaussian()), optimum.scales, Gaussian())
-        for each in (optimum.segments, free)
+        linearise(segments, evaluate(segments, point, optimum.scales, Gaussian()), optimum.scales, Gaussian())
+        for segments in (optimum.segments, free)
     ]
     unit, mass = optimum.scales.theta[3], point.theta[3]
     curvature = both[0].data.corner - both[1].data.corner
@@ -57,7 +57,10 @@ def test_a_prior_counts_once_in_gradient_curvature_and_cost(record: lw.Record) -
     assert np.count_nonzero(curvature) == 1
     # likewise
     assert slope[3] == pytest.approx((0.0101 - mass) * unit / 1e-4**2, rel=1e-5)
-    costs = [evaluate(each, point, optimum.scales, Gaussian()).cost(1.0) for each in (optimum.segments, free)]
+    costs = [
+        evaluate(segments, point, optimum.scales, Gaussian()).cost(1.0)
+        for segments in (optimum.segments, free)
+    ]
     assert costs[0] - costs[1] == pytest.approx(((mass - 0.0101) / 1e-4) ** 2, rel=1e-8)
     assert prior.count == 1
 
@@ -83,18 +86,18 @@ def test_a_value_that_the_record_contradicts_is_not_trusted(method: str, record:
 
 
 def test_sparse_regression_and_discovery_refuse_what_they_would_not_count(record: lw.Record) -> None:
-    asked = known_within(CHAIN.unknown("nes"), 0.0101, 1e-4)
+    unknown = known_within(CHAIN.unknown("nes"), 0.0101, 1e-4)
     with pytest.raises(lw.IdentificationError, match=r"m2\.mass is stated with a sigma"):
-        lw.identify(record, asked, method="sindy")
+        lw.identify(record, unknown, method="sindy")
     with pytest.raises(lw.StructureError, match=r"m2\.mass is stated with a sigma"):
-        lw.discover(record, lw.PartialStructure(asked.masses, ()))
+        lw.discover(record, lw.PartialStructure(unknown.masses, ()))
 
 
 def test_calibration_widens_only_what_a_gain_may_change(record: lw.Record) -> None:
     """All gains 1 % larger leave a linear law as it is and make a cubic coefficient 2 % smaller."""
-    asked = CHAIN.unknown("all")
-    sharp = lw.identify(record, asked)
-    wide = lw.identify(record, asked, calibration={"common": 0.01})
+    unknown = CHAIN.unknown("all")
+    sharp = lw.identify(record, unknown)
+    wide = lw.identify(record, unknown, calibration={"common": 0.01})
     ratio = {
         name: present(wide.coefficient(name).standard_error) / present(sharp.coefficient(name).standard_error)
         for name in TRUTH
@@ -135,17 +138,17 @@ def test_an_error_that_is_admitted_is_taken_into_the_model(kind: str, said: str,
     # of 2 % a gain of the other sensor explains as much, and none is taken
     values[:, column] = 1.1 * values[:, column] if kind == "gain" else values[:, column] + 2e-4
     faulty = replace(record, values=values)
-    asked = CHAIN.unknown("nes")
-    assert not lw.identify(faulty, asked).trusted
-    other = "offset" if kind == "gain" else "gain"
-    assert not lw.identify(faulty, asked, admit=[other]).trusted
-    fit = lw.identify(faulty, asked, admit=["offset", "gain"])
+    unknown = CHAIN.unknown("nes")
+    assert not lw.identify(faulty, unknown).trusted
+    wrong_kind = "offset" if kind == "gain" else "gain"
+    assert not lw.identify(faulty, unknown, admit=[wrong_kind]).trusted
+    fit = lw.identify(faulty, unknown, admit=["offset", "gain"])
     assert fit.trusted and any(line.startswith(said) for line in fit.findings)
     beta = fit.coefficient("nes1.beta")
     # five deviations, 6e-7 of chance
     assert abs(beta.value - 1e6) < 5.0 * present(beta.standard_error)
     with pytest.raises(lw.IdentificationError, match='unknown error of a sensor "gian"; did you mean "gain"'):
-        lw.identify(faulty, asked, admit=["gian"])
+        lw.identify(faulty, unknown, admit=["gian"])
 
 
 def test_a_test_is_planned_with_what_is_known_beforehand() -> None:

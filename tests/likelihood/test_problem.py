@@ -35,9 +35,9 @@ def recorded(chain: lw.Structure, per_period: float, seed: int) -> lw.Record:
 
 
 def fitted(chain: lw.Structure, record: lw.Record) -> LikelihoodFit:
-    asked = chain.unknown("all")
-    theta, spread = starting_values([record], asked)
-    return likelihood_fit([record], asked, theta, spread=spread)
+    unknown = chain.unknown("all")
+    theta, spread = starting_values([record], unknown)
+    return likelihood_fit([record], unknown, theta, spread=spread)
 
 
 @pytest.mark.parametrize(("per_period", "finer"), [(COARSE, True), (FINE, False)])
@@ -50,9 +50,9 @@ def test_steps_follow_the_samples_of_a_period(chain: lw.Structure, per_period: f
 
 def test_the_slope_is_the_costs_where_samples_are_few(chain: lw.Structure) -> None:
     """The gradient by single nodes that the normal equations hold, against differences of the cost."""
-    record, asked = recorded(chain, COARSE, 2), chain.unknown("all")
-    theta, spread = starting_values([record], asked)
-    problem = shooting_problem([record], asked, theta, spread, SensorModel.of([record], (), ()))
+    record, unknown = recorded(chain, COARSE, 2), chain.unknown("all")
+    theta, spread = starting_values([record], unknown)
+    problem = shooting_problem([record], unknown, theta, spread, SensorModel.of([record], (), ()))
     segments, point, scales, q = problem.segments, problem.start, problem.scales, 1e-2
 
     def apart(steps: int) -> float:

@@ -45,11 +45,11 @@ def softening() -> lw.Estimate:
 
 @pytest.mark.parametrize("name", ["link.k", "link.c"])
 def test_agrees_with_the_hessian_where_the_problem_is_nearly_linear(fit: lw.Estimate, name: str) -> None:
-    found = fit.coefficient(name)
-    assert found.interval is not None and found.standard_error is not None
+    estimate = fit.coefficient(name)
+    assert estimate.interval is not None and estimate.standard_error is not None
     # ends are sought to 1 % of a standard error; the rest is the curvature of a cosine of 1 % noise
     np.testing.assert_allclose(
-        lw.profile_interval(fit, name), found.interval, atol=0.04 * found.standard_error
+        lw.profile_interval(fit, name), estimate.interval, atol=0.04 * estimate.standard_error
     )
 
 
@@ -63,9 +63,9 @@ def test_the_cost_at_the_ends_has_risen_by_384(
     known = replace(record, noise={"x:m1": float(optimum.scales.sigma[0])})
     best = likelihood_fit([known], linear.unknown("all"), np.array([390.0, 0.5]))
     for end in (low, high):
-        held = linear.unknown("link.k").with_values({"link.c": end})
-        there = likelihood_fit([known], held, np.array([390.0]))
-        rise = there.misfit.cost(optimum.q) - best.misfit.cost(optimum.q)
+        constrained = linear.unknown("link.k").with_values({"link.c": end})
+        at_end = likelihood_fit([known], constrained, np.array([390.0]))
+        rise = at_end.misfit.cost(optimum.q) - best.misfit.cost(optimum.q)
         assert rise / optimum.noise**2 == pytest.approx(
             3.84, abs=0.1
         )  # 1 % of a deviation at each end, twice
@@ -74,26 +74,26 @@ def test_the_cost_at_the_ends_has_risen_by_384(
 def test_differs_where_the_likelihood_is_no_parabola(
     softening: lw.Estimate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = softening.coefficient("link.F")
-    assert found.standard_error is not None and found.interval is not None
+    estimate = softening.coefficient("link.F")
+    assert estimate.standard_error is not None and estimate.interval is not None
     reports: list[lw.ProgressReport] = []
     low, high = lw.profile_interval(softening, "link.F", progress=reports.append)
-    told = [report.detail for report in reports if isinstance(report.detail, float)]
-    assert len(told) == len(reports)
+    values = [report.detail for report in reports if isinstance(report.detail, float)]
+    assert len(values) == len(reports)
     assert [report.fraction for report in reports] == sorted(report.fraction for report in reports)
-    assert reports[-1].activity == f"link.F = {told[-1]:.6g}"
+    assert reports[-1].activity == f"link.F = {values[-1]:.6g}"
     assert low < 40.0 < high  # the true F
-    assert found.value - low < 0.9 * 1.96 * found.standard_error  # a small F bends the motion visibly
-    assert high - found.value > 1.1 * 1.96 * found.standard_error  # a large one does not
-    assert min(told) <= low and max(told) >= high
+    assert estimate.value - low < 0.9 * 1.96 * estimate.standard_error  # a small F bends the motion visibly
+    assert high - estimate.value > 1.1 * 1.96 * estimate.standard_error  # a large one does not
+    assert min(values) <= low and max(values) >= high
     monkeypatch.setattr(profile, "_FARTHEST", 2.1)
     assert lw.profile_interval(softening, "link.F")[1] == np.inf
 
 
 def test_ends_at_a_bound(fit: lw.Estimate, record: lw.Record) -> None:
-    found = fit.coefficient("link.c")
-    assert found.standard_error is not None
-    edge = found.value - found.standard_error
+    estimate = fit.coefficient("link.c")
+    assert estimate.standard_error is not None
+    edge = estimate.value - estimate.standard_error
     bounded = oscillator(
         "k*d + c*v", k=lw.Coefficient.unknown(), c=lw.Coefficient.unknown(lower=edge, upper=10.0)
     )

@@ -37,9 +37,9 @@ def motion(forces: Floats, cubic: float = 0.0) -> Floats:
     incidence = np.eye(n) - np.eye(n, k=1)
     pulls = incidence @ incidence.T
     matrix = np.block([[np.zeros((n, n)), np.eye(n)], [-STIFFNESS * pulls, -DAMPING * pulls]])
-    one, moved = np.eye(2 * n), step * matrix
-    onward = one + moved @ (one + moved @ (one + moved @ (one + moved / 4.0) / 3.0) / 2.0)
-    pushed = step * (one + moved @ (one + moved @ (one + moved / 4.0) / 3.0) / 2.0)[:, n:]
+    identity, moved = np.eye(2 * n), step * matrix
+    onward = identity + moved @ (identity + moved @ (identity + moved @ (identity + moved / 4.0) / 3.0) / 2.0)
+    pushed = step * (identity + moved @ (identity + moved @ (identity + moved / 4.0) / 3.0) / 2.0)[:, n:]
 
     def bent(state: Floats, force: Floats) -> Floats:
         """The rate of the state with cubic springs."""
@@ -102,9 +102,9 @@ def with_load_cell(seed: int) -> lw.Record:
 def assert_true_within_errors(fit: lw.Estimate, true: lw.Structure) -> None:
     assert fit.trusted, fit.message
     for parameter in some(fit.parameters):
-        found = fit.coefficient(parameter.name)
-        error = found.value - present(true.coefficient(parameter.name).value)
-        assert abs(error) < ERRORS * present(found.standard_error), parameter.name
+        estimate = fit.coefficient(parameter.name)
+        error = estimate.value - present(true.coefficient(parameter.name).value)
+        assert abs(error) < ERRORS * present(estimate.standard_error), parameter.name
 
 
 def test_an_ambient_record_gives_stiffness_damping_and_the_forces() -> None:
@@ -173,8 +173,8 @@ def _kalman_cost(y: Floats, stiffness: float, damping: float) -> float:
 
 @pytest.mark.parametrize("stated", [0.1, None])
 def test_noise_of_a_load_cell_is_counted_in(stated: float | None) -> None:
-    asked = chain(2, "k*d + c*v + k3*d**3").unknown("all")
-    fit = lw.identify(with_load_cell(3), asked, input_noise={"force:m1": stated})
+    unknown = chain(2, "k*d + c*v + k3*d**3").unknown("all")
+    fit = lw.identify(with_load_cell(3), unknown, input_noise={"force:m1": stated})
     assert_true_within_errors(fit, chain(2, "k*d + c*v + k3*d**3"))
     [force] = fit.random_forces
     assert force.where == "force:m1"
@@ -190,10 +190,10 @@ def test_a_missing_cubic_spring_is_told_beside_an_ambient_force() -> None:
     assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,)
     assert fit.diagnosis[0].term in ("d**3", "d**5")
     whole = chain(1, "k*d + c*v + k3*d**3").unknown("all")
-    found = lw.identify(record, whole, ambient=["m1"])
-    assert found.trusted, found.message
-    assert abs(found.coefficient("l1.k3").value - 2e7) < ERRORS * present(
-        found.coefficient("l1.k3").standard_error
+    estimate = lw.identify(record, whole, ambient=["m1"])
+    assert estimate.trusted, estimate.message
+    assert abs(estimate.coefficient("l1.k3").value - 2e7) < ERRORS * present(
+        estimate.coefficient("l1.k3").standard_error
     )
 
 

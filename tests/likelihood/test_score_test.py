@@ -73,11 +73,11 @@ def widened(structure: lw.Structure, missing: Sequence[Missing]) -> lw.Structure
     added = [
         lw.Link(
             f"added{number}",
-            (names[each.ends[0]], names[each.ends[1]]),
-            Law.parse(f"size*{each.law}"),
+            (names[term.ends[0]], names[term.ends[1]]),
+            Law.parse(f"size*{term.law}"),
             {"size": lw.Coefficient.unknown()},
         )
-        for number, each in enumerate(missing)
+        for number, term in enumerate(missing)
     ]
     return replace(structure, links=(*structure.links, *added))
 
@@ -90,10 +90,10 @@ def really_there(
     options: LikelihoodOptions,
 ) -> LocalQuadratic:
     """The parabola at the same optimum of the structure that has the forces, all of size zero."""
-    asked = widened(structure, missing)
+    unknown = widened(structure, missing)
     optimum, sensing = fit.optimum, SensorModel.of(records, options.offsets, options.gains)
     p, f = len(structure.parameters), len(missing)
-    segments = sensing.segments(records, asked, System.of(asked), optimum.segments.refine)
+    segments = sensing.segments(records, unknown, System.of(unknown), optimum.segments.refine)
     segments = replace(segments, tangent_refine=optimum.segments.tangent_refine)
     theta = np.concatenate([optimum.point.theta, np.zeros(f)])
     scale = np.concatenate([optimum.scales.theta[:p], np.full(f, 3.0), optimum.scales.theta[p:]])
@@ -112,20 +112,20 @@ def fitted(
     true: lw.Structure, records: Sequence[lw.Record], options: LikelihoodOptions
 ) -> tuple[LikelihoodFit, lw.Structure]:
     """A fit that begins a little off."""
-    asked = true.unknown("all")
+    unknown = true.unknown("all")
     start = np.array(
-        [1.02 * present(true.coefficient(parameter.name).value) for parameter in asked.parameters]
+        [1.02 * present(true.coefficient(parameter.name).value) for parameter in unknown.parameters]
     )
-    fit = likelihood_fit(records, asked, start, spread=0.05 * np.abs(start), options=options)
-    return fit, asked
+    fit = likelihood_fit(records, unknown, start, spread=0.05 * np.abs(start), options=options)
+    return fit, unknown
 
 
-def apart(found: LocalQuadratic, expected: LocalQuadratic) -> tuple[float, float]:
+def apart(quadratic: LocalQuadratic, expected: LocalQuadratic) -> tuple[float, float]:
     """The largest differences of curvature and slope, in units of what either could be."""
     unit = np.sqrt(expected.curvature.diagonal())
-    curved = (found.curvature - expected.curvature) / np.outer(unit, unit)
+    curved = (quadratic.curvature - expected.curvature) / np.outer(unit, unit)
     reach = np.sqrt(expected.slope @ np.linalg.solve(expected.curvature, expected.slope))
-    return float(np.abs(curved).max()), float(np.abs((found.slope - expected.slope) / unit).max() / reach)
+    return float(np.abs(curved).max()), float(np.abs((quadratic.slope - expected.slope) / unit).max() / reach)
 
 
 def noisy_record(seed: int, **more: Any) -> lw.Record:
@@ -175,14 +175,15 @@ def test_forces_of_size_zero_curve_the_cost_as_if_they_were_there(
     true, records, options = request.getfixturevalue(case)
     more = (Missing((1, -2), "d"), Missing((2, -2), "v"), Missing((2, 1), "v")) if case == "based" else ()
     missing = (*PAIRS, *more)
-    fit, asked = fitted(true, records, options)
+    fit, unknown = fitted(true, records, options)
     assert fit.status.name == "CONVERGED"
     assert (fit.optimum.segments.refine > 1) == (case == "stiff")
-    found = local_quadratic(fit.optimum, [each.force for each in missing])
-    expected = really_there(fit, records, asked, missing, options)
-    assert max(apart(found, expected)) < SAME
+    quadratic = local_quadratic(fit.optimum, [missing_term.force for missing_term in missing])
+    expected = really_there(fit, records, unknown, missing, options)
+    assert max(apart(quadratic, expected)) < SAME
     wrong = local_quadratic(
-        fit.optimum, [replace(each.force, law=Law.parse(f"1.01*{each.law}")) for each in missing]
+        fit.optimum,
+        [replace(missing_term.force, law=Law.parse(f"1.01*{missing_term.law}")) for missing_term in missing],
     )
     assert max(apart(wrong, expected)) > SAME
 
@@ -191,13 +192,13 @@ def test_what_a_force_takes_off_the_cost_and_its_size_are_those_of_a_fit_with_it
     """A weak k2 in the sink that the fit lacks, and the parabola foresees the fit that has it."""
     chain = lw.bnes_chain(2)
     records = [bent_chain(250.0).record(1004)]
-    fit, asked = fitted(chain, records, LikelihoodOptions(model_error=False))
+    fit, unknown = fitted(chain, records, LikelihoodOptions(model_error=False))
     missing = Missing((1, 0), "d**2")
-    found = local_quadratic(fit.optimum, [missing.force])
-    values = np.linalg.solve(found.curvature, found.slope)
-    error = np.sqrt(np.linalg.inv(found.curvature).diagonal())
+    quadratic = local_quadratic(fit.optimum, [missing.force])
+    values = np.linalg.solve(quadratic.curvature, quadratic.slope)
+    error = np.sqrt(np.linalg.inv(quadratic.curvature).diagonal())
     z = values[-1] / error[-1]
-    whole = widened(asked, [missing])
+    whole = widened(unknown, [missing])
     again = likelihood_fit(
         records, whole, np.append(fit.values, 0.0), spread=np.append(error[:-1], 10 * error[-1])
     )
@@ -232,8 +233,8 @@ def test_the_middles_of_the_steps_are_of_the_sixth_order(row: int) -> None:
             none[:, 0],
             none[1:, 0],
         )
-        found = module.states_at_ends_and_middles(orbit, 1, np.array([h]), Inputs())[1][:, row, 0, 0]
-        return float(np.abs(found - (np.sin(3.0 * middles), 3.0 * np.cos(3.0 * middles))[row]).max())
+        computed = module.states_at_ends_and_middles(orbit, 1, np.array([h]), Inputs())[1][:, row, 0, 0]
+        return float(np.abs(computed - (np.sin(3.0 * middles), 3.0 * np.cos(3.0 * middles))[row]).max())
 
     orders = [np.log2(error(steps) / error(2 * steps)) for steps in (5, 10, 20)]
     assert np.all(np.abs(np.array(orders) - 6.0) < 0.2), (

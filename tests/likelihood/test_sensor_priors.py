@@ -24,22 +24,22 @@ def stating(record: lw.Record, **known: float) -> lw.Record:
     return replace(record, uncertainty={"x:m2": lw.SensorUncertainty(**known)})
 
 
-def told(fit: lw.Estimate, what: str) -> tuple[float, float]:
+def sensor_error(fit: lw.Estimate, phrase: str) -> tuple[float, float]:
     """Value and standard error of what the findings tell of x:m2."""
     [match] = [
-        found
+        hit
         for text in fit.findings
-        if (found := re.match(rf"x:m2 {what} (\S+) .*error (\S+?)( ms)?\)", text))
+        if (hit := re.match(rf"x:m2 {phrase} (\S+) .*error (\S+?)( ms)?\)", text))
     ]
     return float(match[1]), float(match[2])
 
 
 @pytest.mark.parametrize(
-    ("kind", "what", "unit"), [("offset", "is off by", 1.0), ("delay", "is late by", 1e3)]
+    ("kind", "phrase", "unit"), [("offset", "is off by", 1.0), ("delay", "is late by", 1e3)]
 )
-def test_a_prior_adds_its_precision(kind: str, what: str, unit: float) -> None:
-    free = told(lw.identify(stating(noisy(), **{kind: np.inf}), UNKNOWN), what)[1] / unit
-    value, error = told(lw.identify(stating(noisy(), **{kind: free}), UNKNOWN), what)
+def test_a_prior_adds_its_precision(kind: str, phrase: str, unit: float) -> None:
+    free = sensor_error(lw.identify(stating(noisy(), **{kind: np.inf}), UNKNOWN), phrase)[1] / unit
+    value, error = sensor_error(lw.identify(stating(noisy(), **{kind: free}), UNKNOWN), phrase)
     # as precise as the record: half the variance; both are told to two digits
     assert error / unit == pytest.approx(free / np.sqrt(2.0), rel=0.08)
     # four standard errors: 6e-5 of chance each
@@ -48,8 +48,8 @@ def test_a_prior_adds_its_precision(kind: str, what: str, unit: float) -> None:
 
 def test_a_stated_gain_is_a_calibration() -> None:
     stated = lw.identify(stating(noisy(), gain=0.01), UNKNOWN)
-    asked = lw.identify(noisy(), UNKNOWN, calibration={"x:m2": 0.01})
-    assert stated.coefficient("nes1.beta").standard_error == asked.coefficient("nes1.beta").standard_error
+    by_option = lw.identify(noisy(), UNKNOWN, calibration={"x:m2": 0.01})
+    assert stated.coefficient("nes1.beta").standard_error == by_option.coefficient("nes1.beta").standard_error
     # what is asked for goes before what the record states
     narrow = lw.identify(stating(noisy(), gain=0.2), UNKNOWN, calibration={"all": 0.05, "x:m2": 0.01})
     both = lw.identify(noisy(), UNKNOWN, calibration={"all": 0.05, "x:m2": 0.01})
@@ -65,7 +65,7 @@ def late() -> lw.Record:
 
 
 def test_a_prior_of_a_delay_is_of_the_whole_delay() -> None:
-    value, error = told(lw.identify(stating(late(), delay=2e-3), UNKNOWN), "is late by")
+    value, error = sensor_error(lw.identify(stating(late(), delay=2e-3), UNKNOWN), "is late by")
     # the prior, 300 times as wide as the error, moves it by 1e-5 of 3 ms; the record says it to 0.0064 ms
     assert value == pytest.approx(3.0, abs=4.0 * error)
     wrong = lw.identify(stating(late(), delay=1e-4), UNKNOWN)
@@ -83,12 +83,12 @@ def test_an_offset_beyond_its_prior_takes_trust_away() -> None:
 
 
 def test_records_that_state_different_errors_are_refused() -> None:
-    other = chain_record(2, duration=2.0).with_noise(30.0, seed=2)
+    second = chain_record(2, duration=2.0).with_noise(30.0, seed=2)
     with pytest.raises(
         lw.IdentificationError,
         match=r"state different errors of x:m2: its offset is known to 0\.0001 m, and its offset is known to 0\.001 m; state",
     ):
-        lw.identify([stating(noisy(), offset=1e-4), stating(other, offset=1e-3)], UNKNOWN)
+        lw.identify([stating(noisy(), offset=1e-4), stating(second, offset=1e-3)], UNKNOWN)
 
 
 def test_other_methods_say_that_they_do_not_count_it() -> None:
@@ -103,8 +103,8 @@ def test_a_discovery_counts_what_records_state() -> None:
     masses: Mapping[str, float] = {"m1": 1.0, "m2": 0.01}
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     stated = lw.discover(stating(record, gain=0.01), masses)
-    asked = lw.discover(record, masses, calibration={"x:m2": 0.01})
-    assert stated.estimate.values == pytest.approx(asked.estimate.values, rel=1e-8)
+    by_option = lw.discover(record, masses, calibration={"x:m2": 0.01})
+    assert stated.estimate.values == pytest.approx(by_option.estimate.values, rel=1e-8)
     assert any(finding.startswith("x:m2 shows") for finding in stated.estimate.findings)
 
 

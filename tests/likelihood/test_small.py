@@ -63,10 +63,12 @@ def slow(record: lw.Record) -> OptimizeResult:
         return slopes.transpose(0, 2, 1).reshape(-1, len(unknown))
 
     start = np.concatenate([[0.0, 0.0, 1.0, 0.0], START]) / scale
-    found = least_squares(residuals, start, jac=jacobian, xtol=1e-10, ftol=1e-12)
-    assert found.success
-    covariance = np.linalg.inv(found.jac.T @ found.jac) * np.outer(scale, scale)
-    return OptimizeResult(theta=found.x[4:] * scale[4:], covariance=covariance[4:, 4:], cost=2.0 * found.cost)
+    optimum = least_squares(residuals, start, jac=jacobian, xtol=1e-10, ftol=1e-12)
+    assert optimum.success
+    covariance = np.linalg.inv(optimum.jac.T @ optimum.jac) * np.outer(scale, scale)
+    return OptimizeResult(
+        theta=optimum.x[4:] * scale[4:], covariance=covariance[4:, 4:], cost=2.0 * optimum.cost
+    )
 
 
 def fitted(record: lw.Record, structure: lw.Structure, start: np.ndarray) -> LikelihoodFit:
@@ -106,8 +108,8 @@ def test_the_curvature_is_the_profiles(record: lw.Record, ours: LikelihoodFit, n
     error = np.sqrt(ours.covariance[number, number])
     rises = []
     for sign in (-1.0, 1.0):
-        held = lw.bnes_chain(2).unknown("all").with_values({name: ours.values[number] + sign * error})
-        others = fitted(record, held, np.delete(ours.values, number))
+        constrained = lw.bnes_chain(2).unknown("all").with_values({name: ours.values[number] + sign * error})
+        others = fitted(record, constrained, np.delete(ours.values, number))
         assert others.status.value == "converged"
         q = ours.path[-1].q
         rises.append(others.misfit.cost(q) - ours.misfit.cost(q))
@@ -118,12 +120,12 @@ def test_the_curvature_is_the_profiles(record: lw.Record, ours: LikelihoodFit, n
 def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
     """Standard errors by the slow way against the scatter of the fast way over 60 noises."""
     clean = chain_record(2, duration=0.2)
-    found = []
+    estimates = []
     for seed in range(60):
         noisy = clean.with_noise(40.0, seed=seed)
         noisy = replace(noisy, noise=dict(present(noisy.simulated).noise))
-        found.append(fitted(noisy, lw.bnes_chain(2).unknown("all"), TRUE).values)
-    z = (np.stack(found) - TRUE) / np.sqrt(np.diag(slow.covariance))
+        estimates.append(fitted(noisy, lw.bnes_chain(2).unknown("all"), TRUE).values)
+    z = (np.stack(estimates) - TRUE) / np.sqrt(np.diag(slow.covariance))
     # a variance over 60 scatters by sqrt(2/60) = 0.18: 3 deviations
     assert np.mean(z**2, axis=0) == pytest.approx(np.ones(5), abs=0.55)
     assert np.abs(z.mean(axis=0)).max() < 3.0 / np.sqrt(60)

@@ -23,16 +23,16 @@ def record() -> lw.Record:
 def test_a_hysteretic_link_is_found_without_starts_within_its_intervals() -> None:
     """Of 100 intervals of 95 %, 88 or more hold with a probability of 0.998, were they independent; in six times other
     twenty seeds, 91 to 100 did."""
-    record, held, scores = run(hysteretic(), duration=6.0), 0, []
+    record, inside, scores = run(hysteretic(), duration=6.0), 0, []
     for seed in range(SEEDS):
         fit = lw.identify(measured(record, seed), hysteretic().unknown("damper"))
         assert fit.trusted, str(fit)
         for name, value in BOUC_WEN.items():
-            found = fit.coefficient(f"damper.{name}")
-            assert found.interval is not None and found.standard_error
-            held += found.interval[0] < value < found.interval[1]
-            scores.append((found.value - value) / found.standard_error)
-    assert held >= 88
+            estimate = fit.coefficient(f"damper.{name}")
+            assert estimate.interval is not None and estimate.standard_error
+            inside += estimate.interval[0] < value < estimate.interval[1]
+            scores.append((estimate.value - value) / estimate.standard_error)
+    assert inside >= 88
     assert 0.7 < np.std(scores) < 1.4  # far from it: 3 standard deviations of the scatter of 20 seeds
 
 
@@ -53,8 +53,8 @@ def test_a_coarse_displacement_is_not_differenced(record: lw.Record) -> None:
     coarse = measured(record, 1, displacement=0.0, step=1e-4)
     fit = lw.identify(coarse, hysteretic().unknown("damper"))
     for name in ("k", "F", "x0"):
-        found = fit.coefficient(f"damper.{name}").value
-        assert found == pytest.approx(
+        value = fit.coefficient(f"damper.{name}").value
+        assert value == pytest.approx(
             BOUC_WEN[name], rel=0.05
         )  # a mistake of differences is ten times larger
 
@@ -76,9 +76,9 @@ def test_starts_are_searched_for_in_the_part_of_a_long_record_that_moves_most() 
     fit = lw.identify(measured(long, 1), hysteretic().unknown("damper"))
     assert fit.trusted and fit.samples > 14_990
     for name, value in BOUC_WEN.items():
-        found = fit.coefficient(f"damper.{name}")
-        assert found.standard_error is not None
-        assert abs(found.value - value) < 4.0 * found.standard_error
+        estimate = fit.coefficient(f"damper.{name}")
+        assert estimate.standard_error is not None
+        assert abs(estimate.value - value) < 4.0 * estimate.standard_error
 
 
 def test_friction_of_bristles_is_found_without_starts() -> None:
@@ -90,10 +90,10 @@ def test_friction_of_bristles_is_found_without_starts() -> None:
     fit = lw.identify(measured(run(structure), 1, displacement=1e-7), unknown)
     assert fit.trusted, str(fit)
     for name, value in values.items():
-        found = fit.coefficient(f"damper.{name}")
-        assert found.standard_error is not None
+        estimate = fit.coefficient(f"damper.{name}")
+        assert estimate.standard_error is not None
         # four standard errors: 6e-5 of chance each
-        assert abs(found.value - value) < 4.0 * found.standard_error
+        assert abs(estimate.value - value) < 4.0 * estimate.standard_error
 
 
 def test_a_missing_state_is_told(record: lw.Record) -> None:
@@ -139,11 +139,11 @@ def test_a_zero_error_of_the_displacement_of_a_cubic_spring() -> None:
 def test_records_are_fitted_together(record: lw.Record) -> None:
     parts = [measured(record, 3)[:1000], measured(record, 4)[1000:]]
     unknown = hysteretic().unknown("damper")
-    both, one = lw.identify(parts, unknown), lw.identify(parts[0], unknown)
+    both, single = lw.identify(parts, unknown), lw.identify(parts[0], unknown)
     assert (
-        both.trusted and both.samples > 1.9 * one.samples
+        both.trusted and both.samples > 1.9 * single.samples
     )  # two parts of a length, less what settles in the second
-    errors = [fit.coefficient("damper.F").standard_error for fit in (both, one)]
+    errors = [fit.coefficient("damper.F").standard_error for fit in (both, single)]
     assert errors[0] is not None and errors[1] is not None and errors[0] < errors[1]
     assert both.motion.d.shape == (len(record), 1)
 
@@ -187,9 +187,9 @@ REFUSED: dict[str, tuple[dict[str, str], dict[str, Any], str]] = {
 def test_what_is_refused(
     record: lw.Record, change: dict[str, str], options: dict[str, Any], message: str
 ) -> None:
-    kept = [name for name in record.channels if name != change.get("drop")]
+    names = [name for name in record.channels if name != change.get("drop")]
     with pytest.raises((lw.IdentificationError, lw.StructureError), match=message):
-        lw.identify(record.select(kept), hysteretic().unknown("damper"), **options)
+        lw.identify(record.select(names), hysteretic().unknown("damper"), **options)
 
 
 ROOT, ROOTS = "k*sqrt(g + d)", {"k": 300.0, "g": 0.0135}  # the base moves by up to 0.013 m to either side
@@ -201,9 +201,9 @@ def test_values_with_which_a_law_is_not_finite_are_no_minimum() -> None:
     fit = lw.identify(measured(run(rig(ROOT, ROOTS)), 1), rig(ROOT, ROOTS).unknown("damper"))
     assert fit.trusted, str(fit)
     for name, value in ROOTS.items():
-        found = fit.coefficient(f"damper.{name}")
-        assert found.standard_error is not None
-        assert abs(found.value - value) < 4.0 * found.standard_error
+        estimate = fit.coefficient(f"damper.{name}")
+        assert estimate.standard_error is not None
+        assert abs(estimate.value - value) < 4.0 * estimate.standard_error
 
 
 @pytest.mark.filterwarnings("error")
@@ -217,8 +217,8 @@ def test_records_with_different_load_cells_are_refused() -> None:
     links = [replace(rig("k*d", {"k": 2000.0}).links[0], name=name) for name in ("a", "b")]
     structure = lw.Structure("rig", (), tuple(links))
     both = run(structure, 2.0)
-    one = both.select(["x:base", "f:a"])[:300]
-    for records in ([both, one], [one, both]):
+    single = both.select(["x:base", "f:a"])[:300]
+    for records in ([both, single], [single, both]):
         with pytest.raises(lw.IdentificationError, match="same channels, and f:b is not in record"):
             lw.identify(records, structure.unknown("a"))
 

@@ -37,9 +37,9 @@ def test_states_converge_to_those_of_a_simulation_with_the_square_of_the_step() 
     exact = record.simulated.states["damper.z"]
     errors = []
     for substeps in (4, 8, 16):
-        found = path(hysteretic().link("damper").law, 200 * substeps, initial=(0.0,))
-        assert found.converged
-        errors.append(np.abs(found.states[::substeps, 0] - exact).max())
+        link_path = path(hysteretic().link("damper").law, 200 * substeps, initial=(0.0,))
+        assert link_path.converged
+        errors.append(np.abs(link_path.states[::substeps, 0] - exact).max())
     order = np.log2(errors[0] / errors[-1]) / 2.0
     assert order == pytest.approx(2.0, abs=0.3)  # kinks of abs lie anywhere between nodes
     assert errors[-1] < 1e-3  # of 1: a step of 0.6 ms at 50 mm/s is 3 % of x0, and its square 1e-3
@@ -68,10 +68,10 @@ def test_derivatives_by_unknowns_are_those_of_differences(law: lw.Law) -> None:
 
 def test_the_transposed_equations_agree_with_the_direct_ones() -> None:
     rng = np.random.default_rng(3)
-    found = path(TWO, 400, initial=(0.1, 2.0)).tangents(TWO.coefficients)
+    tangents = path(TWO, 400, initial=(0.1, 2.0)).tangents(TWO.coefficients)
     weights, changes = rng.standard_normal((401, 3)), rng.standard_normal((2, 401, 2))
-    forward = weights.T @ found.by_motion(*changes)
-    by_d, by_v = found.to_motion(weights)
+    forward = weights.T @ tangents.by_motion(*changes)
+    by_d, by_v = tangents.to_motion(weights)
     np.testing.assert_allclose(by_d.T @ changes[0] + by_v.T @ changes[1], forward, rtol=1e-9)
 
 
@@ -84,10 +84,10 @@ def test_noise_of_samples_reaches_the_motion_as_the_spline_passes_it() -> None:
     noise = moved.noise_of(*weights)
     step = np.zeros(120)
     step[40] = 1.0
-    other = PrescribedMotion.of(
+    changed = PrescribedMotion.of(
         smoothing_spline(samples + step, 50.0, smoothing=float(spline.smoothing[0])), 3, 1.0
     )
-    change = weights[0].T @ (other.d - moved.d) + weights[1].T @ (other.v - moved.v)
+    change = weights[0].T @ (changed.d - moved.d) + weights[1].T @ (changed.v - moved.v)
     np.testing.assert_allclose(noise[40], change, rtol=1e-7)
 
 

@@ -54,16 +54,21 @@ def blocks(banded: BorderedSystem) -> BlockEquations:
 def test_both_ends_meet(nodes: int, m: int, p: int) -> None:
     """The same numerics; nodes of 128 states are eliminated by two threads."""
     banded = system(nodes, m, p)
-    one, other = present(blocks(banded).factor()), present(banded.factor())
-    free, held = np.arange(p) != 1, np.linspace(0.1, 0.2, p)
-    np.testing.assert_allclose(one.schur, other.schur, rtol=1e-8, atol=1e-8 * np.max(np.abs(banded.corner)))
+    by_blocks, by_band = present(blocks(banded).factor()), present(banded.factor())
+    free, fixed_values = np.arange(p) != 1, np.linspace(0.1, 0.2, p)
+    np.testing.assert_allclose(
+        by_blocks.schur, by_band.schur, rtol=1e-8, atol=1e-8 * np.max(np.abs(banded.corner))
+    )
     for (states, border), (expected, expected_border) in (
-        (present(one.solve(free, given)), present(other.solve(free, given))) for given in (None, held)
+        (present(by_blocks.solve(free, given)), present(by_band.solve(free, given)))
+        for given in (None, fixed_values)
     ):
         np.testing.assert_allclose(border, expected_border, rtol=1e-8)
         np.testing.assert_allclose(states, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
-        assert one.excess(border, free) == pytest.approx(other.excess(border, free), rel=1e-8, abs=1e-12)
-    assert one.log_determinant(free) == pytest.approx(other.log_determinant(free), rel=1e-8)
+        assert by_blocks.excess(border, free) == pytest.approx(
+            by_band.excess(border, free), rel=1e-8, abs=1e-12
+        )
+    assert by_blocks.log_determinant(free) == pytest.approx(by_band.log_determinant(free), rel=1e-8)
 
 
 @pytest.mark.parametrize(("node", "m"), [(0, 4), (3, 4), (6, 4), (5, 128)])

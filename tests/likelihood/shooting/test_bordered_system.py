@@ -21,12 +21,12 @@ def dense(equations: BorderedSystem) -> tuple[np.ndarray, np.ndarray]:
     size = nodes * m
     matrix = np.zeros((size + P, size + P))
     for k in range(nodes):
-        here = slice(m * k, m * (k + 1))
-        matrix[here, here] = equations.diagonal[k]
+        own = slice(m * k, m * (k + 1))
+        matrix[own, own] = equations.diagonal[k]
         if k + 1 < nodes:
             after = slice(m * (k + 1), m * (k + 2))
-            matrix[after, here] = equations.coupling[k]
-            matrix[here, after] = equations.coupling[k].T
+            matrix[after, own] = equations.coupling[k]
+            matrix[own, after] = equations.coupling[k].T
     matrix[size:, :size] = equations.right[:-1].reshape(P, size)
     matrix[:size, size:] = matrix[size:, :size].T
     matrix[size:, size:] = equations.corner
@@ -63,8 +63,8 @@ def test_blocks_of_the_inverse_are_those_of_a_dense_one(equations: BorderedSyste
     blocks = present(equations.factor()).inverse_blocks()
     assert len(blocks) == len(equations.diagonal)
     for k, block in enumerate(blocks):
-        here = slice(M * k, M * (k + 1))
-        np.testing.assert_allclose(block, inverse[here, here], rtol=1e-8, atol=1e-12)
+        own = slice(M * k, M * (k + 1))
+        np.testing.assert_allclose(block, inverse[own, own], rtol=1e-8, atol=1e-12)
 
 
 def test_solves_as_a_dense_matrix_does(equations: BorderedSystem) -> None:
@@ -102,9 +102,9 @@ def test_what_is_held_does_not_move(equations: BorderedSystem) -> None:
 
 def test_what_is_held_elsewhere_moves_the_others_and_the_cost(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
-    free, held = np.array([True, False, True]), np.array([9.0, -0.7, 9.0])
+    free, fixed_values = np.array([True, False, True]), np.array([9.0, -0.7, 9.0])
     factor = present(equations.factor())
-    nodes, border = present(factor.solve(free, held))
+    nodes, border = present(factor.solve(free, fixed_values))
     moving = np.concatenate([np.ones(len(gradient) - P, bool), free])
     step = np.zeros_like(gradient)
     step[~moving] = -0.7
@@ -119,12 +119,12 @@ def test_covariance_is_the_corner_of_the_inverse(equations: BorderedSystem) -> N
     matrix, _ = dense(equations)
     unit = np.array([30.0, 1e6, 0.02])
     scales = Scales(np.ones(1), np.ones(M), unit)
-    found = covariance(equations.factor(), scales, np.ones(P, bool))
-    assert found == pytest.approx(np.linalg.inv(matrix)[-P:, -P:] * np.outer(unit, unit), rel=1e-8)
-    held = covariance(equations.factor(), scales, np.array([True, True, False]))
+    computed = covariance(equations.factor(), scales, np.ones(P, bool))
+    assert computed == pytest.approx(np.linalg.inv(matrix)[-P:, -P:] * np.outer(unit, unit), rel=1e-8)
+    with_fixed = covariance(equations.factor(), scales, np.array([True, True, False]))
     expected = np.linalg.inv(matrix[:-1, :-1])[-2:, -2:] * np.outer(unit[:2], unit[:2])
-    assert held[:2, :2] == pytest.approx(expected, rel=1e-8)
-    assert not held[2].any() and not held[:, 2].any()
+    assert with_fixed[:2, :2] == pytest.approx(expected, rel=1e-8)
+    assert not with_fixed[2].any() and not with_fixed[:, 2].any()
 
 
 def test_log_determinant_is_that_of_the_whole(equations: BorderedSystem) -> None:

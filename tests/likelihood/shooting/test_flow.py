@@ -33,7 +33,7 @@ def three() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def asked(three: lw.Structure) -> lw.Structure:
+def unknown(three: lw.Structure) -> lw.Structure:
     return three.unknown("all", "mass:m2", "mass:m3")
 
 
@@ -85,8 +85,8 @@ def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three: 
     # where m2 flies far out a step of a sample is long, and the error ten times the mean; the next test measures the order
     assert error.max() < LONG_STEP
     for j in range(5):  # accelerations at every sample too, as close as the states that they follow from
-        seen = record.values[j : j + 5 * len(time) : 5, 6:9].T
-        assert np.abs(orbit.accelerations[j] - seen).max() < LONG_STEP * np.abs(seen).max()
+        measured = record.values[j : j + 5 * len(time) : 5, 6:9].T
+        assert np.abs(orbit.accelerations[j] - measured).max() < LONG_STEP * np.abs(measured).max()
 
 
 def test_the_flow_has_order_eight(three: lw.Structure) -> None:
@@ -142,9 +142,9 @@ def test_middles_of_masses_are_those_of_the_polynomial_of_both_ends(degree: int)
 
 def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
     record = driven(three)
-    found = flow_inputs([record], three, [81], samples=5, refine=2)
+    inputs = flow_inputs([record], three, [81], samples=5, refine=2)
     exact = exact_inputs(np.arange(81) * 5e-3, 5e-4, 10)
-    force, base = present(found.force), present(found.base)
+    force, base = present(inputs.force), present(inputs.base)
     exact_force, exact_base = present(exact.force), present(exact.base)
     assert force.shape == exact_force.shape and base.shape == exact_base.shape
     middle = slice(10, 70)  # away from the ends, where samples stand on one side only
@@ -172,9 +172,9 @@ def test_records_are_cut_into_segments_with_their_own_steps(three: lw.Structure)
 
 
 @pytest.mark.parametrize("refine", [1, 4])
-def test_tangents_are_the_flows_differences(three: lw.Structure, asked: lw.Structure, refine: int) -> None:
+def test_tangents_are_the_flows_differences(three: lw.Structure, unknown: lw.Structure, refine: int) -> None:
     """By every state, coefficient (one shared, one nonlinear) and unknown mass, with inputs."""
-    system, theta = System.of(asked), truth(three, asked)
+    system, theta = System.of(unknown), truth(three, unknown)
     record = driven(three, duration=0.1)
     start = states(record, 5)[..., :-1]
     time, step = record.time[::5][:-1], 1e-3 / refine
@@ -186,21 +186,21 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, asked: lw.Struc
         orbit = flow(system.at(values), at, h, steps, drive)
         return orbit.states[-1], orbit.accelerations[-1 - refine] * step**2
 
-    found = [
+    stored = [
         (tangent.state.copy(), None if tangent.acceleration is None else tangent.acceleration.copy())
         for tangent in tangents(
             system.at(theta), flow(system.at(theta), start, h, steps, drive), h, scale, theta
         )
     ]
-    state, acceleration = found[-1][0], found[-1 - refine][1]
+    state, acceleration = stored[-1][0], stored[-1 - refine][1]
     eps = 1e-4
     for column in range(6 + len(theta)):
-        shift, other = np.zeros((2, 3, 1)), np.zeros_like(theta)
+        shift, change = np.zeros((2, 3, 1)), np.zeros_like(theta)
         if column < 6:
             shift.reshape(6)[column] = eps * scale[column]
         else:
-            other[column - 6] = eps * theta[column - 6]
-        ahead, behind = end(start + shift, theta + other), end(start - shift, theta - other)
+            change[column - 6] = eps * theta[column - 6]
+        ahead, behind = end(start + shift, theta + change), end(start - shift, theta - change)
         for ours, plus, minus in zip((state, acceleration), ahead, behind, strict=True):
             difference = (plus - minus) / (2 * eps)
             size = np.abs(difference).max()
@@ -209,8 +209,8 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, asked: lw.Struc
             assert np.abs(present(ours)[..., column, :] - difference).max() < limit * size, column
 
 
-def test_tangents_have_their_declared_order(three: lw.Structure, asked: lw.Structure) -> None:
-    system, theta = System.of(asked), truth(three, asked)
+def test_tangents_have_their_declared_order(three: lw.Structure, unknown: lw.Structure) -> None:
+    system, theta = System.of(unknown), truth(three, unknown)
     record = driven(three, duration=0.1)
     start = states(record, 5)[..., :-1]
     time = record.time[::5][:-1]
@@ -250,9 +250,9 @@ def test_a_gap_in_an_input_is_refused(three: lw.Structure) -> None:
 
 def test_records_of_other_channels_are_refused(three: lw.Structure) -> None:
     record = driven(three, sensors=("x",))
-    other = record.select(["x:m1", "x:m2", "force:m2", "x:base"])
+    reordered = record.select(["x:m1", "x:m2", "force:m2", "x:base"])
     with pytest.raises(lw.IdentificationError, match=r"same channels in the same order.*record\.select"):
-        cut_segments([record, other], three, System.of(three), samples=5, refine=1, offsets=())
+        cut_segments([record, reordered], three, System.of(three), samples=5, refine=1, offsets=())
     with pytest.raises(lw.IdentificationError, match="no offset or gain of x:m9"):
         cut_segments([record], three, System.of(three), samples=5, refine=1, offsets=["x:m9"])
     with pytest.raises(lw.IdentificationError, match="has no response"):

@@ -39,8 +39,8 @@ def test_beyond_the_largest_delay_it_runs_straight_on() -> None:
     values = values_at_delays(np.sin(0.3 * np.arange(100)), RATE)
     base = LateBase.through([2], values[:, :, None, None], np.array([1.0 / RATE]))
     end, rate = base.at(2, LARGEST / RATE)
-    beyond, same = base.at(2, (LARGEST + 1.0) / RATE)
-    np.testing.assert_allclose(same, rate, rtol=1e-12)
+    beyond, slope = base.at(2, (LARGEST + 1.0) / RATE)
+    np.testing.assert_allclose(slope, rate, rtol=1e-12)
     np.testing.assert_allclose(beyond, end - rate / RATE, rtol=1e-9, atol=1e-12)
 
 

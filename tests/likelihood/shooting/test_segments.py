@@ -32,7 +32,7 @@ def three() -> lw.Structure:
 
 
 @pytest.fixture(scope="module")
-def asked(three: lw.Structure) -> lw.Structure:
+def unknown(three: lw.Structure) -> lw.Structure:
     return three.unknown("all", "mass:m2", "mass:m3")
 
 
@@ -40,44 +40,46 @@ def asked(three: lw.Structure) -> lw.Structure:
 def records(three: lw.Structure) -> list[lw.Record]:
     """Two, of different rates; every kind of sensor, force and base motion, a gap in one channel."""
 
-    def one(rate: float, samples: int, release: dict[str, float]) -> lw.Record:
+    def hit(rate: float, samples: int, release: dict[str, float]) -> lw.Record:
         record = lw.simulate(
             three, times=np.arange(samples) / rate, sensors=("x", "v", "a"), release=release,
             forces={"m2": "5*sin(400*t)"}, base="0.001*sin(300*t)",
         )  # fmt: skip
         return record.select(CHANNELS)
 
-    first, second = one(1000.0, 5 * FIRST - 2, {"v:m1": 1.0}), one(1250.0, 5 * SECOND, {"x:m3": 0.01})
+    first, second = hit(1000.0, 5 * FIRST - 2, {"v:m1": 1.0}), hit(1250.0, 5 * SECOND, {"x:m3": 0.01})
     values = first.values.copy()
     values[20:27, 0] = np.nan
     return [replace(first, values=values), second]
 
 
 @pytest.fixture(scope="module")
-def segments(records: list[lw.Record], asked: lw.Structure) -> Segments:
-    return cut_segments(records, asked, System.of(asked), samples=5, refine=4, offsets=OFFSETS)
+def segments(records: list[lw.Record], unknown: lw.Structure) -> Segments:
+    return cut_segments(records, unknown, System.of(unknown), samples=5, refine=4, offsets=OFFSETS)
 
 
 @pytest.fixture(scope="module")
-def scales(three: lw.Structure, asked: lw.Structure, segments: Segments) -> Scales:
+def scales(three: lw.Structure, unknown: lw.Structure, segments: Segments) -> Scales:
     sigma = np.array([1e-4, 0.05, 5.0, 1e-4, 5.0])
     return Scales(
-        sigma, np.repeat([1e-4, 0.05], 3), np.concatenate([np.abs(truth(three, asked)), sigma[[1, 4]]])
+        sigma, np.repeat([1e-4, 0.05], 3), np.concatenate([np.abs(truth(three, unknown)), sigma[[1, 4]]])
     )
 
 
 @pytest.fixture(scope="module")
-def point(three: lw.Structure, asked: lw.Structure, segments: Segments, records: list[lw.Record]) -> Iterate:
+def point(
+    three: lw.Structure, unknown: lw.Structure, segments: Segments, records: list[lw.Record]
+) -> Iterate:
     """Away from the truth by some deviations in every unknown."""
     random = np.random.default_rng(3)
     true = [
-        np.stack([present(each.simulated).displacement[::5].T, present(each.simulated).velocity[::5].T])
-        for each in records
+        np.stack([present(record.simulated).displacement[::5].T, present(record.simulated).velocity[::5].T])
+        for record in records
     ]
     at = np.concatenate(true, axis=2)
     at = at + random.normal(size=at.shape) * np.array([3e-4, 0.1])[:, None, None]
     at = at.reshape(-1, at.shape[-1])
-    theta = truth(three, asked)
+    theta = truth(three, unknown)
     return Iterate(at, theta * (1.0 + 0.05 * random.normal(size=len(theta))), np.array([0.05, -4.0]))
 
 
@@ -126,16 +128,16 @@ def test_the_gradient_is_the_costs_difference(
 ) -> None:
     misfit = evaluate(segments, point, scales, loss)
     equations = linearise(segments, misfit, scales, loss).equations(q)
-    found = gradient(equations)
+    computed = gradient(equations)
     curvature = np.concatenate([np.einsum("kii->ki", equations.diagonal).ravel(), np.diag(equations.corner)])
-    expected, checked = np.zeros_like(found), some(beside)
+    expected, checked = np.zeros_like(computed), some(beside)
     for i, (ahead, behind) in beside.items():
         expected[i] = -(ahead.cost(q) - behind.cost(q)) / (4.0 * EPS)
     assert np.abs(expected[checked]).min() > 0.0  # every unknown shows in the cost
     # in units of |column| |residuals|, the largest that J'r can be: single precision, and order 4 in (h omega)/4
     largest = np.sqrt(curvature * misfit.cost(q))
     # of quotients of differences; measured 6e-5
-    assert np.abs((found - expected) / largest)[checked].max() < 2e-4
+    assert np.abs((computed - expected) / largest)[checked].max() < 2e-4
 
 
 def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, point: Iterate) -> None:
@@ -146,8 +148,8 @@ def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, 
     size, eps = equations.right[0].size, 1e-4
 
     def rows(at: Iterate) -> np.ndarray:
-        each = evaluate(segments, at, scales, loss)
-        return np.concatenate([each.residuals.ravel(), each.defects.ravel() / q])
+        misfit = evaluate(segments, at, scales, loss)
+        return np.concatenate([misfit.residuals.ravel(), misfit.defects.ravel() / q])
 
     columns = []
     for i in range(size + segments.parameters):
@@ -166,28 +168,28 @@ def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, 
 
     border = slice(size, None)
     for k in some(range(segments.count)):
-        here, after = slice(m * k, m * (k + 1)), slice(m * (k + 1), m * (k + 2))
-        close(equations.diagonal[k], here, here)
-        close(equations.right[:-1, k], border, here)
+        own, after = slice(m * k, m * (k + 1)), slice(m * (k + 1), m * (k + 2))
+        close(equations.diagonal[k], own, own)
+        close(equations.right[:-1, k], border, own)
         if k + 1 < segments.count:
-            close(equations.coupling[k], after, here)
-        far = hessian[here, m * (k + 2) : size]
+            close(equations.coupling[k], after, own)
+        far = hessian[own, m * (k + 2) : size]
         assert not far.any()  # block tridiagonal indeed
     close(equations.corner, border, border)
 
 
 def test_missing_samples_carry_no_residual(
-    segments: Segments, scales: Scales, point: Iterate, records: list[lw.Record], asked: lw.Structure
+    segments: Segments, scales: Scales, point: Iterate, records: list[lw.Record], unknown: lw.Structure
 ) -> None:
     misfit = evaluate(segments, point, scales, Gaussian())
     assert segments.observed.sum() == 5 * (5 * (FIRST + SECOND) - 2) - 7
     assert not misfit.residuals[~segments.observed].any()
     assert misfit.residuals[segments.observed].all()
     lost = np.where(segments.observed, segments.samples, 1e6)
-    other = evaluate(replace(segments, samples=lost), point, scales, Gaussian())
-    assert np.array_equal(other.residuals, misfit.residuals)
+    changed_misfit = evaluate(replace(segments, samples=lost), point, scales, Gaussian())
+    assert np.array_equal(changed_misfit.residuals, misfit.residuals)
     a = linearise(segments, misfit, scales, Student()).equations(0.1)
-    b = linearise(segments, other, scales, Student()).equations(0.1)
+    b = linearise(segments, changed_misfit, scales, Student()).equations(0.1)
     assert np.array_equal(a.diagonal, b.diagonal) and np.array_equal(a.corner, b.corner)
 
 
@@ -217,14 +219,19 @@ def test_an_offset_moves_its_channel_and_no_other(segments: Segments, scales: Sc
 
 
 def test_the_truth_leaves_nothing(
-    three: lw.Structure, asked: lw.Structure, segments: Segments, scales: Scales, records: list[lw.Record]
+    three: lw.Structure, unknown: lw.Structure, segments: Segments, scales: Scales, records: list[lw.Record]
 ) -> None:
     true = [
-        np.concatenate([present(each.simulated).displacement[::5].T, present(each.simulated).velocity[::5].T])
-        for each in records
+        np.concatenate(
+            [present(record.simulated).displacement[::5].T, present(record.simulated).velocity[::5].T]
+        )
+        for record in records
     ]
     misfit = evaluate(
-        segments, Iterate(np.concatenate(true, axis=1), truth(three, asked), np.zeros(2)), scales, Gaussian()
+        segments,
+        Iterate(np.concatenate(true, axis=1), truth(three, unknown), np.zeros(2)),
+        scales,
+        Gaussian(),
     )
     # inputs between samples come from a spline, which stands on one side only at the ends of a record
     ends = [0, FIRST - 1, FIRST, FIRST + SECOND - 1]
@@ -253,16 +260,16 @@ def test_sums_do_not_depend_on_chunks_and_threads(
 def test_nodes_start_where_the_sensors_say(three: lw.Structure) -> None:
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     sigma = dict(present(record.simulated).noise)
-    found = start_states(record, lw.bnes_chain(2), sigma, 5)
-    at = segment_nodes([found], 5)
+    states = start_states(record, lw.bnes_chain(2), sigma, 5)
+    at = segment_nodes([states], 5)
     assert at.shape == (4, 401)
     true = present(record.simulated)
     for i, name in enumerate(("x:m1", "x:m2")):
-        error = np.sqrt(np.mean((found.x[i] - true.displacement[:, i])[20:-20] ** 2))
+        error = np.sqrt(np.mean((states.x[i] - true.displacement[:, i])[20:-20] ** 2))
         assert error < sigma[name]  # smoothing takes noise away
-    speed = np.sqrt(np.mean((found.v - true.velocity.T)[:, 20:-20] ** 2, axis=1))
+    speed = np.sqrt(np.mean((states.v - true.velocity.T)[:, 20:-20] ** 2, axis=1))
     assert (speed < 0.05 * np.sqrt(np.mean(true.velocity**2, axis=0))).all()  # 1 % noise, at most five fold
-    assert found.scale[:2] == pytest.approx([sigma["x:m1"], sigma["x:m2"]])
+    assert states.scale[:2] == pytest.approx([sigma["x:m1"], sigma["x:m2"]])
 
 
 def test_losses_cost_what_their_densities_say() -> None:
@@ -283,13 +290,13 @@ def test_blocks_of_a_wide_border_are_those_of_each_segment() -> None:
     """One product of all rows, or the sum of one for each segment."""
     segments, m, p, samples = 7, 4, 60, 10
     rows = np.random.default_rng(5).normal(size=(segments, samples, m + p + 1))
-    one, other = NormalBlocks.empty(segments, m, p), NormalBlocks.empty(segments, m, p)
-    corner, gradient = one.put(slice(None), rows.transpose(0, 2, 1) @ rows)
-    wide_corner, wide_gradient = other.put_wide(slice(None), rows)
-    for expected, found in (
+    by_segment, by_chunk = NormalBlocks.empty(segments, m, p), NormalBlocks.empty(segments, m, p)
+    corner, gradient = by_segment.put(slice(None), rows.transpose(0, 2, 1) @ rows)
+    wide_corner, wide_gradient = by_chunk.put_wide(slice(None), rows)
+    for expected, computed in (
         (corner, wide_corner),
         (gradient, wide_gradient),
-        (one.state, other.state),
-        (one.right, other.right),
+        (by_segment.state, by_chunk.state),
+        (by_segment.right, by_chunk.right),
     ):
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(computed, expected, rtol=1e-12, atol=1e-12)

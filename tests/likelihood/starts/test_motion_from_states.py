@@ -22,8 +22,8 @@ def test_voltages_tell_the_motion_of_a_chain_whatever_the_order_of_its_links(ord
     x, v = np.zeros((2, len(record))), np.zeros((2, len(record)))
     sigma = {name: 1e-6 * float(record.channel(name).std()) for name in record.channels}
     assert sorted(motion_from_states(record, chain, sigma, x, v)) == [0, 1]
-    for name, found in zip(("v:m1", "v:m2"), v, strict=True):
+    for name, velocity in zip(("v:m1", "v:m2"), v, strict=True):
         shown = record.channel(name)
-        error = (found - shown)[20:-20]  # away from the ends, where smoothing has fewer samples
+        error = (velocity - shown)[20:-20]  # away from the ends, where smoothing has fewer samples
         # of a sine of 5 Hz in 60 samples a period, whose rate a smoothing polynomial gives
         assert np.abs(error).max() < 1e-3 * np.abs(shown).max()

@@ -23,11 +23,11 @@ def noisy(n: int, kind: str, seed: int) -> lw.Record:
     return chain_record(n, sensors=(kind,)).with_noise(30.0, seed=seed)
 
 
-def deviations(found: lw.Estimate, true: lw.Structure) -> np.ndarray:
+def deviations(fit: lw.Estimate, true: lw.Structure) -> np.ndarray:
     """Errors of the coefficients in standard errors."""
-    names = [parameter.name for parameter in found.parameters]
-    errors = found.values - [true.coefficient(name).value for name in names]
-    return np.asarray(errors / np.sqrt(np.diag(found.covariance)))
+    names = [parameter.name for parameter in fit.parameters]
+    errors = fit.values - [true.coefficient(name).value for name in names]
+    return np.asarray(errors / np.sqrt(np.diag(fit.covariance)))
 
 
 @pytest.mark.parametrize(("n", "kind"), [(2, "v"), (2, "a"), (4, "v")])
@@ -35,15 +35,15 @@ def test_elongations_follow_from_forces(n: int, kind: str) -> None:
     true = lw.bnes_chain(n)
     record = noisy(n, kind, 1000)
     d, v = elongations_from_forces(link_signals(record, true, channel_noise(record)), true.links)
-    for found, exact in (
+    for computed, exact in (
         (d, true.elongations(present(record.simulated).displacement).T),
         (v, true.elongations(present(record.simulated).velocity).T),
     ):
         # noise of 3 % in a force moves a place by a few per cent; a stretch on a wrong branch is off by wells, 100 %.
         # On seeds 2000 to 2007 the largest error was 6 to 61 % of the deviation, the mean one 1.1 to 3.5 %.
-        assert np.abs(found - exact).max() < exact.std()
+        assert np.abs(computed - exact).max() < exact.std()
         # twice the mean of those seeds, and a twentieth of what a wrong branch leaves
-        assert np.sqrt(np.mean((found - exact) ** 2, axis=1) / exact.var(axis=1)).max() < 0.05
+        assert np.sqrt(np.mean((computed - exact) ** 2, axis=1) / exact.var(axis=1)).max() < 0.05
 
 
 def test_a_wrong_law_is_no_inverse() -> None:
@@ -59,19 +59,19 @@ def test_a_wrong_law_is_no_inverse() -> None:
 def test_integrated_velocities_alone_would_be_lost() -> None:
     true = lw.bnes_chain(2)
     record = noisy(2, "v", 1000)
-    seen = link_signals(record, true, channel_noise(record))
+    signals = link_signals(record, true, channel_noise(record))
     exact = true.elongations(present(record.simulated).displacement).T
     # a random walk: on seeds 2000 to 2007 it ends 33 to 120 % off, inverse dynamics 6 to 15 %
-    assert np.abs(seen.d - exact)[1].max() > 0.2 * exact[1].std()
+    assert np.abs(signals.d - exact)[1].max() > 0.2 * exact[1].std()
 
 
 @pytest.mark.parametrize("kind", ["v", "a"])
 def test_coefficients_follow_from_forces_without_any_start(kind: str) -> None:
     true = lw.bnes_chain(2)
-    asked, record = true.unknown("all"), noisy(2, kind, 1000)
-    found = law_start(record, asked, channel_noise(record), {})
+    unknown, record = true.unknown("all"), noisy(2, kind, 1000)
+    starts = law_start(record, unknown, channel_noise(record), {})
     for name in ("spring1.k", "nes1.alpha", "nes1.beta"):
-        assert found[name] == pytest.approx(true.coefficient(name).value, rel=0.1)  # annealing needs 20 %
+        assert starts[name] == pytest.approx(true.coefficient(name).value, rel=0.1)  # annealing needs 20 %
 
 
 def test_a_nonlinear_coefficient_needs_a_start() -> None:
@@ -115,10 +115,10 @@ def test_what_tells_links() -> None:
 )
 def test_rates_and_accelerations_alone_identify_a_chain(n: int, kind: str, seed: int) -> None:
     true = lw.bnes_chain(n)
-    found = chain_fit(n, 30.0, seed, (kind,), duration=3.0)
-    assert found.status == "converged"
+    fit = chain_fit(n, 30.0, seed, (kind,), duration=3.0)
+    assert fit.status == "converged"
     # the level of the noise is found beforehand to 1.2 % a channel of 6 s: chi-square is within 3.6 % on sixteen such records
     # of other seeds, for which 5 % were asked; it scatters by the root of the number of samples
-    assert abs(present(found.chi_square_per_sample) - 1.0) < 0.05 * np.sqrt(6.0 / 3.0)
+    assert abs(present(fit.chi_square_per_sample) - 1.0) < 0.05 * np.sqrt(6.0 / 3.0)
     # all deviations within four standard errors, of 5 to 10 coefficients a run: wrong once in 1000
-    assert np.abs(deviations(found, true)).max() < 4.0
+    assert np.abs(deviations(fit, true)).max() < 4.0

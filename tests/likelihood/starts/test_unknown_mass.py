@@ -35,5 +35,7 @@ def test_a_duffing_oscillator_of_unknown_mass_by_force_and_velocity(sensor: str)
     assert fit.trusted
     truth = {"m1.mass": 1.3, "spring.k": 1500.0, "spring.c": 1.5, "spring.k3": 2e5}
     for name, value in truth.items():
-        found = fit.coefficient(name)
-        assert abs(found.value - value) < 4.0 * (found.standard_error or 0.0)  # beyond by chance once in 4000
+        estimate = fit.coefficient(name)
+        assert abs(estimate.value - value) < 4.0 * (
+            estimate.standard_error or 0.0
+        )  # beyond by chance once in 4000
