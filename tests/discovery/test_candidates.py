@@ -49,12 +49,12 @@ def stated(links: str = STATED) -> Candidates:
 
 
 def test_every_pair_and_every_mass_with_the_ground() -> None:
-    found = all_candidates(masses("a", "b", "c"), TERMS)
-    assert [pair.between for pair in found.pairs] == [
+    candidates = all_candidates(masses("a", "b", "c"), TERMS)
+    assert [pair.between for pair in candidates.pairs] == [
         ("a", "ground"), ("b", "ground"), ("b", "a"), ("c", "ground"), ("c", "a"), ("c", "b"),
     ]  # fmt: skip
-    assert len(found.entries) == 18
-    assert [entry.name for entry in found.entries[:4]] == [
+    assert len(candidates.entries) == 18
+    assert [entry.name for entry in candidates.entries[:4]] == [
         "a-ground.c",
         "a-ground.k",
         "a-ground.k3",
@@ -74,30 +74,30 @@ def test_a_base_that_moves_is_one_more_end(n: int) -> None:
 
 
 def test_dampers_are_told_from_springs() -> None:
-    found = all_candidates(masses("a"), parse_terms("v, d, v*abs(v)"))
-    assert [entry.is_damper for entry in found.entries] == [True, False, False]
+    candidates = all_candidates(masses("a"), parse_terms("v, d, v*abs(v)"))
+    assert [entry.is_damper for entry in candidates.entries] == [True, False, False]
 
 
 def test_the_chosen_make_a_structure_with_unknown_coefficients_springs_first() -> None:
-    found = all_candidates(masses("a", "b"), TERMS).structure(["b-a.c", "a-ground.k", "b-a.k3"])
-    assert [(link.name, link.between, link.law.text) for link in found.links] == [
+    candidates = all_candidates(masses("a", "b"), TERMS).structure(["b-a.c", "a-ground.k", "b-a.k3"])
+    assert [(link.name, link.between, link.law.text) for link in candidates.links] == [
         ("a-ground", ("a", "ground"), "k*d"),
         ("b-a", ("b", "a"), "k3*d**3 + c*v"),
     ]
-    assert [parameter.name for parameter in found.parameters] == ["a-ground.k", "b-a.k3", "b-a.c"]
+    assert [parameter.name for parameter in candidates.parameters] == ["a-ground.k", "b-a.k3", "b-a.c"]
 
 
 def test_the_terms_of_a_link_are_told_from_one_of_them() -> None:
-    found = stated()
-    assert found.on_links_of(["frame.k3", "c-a.c"]) == {"frame.k3", "c-a.c", "c-a.k", "c-a.k3"}
-    assert found.on_links_of(["frame.k"]) == frozenset()  # stated, and no candidate
+    candidates = stated()
+    assert candidates.on_links_of(["frame.k3", "c-a.c"]) == {"frame.k3", "c-a.c", "c-a.k", "c-a.k3"}
+    assert candidates.on_links_of(["frame.k"]) == frozenset()  # stated, and no candidate
 
 
 def test_a_link_has_one_set_of_coefficients_that_both_ends_feel() -> None:
-    found = all_candidates(masses("a", "b"), TERMS)
-    assert not {entry.name for entry in found.entries} & {"a-b.k", "a-b.c", "a-b.k3"}
-    place = [link.name for link in found.full_structure.links].index("b-a")
-    assert found.full_structure.incidence.toarray()[:, place].tolist() == [-1.0, 1.0]
+    candidates = all_candidates(masses("a", "b"), TERMS)
+    assert not {entry.name for entry in candidates.entries} & {"a-b.k", "a-b.c", "a-b.k3"}
+    place = [link.name for link in candidates.full_structure.links].index("b-a")
+    assert candidates.full_structure.incidence.toarray()[:, place].tolist() == [-1.0, 1.0]
 
 
 def test_a_mass_in_the_air_is_refused_with_what_to_do() -> None:
@@ -109,20 +109,20 @@ def test_a_mass_in_the_air_is_refused_with_what_to_do() -> None:
 
 
 def test_what_is_stated_stays_and_the_rest_may_join_it() -> None:
-    found = stated()
-    assert [entry.name for entry in found.entries if entry.name.startswith("frame")] == ["frame.k3"]
-    held = found.structure([])
-    assert [link.law.text for link in held.links] == ["k*d + c*v", "c*v**3 + k9*d", "q*d**3"]
-    assert [parameter.name for parameter in held.parameters] == ["frame.c", "sink.c", "second.q"]
-    joined = found.structure(["frame.k3"])
+    candidates = stated()
+    assert [entry.name for entry in candidates.entries if entry.name.startswith("frame")] == ["frame.k3"]
+    stated_only = candidates.structure([])
+    assert [link.law.text for link in stated_only.links] == ["k*d + c*v", "c*v**3 + k9*d", "q*d**3"]
+    assert [parameter.name for parameter in stated_only.parameters] == ["frame.c", "sink.c", "second.q"]
+    joined = candidates.structure(["frame.k3"])
     assert joined.links[0].law.text == "k*d + c*v + k3*d**3"
     assert joined.coefficient("frame.k").known and not joined.coefficient("frame.k3").known
 
 
 def test_a_link_without_a_law_is_known_not_to_be() -> None:
-    found = stated()
-    assert not any(set(pair.between) == {"a", "b"} for pair in some(found.pairs))
-    assert "none" not in [link.name for link in found.full_structure.links]
+    candidates = stated()
+    assert not any(set(pair.between) == {"a", "b"} for pair in some(candidates.pairs))
+    assert "none" not in [link.name for link in candidates.full_structure.links]
 
 
 def test_a_coefficient_of_zero_is_a_term_known_not_to_be() -> None:
@@ -137,7 +137,7 @@ def test_two_stated_links_of_one_pair_are_one_pair() -> None:
 
 
 @pytest.mark.parametrize(
-    "found",
+    "candidates",
     [
         stated(
             '[[link]]\nname = "c-b"\nbetween = ["a", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
@@ -148,6 +148,6 @@ def test_two_stated_links_of_one_pair_are_one_pair() -> None:
     ],
     ids=["a stated link", "hyphens"],
 )
-def test_names_do_not_clash(found: Candidates) -> None:
-    assert len(found.by_name) == len(found.entries)
-    assert len(found.full_structure.links) == len(found.pairs)
+def test_names_do_not_clash(candidates: Candidates) -> None:
+    assert len(candidates.by_name) == len(candidates.entries)
+    assert len(candidates.full_structure.links) == len(candidates.pairs)

@@ -38,12 +38,12 @@ def noisy(record: lw.Record, draw: Callable[..., np.ndarray], seed: int) -> lw.R
 @pytest.mark.parametrize("draw", [remembering, differenced])
 def test_coloured_noise_is_told_from_missing_terms(draw: Callable[..., np.ndarray]) -> None:
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
-    found = lw.discover(noisy(clean, draw, 7), masses(chain))
-    assert found.trusted and found.estimate.model_error == 0.0
-    assert lw.term_score(found.structure, chain).exact
-    assert all(term.certain for term in some(found.kept))
-    truth = lw.align_truth(found.structure, chain)
-    for term in some(found.kept):
+    discovery = lw.discover(noisy(clean, draw, 7), masses(chain))
+    assert discovery.trusted and discovery.estimate.model_error == 0.0
+    assert lw.term_score(discovery.structure, chain).exact
+    assert all(term.certain for term in some(discovery.kept))
+    truth = lw.align_truth(discovery.structure, chain)
+    for term in some(discovery.kept):
         true = present(truth.coefficient(term.name).value)
         assert abs(term.value - true) < 4.0 * term.standard_error  # one in 16 000 normal errors is larger
 
@@ -51,15 +51,15 @@ def test_coloured_noise_is_told_from_missing_terms(draw: Callable[..., np.ndarra
 def test_the_evidence_counts_how_well_gains_are_known() -> None:
     """A gain that both sensors share scales the cubic term alone, by the square of it."""
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
-    found = lw.discover(noisy(clean, remembering, 7), masses(chain), calibration={"common": 0.005})
-    assert found.trusted
-    cubic = next(term for term in found.kept if term.name == "m2-m1.k3")
+    discovery = lw.discover(noisy(clean, remembering, 7), masses(chain), calibration={"common": 0.005})
+    assert discovery.trusted
+    cubic = next(term for term in discovery.kept if term.name == "m2-m1.k3")
     assert abs(cubic.value / cubic.z) == pytest.approx(
         2.0 * 0.005 * cubic.value, rel=0.03
     )  # beside noise of 0.1 %
-    for term in some(found.kept):  # of one fit in two ways
+    for term in some(discovery.kept):  # of one fit in two ways
         assert term.standard_error == pytest.approx(
-            present(found.estimate.coefficient(term.name).standard_error), rel=0.01
+            present(discovery.estimate.coefficient(term.name).standard_error), rel=0.01
         )
 
 
@@ -69,8 +69,8 @@ def test_where_laws_run_away_the_selection_of_white_noise_stays(monkeypatch: pyt
 
     monkeypatch.setattr("linkwise.discovery.coloured_noise.likelihood_fit", refused)
     chain = lw.bnes_chain(2)
-    found = lw.discover(noisy(chain_record(2, duration=3.0), remembering, 7), masses(chain))
-    assert not found.trusted and found.structure.links
+    discovery = lw.discover(noisy(chain_record(2, duration=3.0), remembering, 7), masses(chain))
+    assert not discovery.trusted and discovery.structure.links
 
 
 def test_a_term_that_was_not_offered_is_no_coloured_noise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,5 +83,5 @@ def test_a_term_that_was_not_offered_is_no_coloured_noise(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("linkwise.discovery.discover.select_coloured", watched)
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=7)
-    found = lw.discover(record, masses(lw.bnes_chain(2)), terms="d, v")
-    assert tried == [None] and not found.trusted
+    discovery = lw.discover(record, masses(lw.bnes_chain(2)), terms="d, v")
+    assert tried == [None] and not discovery.trusted

@@ -43,14 +43,14 @@ def test_a_good_record_needs_no_warning(record: lw.Record, chain: lw.Structure) 
 
 
 def test_a_mass_without_a_sensor_is_refused_by_name(record: lw.Record, chain: lw.Structure) -> None:
-    seen = record.select(("x:m1", "x:m3"))
+    selected = record.select(("x:m1", "x:m3"))
     with pytest.raises(
         lw.IdentificationError,
         match=r"no channel measures the motion of m2 and m4, .*; add a channel x:m2, or identify",
     ):
-        lw.check_discovery(seen, masses(chain))
+        lw.check_discovery(selected, masses(chain))
     with pytest.raises(lw.IdentificationError, match="no channel measures the motion of m2 and m4"):
-        lw.discover(seen, masses(chain))
+        lw.discover(selected, masses(chain))
     with pytest.raises(lw.IdentificationError, match="no channel measures the motion of m2, and links"):
         lw.check_discovery(
             [record[:-1], record[1:].select(("x:m1", "x:m3", "x:m4"))], masses(chain)
@@ -102,8 +102,8 @@ def test_motion_that_is_none_is_refused(record: lw.Record, chain: lw.Structure) 
 
 
 def test_masses_at_rest_are_named(record: lw.Record, chain: lw.Structure) -> None:
-    (one,) = lw.check_discovery(quieted(record, m4=0.0), masses(chain))
-    assert one.startswith("m4 did not move above the noise and is left out") and one.endswith(
+    (remark,) = lw.check_discovery(quieted(record, m4=0.0), masses(chain))
+    assert remark.startswith("m4 did not move above the noise and is left out") and remark.endswith(
         "Excite the structure nearer to it."
     )
     (two,) = lw.check_discovery(quieted(record, m2=0.0, m4=0.0), masses(chain))
@@ -130,8 +130,10 @@ def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
         lw.IdentificationError, match=r"156 samples over 4 masses for 40 candidates.*record 40 samples"
     ):
         lw.check_discovery(record[:39], masses(chain))
-    told = lw.check_discovery(record[:40], masses(chain))
-    assert told[-1] == "160 samples for 40 candidates are few: weak terms will be missed; record for longer."
+    remarks = lw.check_discovery(record[:40], masses(chain))
+    assert (
+        remarks[-1] == "160 samples for 40 candidates are few: weak terms will be missed; record for longer."
+    )
     fewer = lw.check_discovery(record[:39], masses(chain), terms="linear")  # or allow fewer terms
     assert len(fewer) >= 1
     assert lw.check_discovery(record[:300], masses(chain)) == ()
@@ -139,8 +141,10 @@ def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
 
 def test_two_short_records_count_together(record: lw.Record, chain: lw.Structure) -> None:
     half = record[:120]
-    assert any("are few" in each for each in lw.check_discovery(half, masses(chain)))
-    assert not any("are few" in each for each in lw.check_discovery([half, record[120:240]], masses(chain)))
+    assert any("are few" in remark for remark in lw.check_discovery(half, masses(chain)))
+    assert not any(
+        "are few" in remark for remark in lw.check_discovery([half, record[120:240]], masses(chain))
+    )
 
 
 def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure) -> None:
@@ -148,8 +152,8 @@ def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure)
     assert lw.check_discovery(quieted(clean), masses(chain)) == ()
     values = clean.values.copy()
     values[:, 3] = values[:, 2]
-    (told,) = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
-    assert told == (
+    (remark,) = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
+    assert remark == (
         "m3 and m4 moved together, with differences below the noise: a link to one of them may be found as a link to another. "
         "Excite them one at a time."
     )
@@ -157,8 +161,8 @@ def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure)
     values[:, 3] += (
         4.0 * NOISE * wave
     )  # 16 / 2 of the power of the noise, and the difference has that of both channels
-    (told,) = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
-    assert "m3 and m4 moved together, with differences down to 6 dB above the noise: " in told
+    (remark,) = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
+    assert "m3 and m4 moved together, with differences down to 6 dB above the noise: " in remark
 
 
 def test_masses_that_move_in_proportion_are_named(clean: lw.Record, chain: lw.Structure) -> None:
@@ -173,8 +177,8 @@ def test_masses_that_move_in_proportion_are_named(clean: lw.Record, chain: lw.St
     wave = np.sin(150.0 * np.arange(len(clean)) / clean.rate)
     for size, count in ((2.0, 1), (8.0, 0)):  # 2 and 32 times the power of the noise of m4
         values[:, 3] = -0.4 * values[:, 2] + size * NOISE * wave
-        told = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
-        assert len(told) == count
+        remarks = lw.check_discovery(quieted(replace(clean, values=values)), masses(chain))
+        assert len(remarks) == count
 
 
 def test_one_mode_decides_nothing_of_its_masses() -> None:
@@ -191,14 +195,14 @@ def test_one_mode_decides_nothing_of_its_masses() -> None:
     )
     pair = lw.Structure("pair", (lw.Mass("m1", number(0.3)), lw.Mass("m2", number(3.3))), links)
     clean = lw.simulate(pair, release={"x:m2": 0.05, "x:m1": 0.0084}, duration=2.0, rate=400.0)
-    found = lw.discover(clean.with_noise(12.0, seed=49001), masses(pair))
-    assert "m1 and m2 moved in proportion" in found.remarks[0]
-    assert not [term.name for term in found.terms if term.certain]
+    discovery = lw.discover(clean.with_noise(12.0, seed=49001), masses(pair))
+    assert "m1 and m2 moved in proportion" in discovery.remarks[0]
+    assert not [term.name for term in discovery.terms if term.certain]
 
 
 def test_what_was_foreseen_stands_with_the_answer(chain: lw.Structure) -> None:
     two = lw.bnes_chain(2)
     record = chain_record(2).with_noise(5.0, seed=1000)
-    told = lw.check_discovery(record, masses(two))
-    assert told
-    assert set(told) <= set(lw.discover(record, masses(two)).remarks)
+    remarks = lw.check_discovery(record, masses(two))
+    assert remarks
+    assert set(remarks) <= set(lw.discover(record, masses(two)).remarks)

@@ -37,20 +37,20 @@ def two() -> tuple[lw.Record, lw.Discovery]:
 )  # fmt: skip
 def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int) -> None:
     chain = lw.bnes_chain(n)
-    found = chain_discovery(n, decibel, seed)
-    assert found.trusted
-    assert terms(found.structure) == terms(chain)
-    assert all(term.certain for term in some(found.kept))
+    discovery = chain_discovery(n, decibel, seed)
+    assert discovery.trusted
+    assert terms(discovery.structure) == terms(chain)
+    assert all(term.certain for term in some(discovery.kept))
 
 
 def test_what_is_found_lies_in_its_intervals(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Within four standard errors each (6e-5 of chance)."""
-    _, found = two
+    _, discovery = two
     chain = lw.bnes_chain(2)
-    same = {"m1-ground.k": "spring1.k", "m1-ground.c": "spring1.c", "m2-m1.k": "nes1.alpha", "m2-m1.k3": "nes1.beta",
+    true_names = {"m1-ground.k": "spring1.k", "m1-ground.c": "spring1.c", "m2-m1.k": "nes1.alpha", "m2-m1.k3": "nes1.beta",
             "m2-m1.c": "nes1.c"}  # fmt: skip
-    for name, true in same.items():
-        estimate = found.estimate.coefficient(name)
+    for name, true in true_names.items():
+        estimate = discovery.estimate.coefficient(name)
         error = abs(estimate.value - present(chain.coefficient(true).value))
         assert error < 4.0 * present(estimate.standard_error)
 
@@ -58,52 +58,54 @@ def test_what_is_found_lies_in_its_intervals(two: tuple[lw.Record, lw.Discovery]
 def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
     """What is discovered between the masses of `structure`, None where the answer is refused or not to be trusted."""
     try:
-        found = lw.discover(record, masses(structure))
+        discovery = lw.discover(record, masses(structure))
     except lw.IdentificationError:
         return None
-    return found.structure if found.trusted else None
+    return discovery.structure if discovery.trusted else None
 
 
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
     chain = lw.bnes_chain(2)
-    found = chain_discovery(2, 5.0, 1000)
-    assert found.trusted and terms(found.structure) == terms(chain)
-    assert found.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
+    discovery = chain_discovery(2, 5.0, 1000)
+    assert discovery.trusted and terms(discovery.structure) == terms(chain)
+    assert (
+        discovery.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
+    )
     faint = trusted(chain_record(2).with_noise(0.0, seed=1000), chain)
     assert faint is None or terms(faint) == terms(chain)
     assert trusted(chain_record(2).with_noise(-8.0, seed=1000), chain) is None
 
 
 def test_one_link_has_one_set_of_coefficients(two: tuple[lw.Record, lw.Discovery]) -> None:
-    _, found = two
-    links = [link for link in found.structure.links if set(link.between) == {"m1", "m2"}]
+    _, discovery = two
+    links = [link for link in discovery.structure.links if set(link.between) == {"m1", "m2"}]
     assert len(links) == 1
-    names = [term.name for term in found.terms]
+    names = [term.name for term in discovery.terms]
     assert len(names) == len(set(names)) == 12
     assert not [name for name in names if name.startswith("m1-m2")]
 
 
 def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.Record, lw.Discovery]) -> None:
-    record, found = two
+    record, discovery = two
     again = lw.discover(record, masses(lw.bnes_chain(2)))
-    assert again.estimate.values.tolist() == found.estimate.values.tolist()
-    assert again.terms == found.terms
-    assert again.path == found.path
-    assert again.runners_up == found.runners_up
-    other = chain_discovery(2, 20.0, 1001)
-    assert other.estimate.values.tolist() != found.estimate.values.tolist()
+    assert again.estimate.values.tolist() == discovery.estimate.values.tolist()
+    assert again.terms == discovery.terms
+    assert again.path == discovery.path
+    assert again.runners_up == discovery.runners_up
+    another = chain_discovery(2, 20.0, 1001)
+    assert another.estimate.values.tolist() != discovery.estimate.values.tolist()
 
 
 def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Written, read, simulated, and identified again with all its coefficients unknown: the same numbers."""
-    record, found = two
-    structure = lw.parse_structure(lw.format_structure(found.structure))
-    assert terms(structure) == terms(found.structure)
+    record, discovery = two
+    structure = lw.parse_structure(lw.format_structure(discovery.structure))
+    assert terms(structure) == terms(discovery.structure)
     lw.simulate(structure, release={"v:m1": 1.0}, duration=0.1, rate=RATE)
     fit = lw.identify(record, structure.unknown("all"))
     for parameter in some(fit.parameters):
-        ours, theirs = found.estimate.coefficient(parameter.name), fit.coefficient(parameter.name)
+        ours, theirs = discovery.estimate.coefficient(parameter.name), fit.coefficient(parameter.name)
         # two searches that end within 0.02 of the least cost each
         assert abs(ours.value - theirs.value) < 2.0 * np.sqrt(0.02) * theirs.standard_error
 
@@ -112,25 +114,25 @@ def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Dis
 @pytest.mark.parametrize("seed", [1000, 1001])
 def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int) -> None:
     true = linear_chain(n).structure
-    found = lw.discover(linear_chain(n).record(seed), masses(true))
-    assert terms(found.structure) == terms(true)
-    assert not {"d**2", "d**3"} & {term.term for term in found.kept}
+    discovery = lw.discover(linear_chain(n).record(seed), masses(true))
+    assert terms(discovery.structure) == terms(true)
+    assert not {"d**2", "d**3"} & {term.term for term in discovery.kept}
 
 
 def apart() -> lw.Structure:
     """Two two-mass chains that do not touch, the second on a stiffer spring."""
     chain, number = lw.bnes_chain(2), lw.Coefficient.number
-    other = {"m1": "m3", "m2": "m4", "ground": "ground"}
+    partner = {"m1": "m3", "m2": "m4", "ground": "ground"}
     stiffer = {"k": number(40000.0), "c": number(1.0)}
     return lw.Structure(
         "two chains",
-        (*chain.masses, *(replace(mass, name=other[mass.name]) for mass in chain.masses)),
+        (*chain.masses, *(replace(mass, name=partner[mass.name]) for mass in chain.masses)),
         (
             *chain.links,
             *(
                 lw.Link(
                     f"other-{link.name}",
-                    (other[link.between[0]], other[link.between[1]]),
+                    (partner[link.between[0]], partner[link.between[1]]),
                     link.law,
                     stiffer if link.name == "spring1" else link.coefficients,
                 )
@@ -144,9 +146,9 @@ def apart() -> lw.Structure:
 def test_structures_that_do_not_touch_have_no_link_between_them(seed: int) -> None:
     true = apart()
     record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
-    found = lw.discover(record.with_noise(20.0, seed=seed), masses(true))
-    assert graph(found.structure) == graph(true)
-    assert terms(found.structure) == terms(true)
+    discovery = lw.discover(record.with_noise(20.0, seed=seed), masses(true))
+    assert graph(discovery.structure) == graph(true)
+    assert terms(discovery.structure) == terms(true)
 
 
 def test_where_they_do_touch_the_link_is_found() -> None:
@@ -155,8 +157,8 @@ def test_where_they_do_touch_the_link_is_found() -> None:
     weak = lw.Link("touch", ("m3", "m1"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(3000.0)})
     true = replace(true, links=(*true.links, weak))
     record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
-    found = lw.discover(record.with_noise(20.0, seed=1000), masses(true))
-    assert terms(found.structure) == terms(true)
+    discovery = lw.discover(record.with_noise(20.0, seed=1000), masses(true))
+    assert terms(discovery.structure) == terms(true)
 
 
 @pytest.mark.parametrize("n", [2, 4])
@@ -181,9 +183,9 @@ def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, l
     """Its links would bend about another place; the answer says where to look."""
     record = two[0][:3000]
     shifted = record.values + np.array([0.0, 0.02])
-    found = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
-    assert terms(found.structure) != terms(lw.bnes_chain(2)) and not found.trusted
-    assert found.remarks[0].endswith("check the units and the zeros of the channels, and the masses.")
+    discovery = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
+    assert terms(discovery.structure) != terms(lw.bnes_chain(2)) and not discovery.trusted
+    assert discovery.remarks[0].endswith("check the units and the zeros of the channels, and the masses.")
 
 
 def test_coloured_noise_gives_nothing_to_be_trusted() -> None:
@@ -201,10 +203,10 @@ def four() -> lw.Record:
 
 def test_a_stated_structure_is_kept_and_nothing_joins_it(four: lw.Record) -> None:
     stated = lw.bnes_chain(4).unknown("all")
-    found = lw.discover(four, stated)
-    assert [link.name for link in found.structure.links] == [link.name for link in stated.links]
-    assert terms(found.structure) == terms(lw.bnes_chain(4))
-    assert not found.kept and found.trusted
+    discovery = lw.discover(four, stated)
+    assert [link.name for link in discovery.structure.links] == [link.name for link in stated.links]
+    assert terms(discovery.structure) == terms(lw.bnes_chain(4))
+    assert not discovery.kept and discovery.trusted
 
 
 def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
@@ -221,9 +223,9 @@ def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
         else link
         for link in chain.unknown("all").links
     ]
-    found = lw.discover(four, replace(chain, links=tuple(links)))
-    assert terms(found.structure) == terms(chain)
-    assert {term.name for term in found.kept} == {"nes1.k3", "nes2.k3", "spring2.c"}
+    discovery = lw.discover(four, replace(chain, links=tuple(links)))
+    assert terms(discovery.structure) == terms(chain)
+    assert {term.name for term in discovery.kept} == {"nes1.k3", "nes2.k3", "spring2.c"}
 
 
 def known_not_to_be(masses_: tuple[lw.Mass, ...], *pairs: tuple[str, str]) -> lw.Structure:
@@ -234,10 +236,10 @@ def known_not_to_be(masses_: tuple[lw.Mass, ...], *pairs: tuple[str, str]) -> lw
 def test_a_link_that_is_known_not_to_be_is_not_found(four: lw.Record) -> None:
     chain = lw.bnes_chain(4)
     pairs = [("m2", "ground"), ("m4", "m1"), ("m3", "ground")]
-    found = lw.discover(four, known_not_to_be(chain.masses, *pairs))
-    assert terms(found.structure) == terms(chain)
-    assert len(found.terms) == (10 - 3) * 4
-    assert not {frozenset(pair) for pair in pairs} & {frozenset(term.between) for term in found.terms}
+    discovery = lw.discover(four, known_not_to_be(chain.masses, *pairs))
+    assert terms(discovery.structure) == terms(chain)
+    assert len(discovery.terms) == (10 - 3) * 4
+    assert not {frozenset(pair) for pair in pairs} & {frozenset(term.between) for term in discovery.terms}
 
 
 def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
@@ -245,37 +247,37 @@ def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
 ) -> None:
     """Without the sink's link to its frame the record cannot be explained."""
     record, _ = two
-    found = lw.discover(record, known_not_to_be(lw.bnes_chain(2).masses, ("m2", "m1")))
-    assert frozenset({"m1", "m2"}) not in graph(found.structure)
-    assert not found.trusted
+    discovery = lw.discover(record, known_not_to_be(lw.bnes_chain(2).masses, ("m2", "m1")))
+    assert frozenset({"m1", "m2"}) not in graph(discovery.structure)
+    assert not discovery.trusted
 
 
 def test_terms_that_are_not_there_cost_nothing(four: lw.Record) -> None:
-    found = lw.discover(four, masses(lw.bnes_chain(4)), terms="quintic, friction(0.01)")
-    assert terms(found.structure) == terms(lw.bnes_chain(4))
+    discovery = lw.discover(four, masses(lw.bnes_chain(4)), terms="quintic, friction(0.01)")
+    assert terms(discovery.structure) == terms(lw.bnes_chain(4))
 
 
 @pytest.mark.parametrize(
-    ("end", "drives", "seen"),
+    ("end", "drives", "channel"),
     [("ground", {"forces": {"m1": SINE}}, "force:m1"), ("base", {"base": "0.01*sin(150*t) + 0.006*sin(190*t)"}, "x:base")],
 )  # fmt: skip
 def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(
-    end: str, drives: dict[str, Any], seen: str
+    end: str, drives: dict[str, Any], channel: str
 ) -> None:
     chain = lw.bnes_chain(4)
     frame, *others = chain.links
     chain = replace(chain, links=(replace(frame, between=("m1", end)), *others))
     record = lw.simulate(chain, duration=DURATION, rate=RATE, **drives).with_noise(30.0, seed=1000)
-    assert seen in record.channels
-    found = lw.discover(record, masses(chain))
-    assert terms(found.structure) == terms(chain)
+    assert channel in record.channels
+    discovery = lw.discover(record, masses(chain))
+    assert terms(discovery.structure) == terms(chain)
 
 
 def test_two_records_of_one_structure_tell_together(four: lw.Record) -> None:
     chain = lw.bnes_chain(4)
-    other = chain_record(4, duration=3.0, hit="m3", speed=2.0)
+    second = chain_record(4, duration=3.0, hit="m3", speed=2.0)
     records = [
-        chain_record(4, duration=3.0).with_noise(20.0, seed=1000), other.with_noise(20.0, seed=1001),
+        chain_record(4, duration=3.0).with_noise(20.0, seed=1000), second.with_noise(20.0, seed=1001),
     ]  # fmt: skip
     assert terms(lw.discover(records, masses(chain)).structure) == terms(chain)
 
@@ -285,11 +287,13 @@ def test_what_was_summed_up_is_not_trusted_even_where_it_is_right(sensor: str) -
     """Neither velocity nor acceleration says where its mass is: the two-mass chain is found, longer ones often are not."""
     chain = lw.bnes_chain(2)
     record = chain_record(2, duration=DURATION, sensors=(sensor,)).with_noise(30.0, seed=1000)
-    found = lw.discover(record, masses(chain))
-    assert terms(found.structure) == terms(chain)
-    assert lw.Verdict.DISPLACEMENTS_INTEGRATED in found.verdicts and not found.trusted
-    assert found.remarks[0].startswith("Some displacements were integrated from velocities or accelerations")
-    assert not any(term.certain for term in some(found.terms))
+    discovery = lw.discover(record, masses(chain))
+    assert terms(discovery.structure) == terms(chain)
+    assert lw.Verdict.DISPLACEMENTS_INTEGRATED in discovery.verdicts and not discovery.trusted
+    assert discovery.remarks[0].startswith(
+        "Some displacements were integrated from velocities or accelerations"
+    )
+    assert not any(term.certain for term in some(discovery.terms))
 
 
 def test_states_that_accelerations_put_on_a_wrong_branch_are_computed_again() -> None:
@@ -305,11 +309,11 @@ def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=DURATION, rate=RATE)
     noise = np.sqrt(np.mean(record.values[:, 0] ** 2)) / 10.0
     values = record.values + noise * np.random.default_rng(1000).normal(size=record.values.shape)
-    for seen in (values, np.where(np.arange(4) < 2, values, 0.0)):  # or nothing at all
-        found = lw.discover(replace(record, values=seen, simulated=None), masses(true))
-        assert terms(found.structure) == terms(lw.bnes_chain(2))
-        assert found.structure.mass_names == ("m1", "m2")
-        assert found.remarks[0].startswith("m3 and m4 did not move above the noise and are left out")
+    for measured in (values, np.where(np.arange(4) < 2, values, 0.0)):  # or nothing at all
+        discovery = lw.discover(replace(record, values=measured, simulated=None), masses(true))
+        assert terms(discovery.structure) == terms(lw.bnes_chain(2))
+        assert discovery.structure.mass_names == ("m1", "m2")
+        assert discovery.remarks[0].startswith("m3 and m4 did not move above the noise and are left out")
 
 
 def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.Record) -> None:
@@ -321,12 +325,12 @@ def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.
     (tmp_path / "known.toml").write_text(whole, encoding="utf-8")
     known = lw.read_partial_structure(tmp_path / "known.toml")
     assert [link.name for link in known.links] == ["spring1"]
-    found = lw.discover(four, known)
-    assert terms(found.structure) == terms(lw.bnes_chain(4))
-    assert found.structure.coefficient("spring1.k").value == 30000.0  # stated as a number
-    assert "spring1.k" not in [term.name for term in found.terms]
-    assert found.certainty("spring1") == np.inf
-    assert 0.0 < found.certainty("m2-m1") < np.inf
+    discovery = lw.discover(four, known)
+    assert terms(discovery.structure) == terms(lw.bnes_chain(4))
+    assert discovery.structure.coefficient("spring1.k").value == 30000.0  # stated as a number
+    assert "spring1.k" not in [term.name for term in discovery.terms]
+    assert discovery.certainty("spring1") == np.inf
+    assert 0.0 < discovery.certainty("m2-m1") < np.inf
     strange = replace(known.links[0], name="far", between=("m1", "m9"))
     with pytest.raises(lw.StructureError, match='"m9" is not a mass; choose from "ground", "base" and'):
         lw.discover(four, replace(known, links=(strange,)))
@@ -335,8 +339,8 @@ def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.
 @pytest.mark.parametrize("seed", [1000, 1001])
 def test_random_structures_are_found(seed: int) -> None:
     case = random_case(seed)
-    found = lw.discover(case.record.with_noise(30.0, seed=seed), masses(case.structure))
-    assert graph(found.structure) == graph(case.structure)
+    discovery = lw.discover(case.record.with_noise(30.0, seed=seed), masses(case.structure))
+    assert graph(discovery.structure) == graph(case.structure)
 
 
 def test_candidates_that_were_never_tested_are_counted(
@@ -344,37 +348,37 @@ def test_candidates_that_were_never_tested_are_counted(
 ) -> None:
     """Beyond some masses each is screened by itself before; here beyond one."""
     monkeypatch.setattr(screen, "_TOGETHER", 1)
-    found = lw.discover(four, masses(lw.bnes_chain(4)))
-    assert terms(found.structure) == terms(lw.bnes_chain(4))
-    untested = 40 - len(found.terms)
+    discovery = lw.discover(four, masses(lw.bnes_chain(4)))
+    assert terms(discovery.structure) == terms(lw.bnes_chain(4))
+    untested = 40 - len(discovery.terms)
     assert untested > 0
     remark = (
         f"{untested} candidates that were significant in the equation of neither of their masses were dropped without "
         "a test by likelihood."
     )
-    assert remark in found.remarks
+    assert remark in discovery.remarks
 
 
 def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
     reports: list[lw.ProgressReport] = []
     lw.discover(four, masses(lw.bnes_chain(4)), progress=reports.append)
-    told = [(report.fraction, report.activity) for report in reports]
-    assert [fraction for fraction, _ in told] == sorted(fraction for fraction, _ in told)
-    assert told[0] == (0.0, "screening 40 candidates")
-    assert all(0.0 <= fraction < 1.0 for fraction, _ in some(told))
-    assert told[-1][1].startswith("round ")
+    progress = [(report.fraction, report.activity) for report in reports]
+    assert [fraction for fraction, _ in progress] == sorted(fraction for fraction, _ in progress)
+    assert progress[0] == (0.0, "screening 40 candidates")
+    assert all(0.0 <= fraction < 1.0 for fraction, _ in some(progress))
+    assert progress[-1][1].startswith("round ")
 
 
 @pytest.mark.parametrize(
-    ("masses_", "told"),
+    ("masses_", "message"),
     [
         ({}, "discovery needs at least one mass, got none; give masses by name"),
         ({"m1": "10 mm", "m2": 1.0}, "mass \"m1\": '10 mm' is in mm: expected a number in kg"),
         ({"m1": 1.0, "m2": float("nan")}, 'mass "m2": nan is not finite'),
     ],
 )
-def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict[str, Any], told: str) -> None:
-    with pytest.raises(lw.LinkwiseError, match=told):
+def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict[str, Any], message: str) -> None:
+    with pytest.raises(lw.LinkwiseError, match=message):
         lw.discover(four, masses_)
 
 
@@ -394,12 +398,12 @@ def two_of_four_joined() -> lw.Structure:
 def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
     true = two_of_four_joined()
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
-    found = lw.discover(record, masses(true))
-    assert found.trusted and "m1-ground" not in found.in_doubt and found.in_doubt
-    for link in some(found.estimate.links):
-        doubtful = link.link.name in found.in_doubt
+    discovery = lw.discover(record, masses(true))
+    assert discovery.trusted and "m1-ground" not in discovery.in_doubt and discovery.in_doubt
+    for link in some(discovery.estimate.links):
+        doubtful = link.link.name in discovery.in_doubt
         assert (link.covariance is None) == doubtful
-        assert all((each.standard_error is None) == doubtful for each in some(link.coefficients))
+        assert all((coefficient.standard_error is None) == doubtful for coefficient in some(link.coefficients))
 
 
 def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
@@ -411,11 +415,11 @@ def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
     noise = rng.normal(size=clean.values.shape)
     noise[:, 0] = lfilter([np.sqrt(1.0 - 0.7**2)], [1.0, -0.7], noise[:, 0])  # AR(1) of unit power
     size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0**-1.5  # 30 dB
-    found = lw.discover(replace(clean, values=clean.values + size * noise), masses(true))
-    assert "correlated from sample to sample in x:m1" in found.estimate.message
-    assert found.estimate.trusted and not found.trusted
-    assert found.verdicts[-1] is lw.Verdict.LINKS_IN_DOUBT
-    assert not any(term.certain for term in some(found.terms))
+    discovery = lw.discover(replace(clean, values=clean.values + size * noise), masses(true))
+    assert "correlated from sample to sample in x:m1" in discovery.estimate.message
+    assert discovery.estimate.trusted and not discovery.trusted
+    assert discovery.verdicts[-1] is lw.Verdict.LINKS_IN_DOUBT
+    assert not any(term.certain for term in some(discovery.terms))
 
 
 def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
@@ -423,11 +427,13 @@ def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
     law = "k*d + c*v"
     true = row_of_masses([0.5, 0.1], soft=(law, {"k": 1e3, "c": 0.2}), stiff=(law, {"k": 4e5, "c": 0.5}))
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
-    found = lw.discover(record, masses(true))
-    assert found.in_doubt and "m1 and m2 moved together" in found.remarks[0]
-    assert set(found.in_doubt) == {link.name for link in found.structure.links}
-    assert lw.Verdict.LINKS_IN_DOUBT in found.verdicts and not found.trusted
-    assert not any(term.certain for term in some(found.terms))
-    assert str(found).splitlines()[0].endswith(": NOT to be trusted") and "No link is certain" in str(found)
+    discovery = lw.discover(record, masses(true))
+    assert discovery.in_doubt and "m1 and m2 moved together" in discovery.remarks[0]
+    assert set(discovery.in_doubt) == {link.name for link in discovery.structure.links}
+    assert lw.Verdict.LINKS_IN_DOUBT in discovery.verdicts and not discovery.trusted
+    assert not any(term.certain for term in some(discovery.terms))
+    assert str(discovery).splitlines()[0].endswith(": NOT to be trusted") and "No link is certain" in str(
+        discovery
+    )
     firm = chain_discovery(2, 20.0, 1000)
     assert firm.in_doubt == () and str(firm).splitlines()[0].endswith(": can be trusted")

@@ -48,8 +48,8 @@ def test_scores_that_scatter_as_white_noise_would_give_the_same(
 ) -> None:
     quadratic, penalty = model
     white = DroppedTerms.of(quadratic, penalty, 2).covariance
-    same = DroppedTerms.of(replace(quadratic, scatter=quadratic.h), penalty, 2).covariance
-    np.testing.assert_allclose(same, white, rtol=1e-9)
+    covariance = DroppedTerms.of(replace(quadratic, scatter=quadratic.h), penalty, 2).covariance
+    np.testing.assert_allclose(covariance, white, rtol=1e-9)
     more = DroppedTerms.of(replace(quadratic, scatter=4.0 * quadratic.h), penalty, 2).covariance
     alone = DroppedTerms.of(replace(quadratic, scatter=0.0 * quadratic.h), penalty, 2).covariance
     np.testing.assert_allclose(more - alone, 4.0 * (white - alone), rtol=1e-9)
@@ -64,14 +64,18 @@ def test_columns_that_repeat_those_kept_are_left_out(model: tuple[QuadraticModel
     quadratic, penalty = model
     copy = [0, 1, 0, 3, 4]  # m1-ground.c is m1-ground.k again: the record tells nothing of it
     repeated = QuadraticModel(NAMES, quadratic.h[np.ix_(copy, copy)], quadratic.g[copy])
-    found = DroppedTerms.of(repeated, penalty, 2)
-    one = [0, 1, 3]
+    dropped = DroppedTerms.of(repeated, penalty, 2)
+    independent = [0, 1, 3]
     without = DroppedTerms.of(
-        QuadraticModel(tuple(NAMES[k] for k in one), quadratic.h[np.ix_(one, one)], quadratic.g[one]),
-        Penalty(penalty.term, penalty.link, penalty.pair[one], penalty.stated),
+        QuadraticModel(
+            tuple(NAMES[k] for k in independent),
+            quadratic.h[np.ix_(independent, independent)],
+            quadratic.g[independent],
+        ),
+        Penalty(penalty.term, penalty.link, penalty.pair[independent], penalty.stated),
         2,
     )
-    np.testing.assert_allclose(found.covariance, without.covariance, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(dropped.covariance, without.covariance, rtol=1e-6, atol=1e-12)
 
 
 def test_nothing_dropped_adds_nothing(model: tuple[QuadraticModel, Penalty]) -> None:
@@ -100,10 +104,10 @@ def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> No
         record = lw.simulate(true, release={"v:m1": 0.5}, duration=3.0, rate=400.0).with_noise(
             25.0, seed=seed
         )
-        found = lw.discover(record, masses(true))
-        assert found.trusted
-        for term in some(found.kept):
-            error = found.estimate.coefficient(term.name).standard_error
+        discovery = lw.discover(record, masses(true))
+        assert discovery.trusted
+        for term in some(discovery.kept):
+            error = discovery.estimate.coefficient(term.name).standard_error
             # of one fit in two ways, the model of the selection and the covariance of the optimum
             assert error is not None and error == pytest.approx(term.standard_error, rel=0.01)
             distance = abs(term.value - present(true.coefficient(term.name).value))
@@ -111,4 +115,4 @@ def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> No
             far_alone.append(distance * abs(term.z / term.value))
     assert max(far_alone) > 8.0  # ten in five of six other seeds, where the damper was dropped
     assert max(far) < 4.0  # 1e-4 of normal errors are larger; some thirty are looked at
-    assert "mostly by" in " ".join(found.remarks)
+    assert "mostly by" in " ".join(discovery.remarks)

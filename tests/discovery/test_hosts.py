@@ -56,40 +56,46 @@ def discovered(end: str, sensors: tuple[str, ...], known: lw.Host) -> lw.Discove
 
 
 def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
-    found = discovered("mid", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES))
-    assert found.trusted
-    assert [term.name for term in sorted(found.kept, key=lambda term: term.name)] == [
+    discovery = discovered("mid", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES))
+    assert discovery.trusted
+    assert [term.name for term in sorted(discovery.kept, key=lambda term: term.name)] == [
         "sink-beam.mid.c",
         "sink-beam.mid.k",
         "sink-beam.mid.k3",
     ]
-    assert found.in_doubt == ()
+    assert discovery.in_doubt == ()
     for name, true in (("k", TRUE["alpha"]), ("k3", TRUE["beta"]), ("c", TRUE["c"])):
-        each = found.estimate.coefficient(f"sink-beam.mid.{name}")
-        assert each.standard_error is not None
-        assert abs(each.value - true) < 4.0 * each.standard_error  # one draw of three: beyond 4 once in 5000
-    assert "1 host, 3 modes, 1 mass, 1 link with 3 terms" in str(found)
-    assert any("beam.root" in remark for remark in found.remarks)  # has no sensor
+        estimate = discovery.estimate.coefficient(f"sink-beam.mid.{name}")
+        assert estimate.standard_error is not None
+        assert (
+            abs(estimate.value - true) < 4.0 * estimate.standard_error
+        )  # one draw of three: beyond 4 once in 5000
+    assert "1 host, 3 modes, 1 mass, 1 link with 3 terms" in str(discovery)
+    assert any("beam.root" in remark for remark in discovery.remarks)  # has no sensor
 
 
 def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
-    found = discovered("tip", ("a:beam.mid", "a:sink"), host(SHAPES | NEAR))
-    [link] = found.in_doubt
+    discovery = discovered("tip", ("a:beam.mid", "a:sink"), host(SHAPES | NEAR))
+    [link] = discovery.in_doubt
     assert link in ("sink-beam.tip", "sink-beam.near")
-    other = {"sink-beam.tip", "sink-beam.near"} - {link}
-    assert any(f"hardly distinguishes the link {link} from {other.pop()}" in text for text in found.remarks)
+    exchanged = {"sink-beam.tip", "sink-beam.near"} - {link}
+    assert any(
+        f"hardly distinguishes the link {link} from {exchanged.pop()}" in text for text in discovery.remarks
+    )
 
 
 def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
-    found = discovered("tip", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES, second=1.03))
-    assert not found.trusted
-    assert any("the frequency of beam.mode2 were 2.9 % less than stated" in text for text in found.remarks)
+    discovery = discovered("tip", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES, second=1.03))
+    assert not discovery.trusted
+    assert any(
+        "the frequency of beam.mode2 were 2.9 % less than stated" in text for text in discovery.remarks
+    )
 
 
 def test_the_screen_finds_the_link_before_its_law_is_known() -> None:
     candidates = all_candidates((SINK,), parse_terms("v, d"), hosts=(host(SHAPES),))
-    kept = screen_links(record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")), candidates)
-    assert kept == {"sink-beam.mid.c", "sink-beam.mid.k"}
+    screened = screen_links(record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")), candidates)
+    assert screened == {"sink-beam.mid.c", "sink-beam.mid.k"}
 
 
 def test_candidates_join_points_that_can_move_apart() -> None:
@@ -107,9 +113,9 @@ def test_candidates_join_points_that_can_move_apart() -> None:
 def test_a_record_without_sensors_of_the_structure_is_refused() -> None:
     full = record("mid", ("a:beam.tip", "a:beam.mid", "a:sink"))
     values = np.random.default_rng(1).standard_normal((len(full), 2))
-    other = lw.Record(0.0, full.rate, ("a:elsewhere", "force:beam.root"), values)
+    elsewhere = lw.Record(0.0, full.rate, ("a:elsewhere", "force:beam.root"), values)
     with pytest.raises(lw.IdentificationError, match="no channel measures the motion of a mass or point"):
-        lw.check_discovery(other, lw.PartialStructure((SINK,), (), (host(SHAPES),)))
+        lw.check_discovery(elsewhere, lw.PartialStructure((SINK,), (), (host(SHAPES),)))
 
 
 def test_the_truth_of_a_host_is_compared_by_its_links() -> None:

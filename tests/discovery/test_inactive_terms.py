@@ -58,31 +58,33 @@ def inactive(*records: lw.Record) -> set[str]:
 
 
 def test_a_stop_that_was_reached_is_found_with_friction_beside(hard: lw.Record) -> None:
-    found = lw.discover(hard, MASSES, terms=TERMS)
-    assert inactive(hard) == set() and found.trusted
-    assert lw.term_score(found.structure, TRUTH).exact
+    discovery = lw.discover(hard, MASSES, terms=TERMS)
+    assert inactive(hard) == set() and discovery.trusted
+    assert lw.term_score(discovery.structure, TRUTH).exact
 
 
 def test_a_stop_on_the_other_side_is_found_as_well(hard: lw.Record) -> None:
     """Nobody chooses which end of a candidate comes first; in a mirror the stop closes where d is negative."""
-    found = lw.discover(replace(hard, values=-hard.values, simulated=None), MASSES, terms=TERMS)
-    assert found.trusted
-    assert {term.name for term in found.kept if term.link == "m1-ground"} == {
+    discovery = lw.discover(replace(hard, values=-hard.values, simulated=None), MASSES, terms=TERMS)
+    assert discovery.trusted
+    assert {term.name for term in discovery.kept if term.link == "m1-ground"} == {
         "m1-ground.k",
         "m1-ground.c",
         "m1-ground.kn",
     }
-    assert "m1-ground.kc" in {term.name for term in found.terms}
+    assert "m1-ground.kc" in {term.name for term in discovery.terms}
 
 
 def test_a_stop_that_was_not_reached_is_left_out_and_named(soft: lw.Record) -> None:
     stops = {f"{link}.{side}" for link in ("m1-ground", "m2-ground", "m2-m1") for side in ("kc", "kn")}
     assert inactive(soft) == stops
-    found = lw.discover(soft, MASSES, terms=TERMS)
-    assert lw.term_score(found.structure, TRUTH).missing == ("stop.kc",)
-    assert lw.term_score(found.structure, TRUTH).extra == ()
-    assert not stops & {term.name for term in found.terms}
-    assert any(each.startswith("m1-ground.kc, m1-ground.kn, m2-ground.kc, ") for each in found.remarks)
+    discovery = lw.discover(soft, MASSES, terms=TERMS)
+    assert lw.term_score(discovery.structure, TRUTH).missing == ("stop.kc",)
+    assert lw.term_score(discovery.structure, TRUTH).extra == ()
+    assert not stops & {term.name for term in discovery.terms}
+    assert any(
+        remark.startswith("m1-ground.kc, m1-ground.kn, m2-ground.kc, ") for remark in discovery.remarks
+    )
 
 
 def test_another_record_may_reach_it(hard: lw.Record, soft: lw.Record) -> None:
@@ -99,7 +101,8 @@ def test_smooth_terms_and_gaps_are_not_taken_for_silence(hard: lw.Record) -> Non
 
 def test_few_are_named_and_the_rest_counted() -> None:
     assert inactive_remark(()) == ()
-    [told] = inactive_remark([f"m{k}-ground.kc" for k in range(9)])
+    [sentence] = inactive_remark([f"m{k}-ground.kc" for k in range(9)])
     assert (
-        told.startswith("m0-ground.kc, m1-ground.kc") and "m5-ground.kc and 3 more were never active" in told
+        sentence.startswith("m0-ground.kc, m1-ground.kc")
+        and "m5-ground.kc and 3 more were never active" in sentence
     )

@@ -70,8 +70,8 @@ def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
     )
     # published, with 1 % for the scatter of five pieces of the record, which that of thirds is below
     assert discovery.estimate.coefficient("m1.mass").value == pytest.approx(95.109, rel=0.01)
-    kept = {term.term for term in discovery.terms if term.kept}
-    assert {"1", "v", "sign(v)"} <= kept
+    selected = {term.term for term in discovery.terms if term.kept}
+    assert {"1", "v", "sign(v)"} <= selected
     assert not [term for term in discovery.terms if term.kept and term.certain and term.term.startswith("d")]
 
 

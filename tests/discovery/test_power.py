@@ -36,12 +36,12 @@ def test_a_damper_that_the_record_cannot_show_is_not_told_as_absent(
     structure: lw.Structure, clean: lw.Record
 ) -> None:
     """At 5 dB the damper is within its standard error: the criterion prefers the model without it by more than CERTAIN."""
-    found = [discovered(structure, clean.with_noise(5.0, seed=seed)) for seed in range(4)]
+    discoveries = [discovered(structure, clean.with_noise(5.0, seed=seed)) for seed in range(4)]
     dropped = [
         term
-        for each in found
-        for term in each.terms
-        if each.trusted and term.name == "m2-m1.c" and not term.kept and term.margin > CERTAIN
+        for discovery in discoveries
+        for term in discovery.terms
+        if discovery.trusted and term.name == "m2-m1.c" and not term.kept and term.margin > CERTAIN
     ]
     for term in some(dropped):
         assert term.may_matter and term.decision is lw.Decision.DOUBTFUL
@@ -49,29 +49,29 @@ def test_a_damper_that_the_record_cannot_show_is_not_told_as_absent(
 
 
 def test_what_a_precise_record_does_not_show_is_absent(structure: lw.Structure, clean: lw.Record) -> None:
-    found = discovered(structure, clean.with_noise(50.0, seed=1))
+    discovery = discovered(structure, clean.with_noise(50.0, seed=1))
     dropped = [
-        term for term in found.terms if not term.kept and term.between in {("m1", "ground"), ("m2", "m1")}
+        term for term in discovery.terms if not term.kept and term.between in {("m1", "ground"), ("m2", "m1")}
     ]
     for term in some(dropped):
         # of the force of the link: a damper below it is as good as absent
         assert 0.0 < term.possible_share < 0.001 and not term.may_matter
         assert term.certain == (term.unambiguous and term.margin > CERTAIN)
     assert any(term.certain for term in dropped)
-    elsewhere = [term for term in found.terms if term.between == ("m2", "ground")]
+    elsewhere = [term for term in discovery.terms if term.between == ("m2", "ground")]
     for term in some(elsewhere):
         assert term.possible_share == 0.0 and term.certain
 
 
 def test_the_share_is_that_of_the_far_end_of_the_interval(structure: lw.Structure, clean: lw.Record) -> None:
     """Against the force along the motion that the identified structure makes."""
-    found = discovered(structure, clean.with_noise(40.0, seed=2))
-    motion = found.estimate.motion
-    place = {frozenset(link.between): number for number, link in enumerate(found.structure.links)}
-    dropped = [term for term in found.terms if not term.kept and frozenset(term.between) in place]
+    discovery = discovered(structure, clean.with_noise(40.0, seed=2))
+    motion = discovery.estimate.motion
+    place = {frozenset(link.between): number for number, link in enumerate(discovery.structure.links)}
+    dropped = [term for term in discovery.terms if not term.kept and frozenset(term.between) in place]
     for term in some(dropped):
         number = place[frozenset(term.between)]
-        link, d, v = found.structure.links[number], motion.d[:, number], motion.v[:, number]
+        link, d, v = discovery.structure.links[number], motion.d[:, number], motion.v[:, number]
         size = [
             np.sqrt(np.mean(force**2))
             for force in (lw.Law.parse(term.term).force(d, v, {}), link.law.force(d, v, link.values))
@@ -83,8 +83,8 @@ def test_the_share_is_that_of_the_far_end_of_the_interval(structure: lw.Structur
 def test_a_small_damper_matters_where_a_small_spring_does_not(
     structure: lw.Structure, clean: lw.Record
 ) -> None:
-    found = discovered(structure, clean.with_noise(50.0, seed=1))
-    spring = next(term for term in found.terms if term.name == "m2-m1.k3")
+    discovery = discovered(structure, clean.with_noise(50.0, seed=1))
+    spring = next(term for term in discovery.terms if term.name == "m2-m1.k3")
     damper = replace(spring, term="v")
     limits = {
         share: (replace(spring, possible_share=share), replace(damper, possible_share=share))

@@ -34,10 +34,10 @@ def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
     regression = Regression.drawn(2)
     numbers, values, z, part = regression.quadratic.additions(chosen)
     assert numbers.tolist() == [number for number in range(7) if number not in chosen]
-    for number, value, each, stands in zip(some(numbers), values, z, part, strict=True):
+    for number, value, score, stands in zip(some(numbers), values, z, part, strict=True):
         together, deviations, _ = regression.least_squares([*chosen, number])
         assert value == pytest.approx(together[-1], rel=SAME)
-        assert each == pytest.approx(deviations[-1], rel=SAME)
+        assert score == pytest.approx(deviations[-1], rel=SAME)
         column = regression.columns[:, number]
         lean = regression.columns[:, chosen] @ np.linalg.lstsq(regression.columns[:, chosen], column)[0]
         assert stands == pytest.approx(np.sum((column - lean) ** 2) / np.sum(column**2), rel=SAME)
@@ -46,9 +46,9 @@ def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
 def test_z_squared_is_what_a_coefficient_takes_off_the_cost() -> None:
     quadratic = Regression.drawn(3).quadratic
     numbers, _, z, _ = quadratic.additions([1, 4])
-    for number, each in zip(some(numbers), z, strict=True):
+    for number, score in zip(some(numbers), z, strict=True):
         gain = quadratic.cost([1, 4]) - quadratic.cost([1, 4, number])
-        assert each**2 == pytest.approx(gain, rel=SAME)
+        assert score**2 == pytest.approx(gain, rel=SAME)
 
 
 def test_another_scatter_gives_the_sandwich() -> None:
@@ -62,11 +62,11 @@ def test_another_scatter_gives_the_sandwich() -> None:
     deviation = np.sqrt((inverse @ scatter @ inverse).diagonal())
     np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ g / deviation, rtol=SAME)
     numbers, values, z, _ = quadratic.additions([0, 2, 3])
-    for number, value, each in zip(some(numbers.tolist()), values, z, strict=True):
+    for number, value, score in zip(some(numbers.tolist()), values, z, strict=True):
         block = np.ix_([0, 2, 3, number], [0, 2, 3, number])
         inverse = np.linalg.inv(h[block])
         assert value == pytest.approx((inverse @ g[[0, 2, 3, number]])[-1], rel=SAME)
-        assert each == pytest.approx(value / np.sqrt((inverse @ scatter[block] @ inverse)[-1, -1]), rel=SAME)
+        assert score == pytest.approx(value / np.sqrt((inverse @ scatter[block] @ inverse)[-1, -1]), rel=SAME)
 
 
 def test_a_column_that_is_another_one_cannot_be_told() -> None:
@@ -106,11 +106,11 @@ def test_a_model_pays_for_its_terms_and_for_its_links() -> None:
 
 
 def test_what_is_stated_costs_nothing() -> None:
-    held = lw.parse_structure(
+    structure = lw.parse_structure(
         '[[mass]]\nname = "a"\nmass = 1.0\n[[link]]\nname = "frame"\nbetween = ["a", "ground"]\nlaw = "k*d"\n'
         'coefficients = { k = "unknown" }\n'
     )
-    pool = all_candidates(held.masses, parse_terms("v, d, d**3"), stated=held.links)
+    pool = all_candidates(structure.masses, parse_terms("v, d, d**3"), stated=structure.links)
     penalty = Penalty.of(pool, ("frame.k", "frame.c", "frame.k3"), 100)
     assert penalty.pair.tolist() == [-1, 0, 0]
     assert penalty.total([0]) == 0.0

@@ -57,21 +57,21 @@ def load_cell(seed: int) -> lw.Record:
     return lw.Record(0.0, RATE, channels, np.column_stack(noisy), interpolation={"force:m1": "held"})
 
 
-def assert_found(found: lw.Discovery) -> None:
-    assert found.trusted, found
-    assert lw.term_score(found.structure, truth()).exact
-    for parameter in some(found.estimate.parameters):
-        coefficient = found.estimate.coefficient(parameter.name)
+def assert_found(discovery: lw.Discovery) -> None:
+    assert discovery.trusted, discovery
+    assert lw.term_score(discovery.structure, truth()).exact
+    for parameter in some(discovery.estimate.parameters):
+        coefficient = discovery.estimate.coefficient(parameter.name)
         true = STIFFNESS if parameter.name.endswith(".k") else DAMPING
         # five standard errors, which chance exceeds in 6e-7 of estimates
         assert abs(coefficient.value - true) < 5.0 * float(coefficient.standard_error or 0.0)
 
 
 def test_ambient_vibration_gives_the_structure() -> None:
-    found = lw.discover(ambient(11), MASSES, terms="v, d, d**3", ambient="all")
-    assert_found(found)
-    assert [force.where for force in found.estimate.random_forces] == ["m1", "m2"]
-    assert any("it is not tested whether terms stand in for a form" in remark for remark in found.remarks)
+    discovery = lw.discover(ambient(11), MASSES, terms="v, d, d**3", ambient="all")
+    assert_found(discovery)
+    assert [force.where for force in discovery.estimate.random_forces] == ["m1", "m2"]
+    assert any("it is not tested whether terms stand in for a form" in remark for remark in discovery.remarks)
 
 
 def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_trusted() -> None:
@@ -83,10 +83,10 @@ def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_tr
 
 
 def test_noise_of_a_load_cell_gives_no_false_term() -> None:
-    found = lw.discover(load_cell(12), MASSES, input_noise={"force:m1": 0.1})
-    assert_found(found)
-    assert [force.where for force in found.estimate.random_forces] == ["force:m1"]
-    assert all(term.certain for term in some(found.kept))
+    discovery = lw.discover(load_cell(12), MASSES, input_noise={"force:m1": 0.1})
+    assert_found(discovery)
+    assert [force.where for force in discovery.estimate.random_forces] == ["force:m1"]
+    assert all(term.certain for term in some(discovery.kept))
 
 
 @pytest.mark.parametrize(

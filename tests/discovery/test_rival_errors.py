@@ -30,25 +30,27 @@ def record() -> lw.Record:
 
 @pytest.mark.parametrize("seed", [11, 12])
 def test_right_values_have_no_rival(seed: int) -> None:
-    found = lw.discover(record().with_noise(30.0, seed=seed), MASSES)
-    assert found.trusted
-    assert lw.term_score(found.structure, FRAME).exact
-    assert all(term.certain for term in some(found.kept))
-    assert not [remark for remark in found.remarks if "than stated" in remark]
+    discovery = lw.discover(record().with_noise(30.0, seed=seed), MASSES)
+    assert discovery.trusted
+    assert lw.term_score(discovery.structure, FRAME).exact
+    assert all(term.certain for term in some(discovery.kept))
+    assert not [remark for remark in discovery.remarks if "than stated" in remark]
 
 
-@pytest.mark.parametrize(("mass", "factor", "told"), [("m2", 0.99, "more"), ("m3", 1.01, "less")])
-def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float, told: str) -> None:
+@pytest.mark.parametrize(("mass", "factor", "message"), [("m2", 0.99, "more"), ("m3", 1.01, "less")])
+def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float, message: str) -> None:
     """Springs that are not there were called certain, beside coefficients many standard errors off."""
-    found = lw.discover(record().with_noise(30.0, seed=11), {**MASSES, mass: factor * MASSES[mass]})
-    false = lw.term_score(found.structure, FRAME).extra
+    discovery = lw.discover(record().with_noise(30.0, seed=11), {**MASSES, mass: factor * MASSES[mass]})
+    false = lw.term_score(discovery.structure, FRAME).extra
     assert false
-    assert not [term.name for term in found.terms if term.certain and term.name in false]
-    assert not found.trusted
-    assert lw.Verdict.MEASUREMENT_ERROR in found.verdicts
-    assert all(each.standard_error is None for each in some(found.estimate.links[0].coefficients))
+    assert not [term.name for term in discovery.terms if term.certain and term.name in false]
+    assert not discovery.trusted
+    assert lw.Verdict.MEASUREMENT_ERROR in discovery.verdicts
+    assert all(coefficient.standard_error is None for coefficient in some(discovery.estimate.links[0].coefficients))
     named = [
-        remark for remark in found.remarks if f"If the mass of {mass} were 1 % {told} than stated" in remark
+        remark
+        for remark in discovery.remarks
+        if f"If the mass of {mass} were 1 % {message} than stated" in remark
     ]
     assert len(named) == 1
     assert all(name in named[0] for name in false)
@@ -58,9 +60,9 @@ def test_a_stiffness_that_is_stated_wrong_is_named() -> None:
     stated = FRAME.link("m2-m1")
     wrong = replace(stated, coefficients={**stated.coefficients, "k": lw.Coefficient.number(1.02 * 1.2e4)})
     noisy = record().with_noise(18.0, seed=11)  # with less noise the diagnosis of the fit tells it
-    found = lw.discover(noisy, lw.PartialStructure(FRAME.masses, (wrong,)))
-    assert not found.trusted
-    assert any("If m2-m1.k were 1.9 % less than stated" in remark for remark in found.remarks)
+    discovery = lw.discover(noisy, lw.PartialStructure(FRAME.masses, (wrong,)))
+    assert not discovery.trusted
+    assert any("If m2-m1.k were 1.9 % less than stated" in remark for remark in discovery.remarks)
 
 
 @pytest.mark.parametrize(

@@ -27,11 +27,11 @@ def record(law: str, seed: int, *, c: float, k3: float, q: float) -> lw.Record:
 def test_terms_that_stand_in_for_a_form_that_was_not_offered_are_in_doubt() -> None:
     """They were certain, and trusted: other terms on offer explain the record far worse."""
     given = record("k*d + k3*d**3 + c*v + q*d*abs(d)", 32, c=2.0, k3=0.0, q=400.0)
-    found = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
-    assert found.estimate.trusted  # by its residuals alone
-    assert not found.trusted and lw.Verdict.TERMS_MAY_BE_MISSING in found.verdicts
-    assert not [term for term in found.kept if term.certain]
-    (remark,) = (each for each in found.remarks if "offer it" in each)
+    discovery = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
+    assert discovery.estimate.trusted  # by its residuals alone
+    assert not discovery.trusted and lw.Verdict.TERMS_MAY_BE_MISSING in discovery.verdicts
+    assert not [term for term in discovery.kept if term.certain]
+    (remark,) = (remark for remark in discovery.remarks if "offer it" in remark)
     assert "a force like d*abs(d) in m1-ground, which was not offered, m1-ground.k3 would not be" in remark
 
 
@@ -40,17 +40,17 @@ def test_terms_whose_residuals_show_a_form_that_was_not_offered_are_not_certain(
     form: str, size: float
 ) -> None:
     given = record(f"k*d + k3*d**3 + c*v + q*{form}", 33, c=0.0, k3=4e5, q=size)
-    found = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
-    assert not found.trusted and lw.Verdict.SYSTEMATIC_MISFIT in found.verdicts
-    assert {term.term for term in found.kept} >= {"v", "v**3"}  # which stand in for it
-    assert not [term for term in found.kept if term.certain]
+    discovery = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
+    assert not discovery.trusted and lw.Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
+    assert {term.term for term in discovery.kept} >= {"v", "v**3"}  # which stand in for it
+    assert not [term for term in discovery.kept if term.certain]
 
 
 def test_terms_that_are_there_stay_certain_beside_other_forms() -> None:
     given = record("k*d + k3*d**3 + c*v + q*v**3", 6, c=2.0, k3=4e5, q=4.0)
-    found = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
-    assert found.trusted and not [each for each in found.remarks if "offer it" in each]
-    assert {term.term for term in found.kept if term.certain} == {"d", "d**3", "v", "v**3"}
+    discovery = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
+    assert discovery.trusted and not [remark for remark in discovery.remarks if "offer it" in remark]
+    assert {term.term for term in discovery.kept if term.certain} == {"d", "d**3", "v", "v**3"}
 
 
 def test_a_form_that_replaces_no_term_does_not_hide_a_weaker_one_that_does() -> None:

@@ -50,32 +50,32 @@ def test_ends_may_be_exchanged(law: str) -> None:
     """The force that the true link exerts on m2 is the same, whichever end its law is written for."""
     names = lw.Law.parse(law).coefficients
     true = structure(SPRING, ("gap", "m1 m2", law, {name: 0.3 + k for k, name in enumerate(names)}))
-    here = lw.align_truth(structure(SPRING, SINK), true).link("m2-m1")
+    aligned = lw.align_truth(structure(SPRING, SINK), true).link("m2-m1")
     d, v = np.random.default_rng(1).normal(size=(2, 50))
-    np.testing.assert_allclose(here.force(d, v), -true.link("gap").force(-d, -v), rtol=1e-12, atol=1e-12)
-    assert here.between == ("m2", "m1") and here.values["k3"] == 0.0
+    np.testing.assert_allclose(aligned.force(d, v), -true.link("gap").force(-d, -v), rtol=1e-12, atol=1e-12)
+    assert aligned.between == ("m2", "m1") and aligned.values["k3"] == 0.0
 
 
 def test_a_factor_or_a_number_in_a_law_is_no_other_term() -> None:
     true = structure(("spring", "m1 ground", "30000*d + c*v", {"c": 1.0}), SINK)
-    found = structure(("m1-ground", "m1 ground", "k*2*d + c*v", {"k": 15000.0, "c": 1.0}), SINK)
-    assert lw.term_score(found, true).exact
-    assert lw.align_truth(found, true).link("m1-ground").values == pytest.approx(
+    discovered = structure(("m1-ground", "m1 ground", "k*2*d + c*v", {"k": 15000.0, "c": 1.0}), SINK)
+    assert lw.term_score(discovered, true).exact
+    assert lw.align_truth(discovered, true).link("m1-ground").values == pytest.approx(
         {"k": 15000.0, "c": 1.0}, rel=1e-12
     )
 
 
 def test_two_frictions_that_saturate_elsewhere_are_two_terms() -> None:
     laws = [("m2-m1", "m2 m1", f"k*d + F*tanh(v/{rate})", {"k": 1.0, "F": 2.0}) for rate in (0.01, 0.02)]
-    one, other = (structure(SPRING, law) for law in laws)
-    assert lw.term_score(one, other).extra == lw.term_score(one, other).missing == ("m2-m1.F",)
-    assert lw.term_score(one, one).exact
+    first, second = (structure(SPRING, law) for law in laws)
+    assert lw.term_score(first, second).extra == lw.term_score(first, second).missing == ("m2-m1.F",)
+    assert lw.term_score(first, first).exact
 
 
 def test_a_coefficient_of_zero_is_no_term() -> None:
     none = ("nes1", "m2 m1", "k*d + k2*d**2 + k3*d**3 + c*v", {"k": -100.0, "k2": 0.0, "k3": 1e6, "c": 0.02})
-    one, other = structure(SPRING, SINK), structure(SPRING, none)
-    assert lw.term_score(one, other).exact and lw.term_score(other, one).exact
+    first, second = structure(SPRING, SINK), structure(SPRING, none)
+    assert lw.term_score(first, second).exact and lw.term_score(second, first).exact
 
 
 def test_a_false_link_has_no_force_in_truth(chain: lw.Structure) -> None:
@@ -84,8 +84,8 @@ def test_a_false_link_has_no_force_in_truth(chain: lw.Structure) -> None:
 
 
 def test_other_masses_cannot_be_compared(chain: lw.Structure) -> None:
-    found = structure(SPRING, ("x", "big m1", "k*d", {"k": 1.0}), masses="m1 big")
+    discovered = structure(SPRING, ("x", "big m1", "k*d", {"k": 1.0}), masses="m1 big")
     with pytest.raises(
         lw.StructureError, match="does not have the mass big, so the two cannot be compared; it has m1, m2"
     ):
-        lw.term_score(found, chain)
+        lw.term_score(discovered, chain)

@@ -26,8 +26,8 @@ def noisy_record(decibel: float, seed: int) -> lw.Record:
 
 def run(record: lw.Record, structure: lw.Structure) -> tuple[ScreenResult, Candidates]:
     pool = candidates_for([record], masses(structure), "cubic")
-    seen = with_displacements(record, pool.masses)
-    return screen([seen], [read_displacements(seen, pool.full_structure)], pool), pool
+    displaced = with_displacements(record, pool.masses)
+    return screen([displaced], [read_displacements(displaced, pool.full_structure)], pool), pool
 
 
 def elastic(names: frozenset[str], pool: Candidates) -> set[str]:
@@ -36,22 +36,22 @@ def elastic(names: frozenset[str], pool: Candidates) -> set[str]:
 
 @pytest.mark.parametrize(("decibel", "seed"), [(40.0, 1000), (30.0, 1001), (20.0, 1002)])
 def test_every_spring_and_cubic_term_of_the_chain_stands(decibel: float, seed: int) -> None:
-    found, pool = run(noisy_record(decibel, seed), lw.bnes_chain(4))
-    assert elastic(found.significant, pool) == ELASTIC
-    assert found.tested == frozenset(pool.by_name)
+    screened, pool = run(noisy_record(decibel, seed), lw.bnes_chain(4))
+    assert elastic(screened.significant, pool) == ELASTIC
+    assert screened.tested == frozenset(pool.by_name)
 
 
 def test_where_a_spring_stands_its_damper_goes_along() -> None:
     """The weak form can hardly see dampers, so every link that stands takes one to the likelihood."""
-    found, pool = run(noisy_record(20.0, 1000), lw.bnes_chain(4))
-    for name in some(elastic(found.significant, pool)):
-        assert f"{name.split('.')[0]}.c" in found.significant
+    screened, pool = run(noisy_record(20.0, 1000), lw.bnes_chain(4))
+    for name in some(elastic(screened.significant, pool)):
+        assert f"{name.split('.')[0]}.c" in screened.significant
 
 
 def test_a_linear_chain_shows_no_cubic_term() -> None:
     linear = linear_chain(4)
-    found, pool = run(linear.clean.with_noise(30.0, seed=1000), linear.structure)
-    assert elastic(found.significant, pool) == {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m4-m3.k"}
+    screened, pool = run(linear.clean.with_noise(30.0, seed=1000), linear.structure)
+    assert elastic(screened.significant, pool) == {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m4-m3.k"}
 
 
 def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,10 +59,10 @@ def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> N
     record = noisy_record(30.0, 1000)
     together, pool = run(record, lw.bnes_chain(4))
     monkeypatch.setattr(module, "_TOGETHER", 2)
-    found, _ = run(record, lw.bnes_chain(4))
+    screened, _ = run(record, lw.bnes_chain(4))
     true = ELASTIC | {"m1-ground.c", "m3-m1.c", "m2-m1.c", "m4-m3.c"}
-    assert true <= found.tested < frozenset(pool.by_name)
-    assert elastic(found.significant, pool) == elastic(together.significant, pool)
+    assert true <= screened.tested < frozenset(pool.by_name)
+    assert elastic(screened.significant, pool) == elastic(together.significant, pool)
 
 
 def test_measured_displacements_stay_as_they_are() -> None:
@@ -75,11 +75,11 @@ def test_displacements_are_summed_up_where_none_was_measured(kind: str) -> None:
     """What swings is found to a few parts in a hundred; where the mass stands is not."""
     chain = lw.bnes_chain(2)
     whole = chain_record(2, sensors=("x", "v", "a")).with_noise(40.0, seed=1000)
-    seen = whole.select(("x:m2", f"{kind}:m1"))
-    found = with_displacements(seen, chain.masses)
-    assert found.channels == ("x:m2", f"{kind}:m1", "x:m1")
-    np.testing.assert_array_equal(found.values[:, :2], seen.values)
-    x, true = found.channel("x:m1"), whole.channel("x:m1")
+    selected = whole.select(("x:m2", f"{kind}:m1"))
+    displaced = with_displacements(selected, chain.masses)
+    assert displaced.channels == ("x:m2", f"{kind}:m1", "x:m1")
+    np.testing.assert_array_equal(displaced.values[:, :2], selected.values)
+    x, true = displaced.channel("x:m1"), whole.channel("x:m1")
     middle = slice(1000, 3000)
     swing = true[middle] - true[middle].mean()
     error = x[middle] - x[middle].mean() - swing
@@ -90,10 +90,10 @@ def test_displacements_are_summed_up_where_none_was_measured(kind: str) -> None:
     assert np.sqrt(np.mean(error**2)) < walk
     # what is found swings at a few parts in a hundred of error; a fifth is allowed
     assert np.sqrt(np.mean(swing**2)) > 5.0 * walk
-    assert found.noise["x:m1"] == pytest.approx(
+    assert displaced.noise["x:m1"] == pytest.approx(
         0.01 * np.std(x), rel=0.05
     )  # the share of the channel that it came from
-    assert "x:m1" not in seen.noise
+    assert "x:m1" not in selected.noise
 
 
 def test_noise_bias_that_was_left_in_is_taken_out_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:

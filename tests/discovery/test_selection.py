@@ -42,9 +42,9 @@ def test_laws_that_run_away_in_a_later_round_leave_the_best_of_those_before(
     where = import_module(f"linkwise.discovery.{place}")
     monkeypatch.setattr(where, "likelihood_fit", failing(where.likelihood_fit, first))
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=7)
-    found = lw.discover(record, masses(lw.bnes_chain(2)), terms="d, v")
-    assert not found.trusted
-    assert {link.name for link in found.structure.links} >= {"m1-ground", "m2-m1"}
+    discovery = lw.discover(record, masses(lw.bnes_chain(2)), terms="d, v")
+    assert not discovery.trusted
+    assert {link.name for link in discovery.structure.links} >= {"m1-ground", "m2-m1"}
 
 
 def selected(masses: int, *, settled: bool = True) -> Selection:
@@ -82,9 +82,9 @@ def test_selections_are_compared_at_the_same_noise() -> None:
     )  # its noise was lowered; its cost is as high, and it has a term more
     assert better.fit.misfit.data == pytest.approx(worse.fit.misfit.data, rel=1e-12)
     assert best_of([worse, better]) is better and best_of([better, worse]) is better
-    same = visited(residuals, 1.1, terms=3)
+    alike = visited(residuals, 1.1, terms=3)
     noise = better.noise
-    assert same.criterion(noise) == pytest.approx(better.criterion(noise), rel=1e-12)
+    assert alike.criterion(noise) == pytest.approx(better.criterion(noise), rel=1e-12)
     more = visited(residuals, 1.0, terms=4)
     assert best_of([more, better]) is better
 
@@ -122,7 +122,7 @@ def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was
         ),
     )
     record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
-    found = lw.discover(record.with_noise(34.15, seed=5081), {"m1": 3.2555, "m2": "unknown"})
-    assert found.trusted
-    mass = found.estimate.coefficient("m2.mass")
+    discovery = lw.discover(record.with_noise(34.15, seed=5081), {"m1": 3.2555, "m2": "unknown"})
+    assert discovery.trusted
+    mass = discovery.estimate.coefficient("m2.mass")
     assert abs(mass.value - 0.13649) < 4.0 * present(mass.standard_error)  # 1e-4 of normal errors are larger

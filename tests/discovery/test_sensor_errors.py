@@ -26,11 +26,11 @@ def changed(x2: np.ndarray) -> lw.Record:
     return replace(clean, values=np.column_stack([clean.channel("x:m1"), x2]), simulated=None)
 
 
-def exact(found: lw.Discovery) -> bool:
-    return lw.term_score(found.structure, lw.bnes_chain(2)).exact
+def exact(discovery: lw.Discovery) -> bool:
+    return lw.term_score(discovery.structure, lw.bnes_chain(2)).exact
 
 
-def farthest(found: lw.Discovery) -> float:
+def farthest(discovery: lw.Discovery) -> float:
     """The largest error of a coefficient in standard errors."""
     chain = lw.bnes_chain(2)
     true = {
@@ -40,10 +40,10 @@ def farthest(found: lw.Discovery) -> float:
         "m2-m1.k3": chain.coefficient("nes1.beta").value,
         "m2-m1.c": chain.coefficient("nes1.c").value,
     }
-    estimates = {name: found.estimate.coefficient(name) for name in true}
+    estimates = {name: discovery.estimate.coefficient(name) for name in true}
     return max(
-        abs(one.value - float(true[name] or 0.0)) / float(one.standard_error or np.nan)
-        for name, one in estimates.items()
+        abs(estimate.value - float(true[name] or 0.0)) / float(estimate.standard_error or np.nan)
+        for name, estimate in estimates.items()
     )
 
 
@@ -60,34 +60,38 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
 @pytest.mark.parametrize(("kind", "gain", "offset"), [("gain", 1.1, 0.0), ("offset", 1.0, 0.002)])
 def test_an_admitted_error_is_found_with_the_structure(kind: str, gain: float, offset: float) -> None:
     faulty = changed(gain * record().channel("x:m2") + offset)
-    found = lw.discover(faulty, MASSES, admit=[kind])
-    assert found.trusted and exact(found)
-    assert farthest(found) < FAR
-    assert any("estimated with the other unknowns" in finding for finding in found.estimate.findings)
+    discovery = lw.discover(faulty, MASSES, admit=[kind])
+    assert discovery.trusted and exact(discovery)
+    assert farthest(discovery) < FAR
+    assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
 
 
 def test_of_two_gains_that_explain_the_record_alike_none_is_taken() -> None:
     """One of 2 % in either channel of a free decay: the criterion differs by 2."""
-    found = lw.discover(changed(1.02 * record().channel("x:m2")), MASSES, admit="gain")
-    assert not found.trusted
-    assert {cause.where for cause in found.diagnosis[:2]} == {"x:m1", "x:m2"}
+    discovery = lw.discover(changed(1.02 * record().channel("x:m2")), MASSES, admit="gain")
+    assert not discovery.trusted
+    assert {cause.where for cause in discovery.diagnosis[:2]} == {"x:m1", "x:m2"}
 
 
 def test_a_delay_that_is_named_is_found() -> None:
     x = record().channel("x:m2")
     late = changed(np.concatenate([np.full(LATE, x[0]), x[:-LATE]]))
     faulty = late.between(0.01, 1.5)  # without the samples that the shift has repeated
-    found = lw.discover(faulty, MASSES, delays=["x:m2"])
-    assert found.trusted and exact(found)
-    (told,) = (finding for finding in found.estimate.findings if finding.startswith("x:m2 is late by"))
-    assert float(told.split()[4]) == pytest.approx(LATE, abs=0.02)  # ms, as many as samples
+    discovery = lw.discover(faulty, MASSES, delays=["x:m2"])
+    assert discovery.trusted and exact(discovery)
+    (sentence,) = (
+        finding for finding in discovery.estimate.findings if finding.startswith("x:m2 is late by")
+    )
+    assert float(sentence.split()[4]) == pytest.approx(LATE, abs=0.02)  # ms, as many as samples
 
 
 def test_a_delay_is_found_beside_a_gain() -> None:
-    found = lw.discover(record(), MASSES, delays=["x:m2"], calibration={"all": WIDTH})
-    assert found.trusted and exact(found)
-    told = [finding for finding in found.estimate.findings if "estimated with the other unknowns" in finding]
-    assert len(told) == 3  # a delay and two gains
+    discovery = lw.discover(record(), MASSES, delays=["x:m2"], calibration={"all": WIDTH})
+    assert discovery.trusted and exact(discovery)
+    findings = [
+        finding for finding in discovery.estimate.findings if "estimated with the other unknowns" in finding
+    ]
+    assert len(findings) == 3  # a delay and two gains
 
 
 def test_known_delays_are_not_taken_for_unknown_ones() -> None:

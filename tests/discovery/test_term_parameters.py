@@ -36,18 +36,18 @@ def test_a_parameter_is_found_with_the_term(
     structure: lw.Structure, terms: str, parameter: str, value: float, seed: int
 ) -> None:
     """Within four standard errors, which chance exceeds once in 16 000 times."""
-    found = lw.discover(recorded(structure, 40.0, seed), MASSES, terms=terms)
-    assert found.trusted
-    assert [link.name for link in found.structure.links] == ["m1-ground", "m2-m1"]
-    coefficient = found.estimate.coefficient(f"m2-m1.{parameter}")
+    discovery = lw.discover(recorded(structure, 40.0, seed), MASSES, terms=terms)
+    assert discovery.trusted
+    assert [link.name for link in discovery.structure.links] == ["m1-ground", "m2-m1"]
+    coefficient = discovery.estimate.coefficient(f"m2-m1.{parameter}")
     assert coefficient.standard_error is not None
     assert abs(coefficient.value - value) < 4.0 * coefficient.standard_error
     assert coefficient.standard_error < 0.02 * value
 
 
 def test_a_term_whose_parameter_was_found_is_that_of_the_truth() -> None:
-    found = lw.discover(recorded(FRICTION, 40.0, 13), MASSES, terms="v, d, friction")
-    assert lw.term_score(found.structure, FRICTION).exact
+    discovery = lw.discover(recorded(FRICTION, 40.0, 13), MASSES, terms="v, d, friction")
+    assert lw.term_score(discovery.structure, FRICTION).exact
 
 
 def test_terms_with_parameters_that_are_not_needed_change_nothing() -> None:
@@ -70,16 +70,16 @@ def test_values_that_no_fit_found_are_not_to_be_trusted(monkeypatch: pytest.Monk
         "linkwise.discovery.term_parameters._freed", lambda search, selection: (search, selection)
     )
     monkeypatch.setattr("linkwise.discovery.term_parameters._freed_at_once", lambda search, chosen: None)
-    found = lw.discover(recorded(FRICTION, 20.0, 15), MASSES, terms="v, d, friction")
-    assert lw.Verdict.TERMS_MAY_BE_MISSING in found.verdicts
-    assert any("No fit found the parameters of m2-m1.F" in remark for remark in found.remarks)
+    discovery = lw.discover(recorded(FRICTION, 20.0, 15), MASSES, terms="v, d, friction")
+    assert lw.Verdict.TERMS_MAY_BE_MISSING in discovery.verdicts
+    assert any("No fit found the parameters of m2-m1.F" in remark for remark in discovery.remarks)
 
 
 def test_friction_that_gives_energy_stands_in_for_another_damping() -> None:
     """Quadratic damping, which was not offered: negative friction was beyond doubt, and c 8 standard errors off."""
     quadratic = pair("k*d + c*v + c2*v*abs(v)", {"k": 400.0, "c": 0.3, "c2": 0.5})
     record = recorded(quadratic, 28.0, 3)
-    found = lw.discover(record, MASSES, terms="linear, d**3, friction")
-    assert lw.Verdict.TERMS_MAY_BE_MISSING in found.verdicts
-    assert any("damping in m2-m1 one gives energy" in remark for remark in found.remarks)
+    discovery = lw.discover(record, MASSES, terms="linear, d**3, friction")
+    assert lw.Verdict.TERMS_MAY_BE_MISSING in discovery.verdicts
+    assert any("damping in m2-m1 one gives energy" in remark for remark in discovery.remarks)
     assert lw.discover(record, MASSES, terms="linear, d**3, v*abs(v)").trusted

@@ -75,7 +75,7 @@ def test_names_that_two_terms_would_share_are_numbered() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
         (" , ", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
@@ -98,16 +98,16 @@ def test_names_that_two_terms_would_share_are_numbered() -> None:
         ("3.0", "the term '3.0' depends neither on d nor on v; write 1 for a constant force on the masses"),
     ],
 )  # fmt: skip
-def test_what_is_no_term_is_refused_with_the_reason(text: str, told: str) -> None:
-    with pytest.raises(lw.IdentificationError, match=re.escape(told)):
+def test_what_is_no_term_is_refused_with_the_reason(text: str, message: str) -> None:
+    with pytest.raises(lw.IdentificationError, match=re.escape(message)):
         parse_terms(text)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"), [("d**", "Something is missing after"), ("d/v", "Division by zero at rest")]
+    ("text", "message"), [("d**", "Something is missing after"), ("d/v", "Division by zero at rest")]
 )
-def test_what_no_law_can_be_is_refused_at_its_place(text: str, told: str) -> None:
-    with pytest.raises(lw.LawError, match=told) as error:
+def test_what_no_law_can_be_is_refused_at_its_place(text: str, message: str) -> None:
+    with pytest.raises(lw.LawError, match=message) as error:
         parse_terms(f"linear, {text}")
     assert f"  {text}\n" in str(error.value)
 
