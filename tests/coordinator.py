@@ -25,14 +25,14 @@ AT_START = (
 
 def start(study: Path, folder: Path, slots: int = 2) -> subprocess.Popen[str]:
     """A coordinator with so many workers, in a process of its own."""
-    asked = ["--workers", str(slots), "-o", str(folder)]
-    command = [sys.executable, "-m", "linkwise", "study", str(study), *asked]
+    options = ["--workers", str(slots), "-o", str(folder)]
+    command = [sys.executable, "-m", "linkwise", "study", str(study), *options]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def workers(coordinator: int) -> list[int]:
     """The processes that were started by a process to run cases."""
-    found = []
+    numbers = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
@@ -41,8 +41,8 @@ def workers(coordinator: int) -> list[int]:
             except OSError:  # it has ended meanwhile
                 continue
             if parent == coordinator and "spawn_main" in command:
-                found.append(int(entry.name))
-    return found
+                numbers.append(int(entry.name))
+    return numbers
 
 
 def alive(process: int) -> bool:
@@ -90,11 +90,11 @@ def rows(folder: Path) -> tuple[lw.Row, ...]:
 
 def check_kept(before: tuple[lw.Row, ...], folder: Path) -> tuple[lw.Row, ...]:
     """The rows now; every earlier one is still there, and was not run again: its time is the same to the last bit."""
-    now = rows(folder)
-    seconds = {row.case: row.seconds for row in now}
-    assert len(seconds) == len(now)
+    after = rows(folder)
+    seconds = {row.case: row.seconds for row in after}
+    assert len(seconds) == len(after)
     assert [seconds[row.case] for row in before] == [row.seconds for row in before]
-    return now
+    return after
 
 
 def killed(study: Path, folder: Path, kills: int, most: int, slots: int = 2) -> str:
@@ -104,12 +104,12 @@ def killed(study: Path, folder: Path, kills: int, most: int, slots: int = 2) -> 
     Checks on the way that no row is lost or made twice, and that workers end with their coordinator.
     """
     chance = random.Random(1000)
-    kept: tuple[lw.Row, ...] = ()
+    completed: tuple[lw.Row, ...] = ()
     coordinator = start(study, folder, slots)
     struck = 0
     for kill in range(kills):
         if kill not in AT_START:  # they must not all hit workers that have just begun
-            wait_for_rows(coordinator, folder, len(kept) + chance.randint(1, most))
+            wait_for_rows(coordinator, folder, len(completed) + chance.randint(1, most))
         time.sleep(chance.uniform(0.0, 1.0 if kill in AT_START else 0.1))
         assert coordinator.poll() is None, coordinator.communicate()
         team = workers(coordinator.pid)
@@ -120,9 +120,9 @@ def killed(study: Path, folder: Path, kills: int, most: int, slots: int = 2) -> 
             coordinator.communicate()
             wait_for_the_end_of(team)
             coordinator = start(study, folder, slots)
-        kept = check_kept(kept, folder)
+        completed = check_kept(completed, folder)
     out, err = coordinator.communicate()
     assert coordinator.returncode == 0 and err == "", err
     assert struck >= kills // 2 - 1
-    check_kept(kept, folder)
+    check_kept(completed, folder)
     return out

@@ -111,6 +111,6 @@ def processes_are_copies(module: str, anew: Sequence[str] = ()) -> Iterator[None
     """In its block, the processes that this module of linkwise starts are copies of this one, on systems made for that."""
     with pytest.MonkeyPatch.context() as patch:
         if sys.platform == "linux":
-            here = SimpleNamespace(Popen=partial(CopiedProcess, anew=anew), PIPE=PIPE, DEVNULL=DEVNULL)
-            patch.setattr(f"{module}.subprocess", here)
+            replacement = SimpleNamespace(Popen=partial(CopiedProcess, anew=anew), PIPE=PIPE, DEVNULL=DEVNULL)
+            patch.setattr(f"{module}.subprocess", replacement)
         yield

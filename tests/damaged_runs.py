@@ -186,11 +186,11 @@ class DamagedRuns:
 
     def started(self, name: str, folder: Path, code: str = _COMMAND, *before: str) -> Run:
         """A run on the record `name` that writes to `folder`."""
-        kept = self.home / "kept"
-        kept.mkdir(exist_ok=True)
-        asked = ["identify", f"{name}.csv", "unknown.toml", "--method", "weak", "-o", str(folder)]
-        environment = {"OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(kept)}
-        return self.start(code, [*before, *asked], self.home, environment)
+        temporary = self.home / "kept"
+        temporary.mkdir(exist_ok=True)
+        arguments = ["identify", f"{name}.csv", "unknown.toml", "--method", "weak", "-o", str(folder)]
+        environment = {"OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)}
+        return self.start(code, [*before, *arguments], self.home, environment)
 
     def answer(self, run: Run) -> bytes:
         """The first line of the answer, which is printed when the fit is done and nothing is written yet."""
@@ -207,10 +207,10 @@ class DamagedRuns:
     def pair(self, number: int) -> str:
         """The folder after two runs at once, the second of which begins up to half a second later."""
         folder = self.home / f"pair{number}" / "answer"
-        one = self.started("first", folder)
+        first = self.started("first", folder)
         time.sleep(random.Random(number).uniform(0.0, 0.5))
         two = self.started("second", folder)
-        for name, run in (("first", one), ("second", two)):
+        for name, run in (("first", first), ("second", two)):
             out, error = run.communicate(timeout=300)
             assert run.returncode == 0, error
             assert _TIMES.sub(b"", out) == self.printed[name]

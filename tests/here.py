@@ -56,9 +56,11 @@ class Here(Executor):
             self._left.subtract(hit)
             future.set_exception(Died())
         else:
-            found = [CaseResult(self._known[case], 0.0) for case in batch.cases if case in self._known]
+            known_results = [
+                CaseResult(self._known[case], 0.0) for case in batch.cases if case in self._known
+            ]
             rest = tuple(case for case in batch.cases if case not in self._known)
-            future.set_result([*found, *(run_batch(replace(batch, cases=rest)) if rest else ())])
+            future.set_result([*known_results, *(run_batch(replace(batch, cases=rest)) if rest else ())])
         return future
 
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:

@@ -42,7 +42,7 @@ class Runs:
 def identified(n: int, decibel: float, seeds: int, sensors: str = "x", *, duration: float = 6.0) -> Runs:
     """The chain of n masses, identified from `seeds` records of a duration in s."""
     chain = lw.bnes_chain(n)
-    clean, asked = chain_record(n, sensors=(sensors,), duration=duration), chain.unknown("all")
+    clean, unknown = chain_record(n, sensors=(sensors,), duration=duration), chain.unknown("all")
     fits, nmse = [], []
     for seed in range(FIRST, FIRST + seeds):
         fit = chain_fit(n, decibel, seed, (sensors,), duration=duration)
@@ -50,7 +50,7 @@ def identified(n: int, decibel: float, seeds: int, sensors: str = "x", *, durati
         fits.append(fit)
         sinks = [f"nes{i}" for i in range(1, n // 2 + 1)]
         nmse.append(np.mean([lw.nmse(chain.link(s), fit.structure.link(s), clean) for s in sinks]))
-    names = tuple(p.name for p in asked.parameters)
+    names = tuple(p.name for p in unknown.parameters)
     true = np.array([chain.coefficient(name).value for name in names])
     return Runs(names, true, tuple(fits), np.array(nmse))
 
@@ -88,8 +88,8 @@ def check_share(inside: np.ndarray, chance: float) -> None:
     """(R, ...) whether an interval covers: as often as 95 % says, between binomial quantiles of `chance` on each side."""
     fewest, most = scipy.stats.binom.ppf([chance, 1.0 - chance], len(inside), 0.95)
     assert most < len(inside), "so few records cannot show intervals that are too wide"
-    found = np.sum(inside, axis=0)
-    assert ((fewest <= found) & (found <= most)).all(), found
+    count = np.sum(inside, axis=0)
+    assert ((fewest <= count) & (count <= most)).all(), count
 
 
 def check_intervals(runs: Runs, chance: float) -> None:

@@ -31,8 +31,13 @@ def check_sinks(n: int, decibel: float, seeds: int) -> None:
         assert fit.trusted, fit.message
         sinks = [link for link in fit.structure.links if link.name.startswith("nes")]
         errors.append(np.mean([lw.nmse(chain.link(sink.name), sink, record) for sink in sinks]))
-        found = [fit.coefficient(name) for name in truth]
-        z.append([(each.value - truth[each.name]) / present(each.standard_error) for each in found])
+        estimates = [fit.coefficient(name) for name in truth]
+        z.append(
+            [
+                (estimate.value - truth[estimate.name]) / present(estimate.standard_error)
+                for estimate in estimates
+            ]
+        )
     assert np.median(errors) <= LEVELS[decibel]
     # 2.8 deviations, were five coefficients independent in each record; 0.2 of twenty seeds
     assert abs(np.sqrt(np.mean(np.square(z))) - 1.0) <= 2.8 / np.sqrt(2.0 * 5 * seeds)
@@ -49,19 +54,19 @@ def check_cover(records: int) -> None:
     frequency = np.sqrt(200.0 / (1.0 / (1.0 / 0.01 + 1.0))) / (
         2.0 * np.pi
     )  # slope -2 alpha in the well, reduced mass
-    held = []
+    is_inside = []
     for seed in range(records):
         fit = lw.identify(record.with_noise(25.0, seed=seed), chain.unknown("all"), method="weak")
         sink = fit.link("nes1")
         _, lower, upper = fit.force_band("nes1", d)
         derived = [(sink.wells[1], 0.01), (present(sink.barrier), 0.0025), (sink.frequencies[0], frequency)]
         intervals = [(present(fit.coefficient(name).interval), value) for name, value in truth.items()]
-        intervals += [(present(each.interval), value) for each, value in derived]
-        held.append(
+        intervals += [(present(quantity.interval), value) for quantity, value in derived]
+        is_inside.append(
             [low <= value <= high for (low, high), value in intervals]
             + list((lower <= force) & (force <= upper))
         )
-    covered, deviation = np.mean(held, axis=0), np.sqrt(0.95 * 0.05 / records)
+    covered, deviation = np.mean(is_inside, axis=0), np.sqrt(0.95 * 0.05 / records)
     assert abs(covered.mean() - 0.95) <= 2.0 * deviation < 0.05  # 92 to 98 % of 200 records
     assert covered.min() >= 0.95 - 4.0 * deviation  # of 13 quantities
 

@@ -16,6 +16,6 @@ def present(value: T | None) -> T:
 
 def some(values: Iterable[T]) -> list[T]:
     """What a test loops over, which must not be nothing."""
-    found = list(values)
-    assert found
-    return found
+    listed = list(values)
+    assert listed
+    return listed

@@ -36,7 +36,7 @@ class Problem:
         return lw.simulate(self.structure, duration=self.duration, rate=self.rate, **self.drive)
 
     @cached_property
-    def asked(self) -> lw.Structure:
+    def unknown_structure(self) -> lw.Structure:
         """The structure with its unknowns."""
         freed = self.structure.unknown(*self.unknown)
         for parameter, start in self.starts.items():
@@ -139,7 +139,7 @@ def oscillator(
 ) -> lw.Structure:
     """One mass on one link, to the ground unless `to` the base."""
     link = lw.Link(
-        name, ("m1", to), Law.parse(law), {key: _coefficient(each) for key, each in values.items()}
+        name, ("m1", to), Law.parse(law), {key: _coefficient(value) for key, value in values.items()}
     )
     return lw.Structure("oscillator", (lw.Mass("m1", _coefficient(mass)),), (link,))
 
@@ -157,7 +157,7 @@ def row_of_masses(
     """Masses m1, m2, ... each on a link, by its law and coefficients, to the one before, and the first to the ground."""
     names = [f"m{k}" for k in range(1, len(masses) + 1)]
     joined = tuple(
-        lw.Link(name, ends, Law.parse(law), {key: _coefficient(each) for key, each in values.items()})
+        lw.Link(name, ends, Law.parse(law), {key: _coefficient(value) for key, value in values.items()})
         for ends, (name, (law, values)) in zip(
             zip(names, ["ground", *names[:-1]], strict=True), links.items(), strict=True
         )
@@ -170,15 +170,15 @@ def _coefficient(value: float | lw.Coefficient) -> lw.Coefficient:
     return value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
 
 
-def truth(structure: lw.Structure, asked: lw.Structure) -> np.ndarray:
-    """(p,) what the unknowns of `asked` are in `structure`."""
+def truth(structure: lw.Structure, unknown: lw.Structure) -> np.ndarray:
+    """(p,) what the unknowns of `unknown` are in `structure`."""
     masses = dict(zip(structure.mass_names, structure.mass_values, strict=True))
     return np.array(
         [
             masses[p.name.removesuffix(".mass")]
             if p.name.endswith(".mass")
             else structure.coefficient(p.name).value
-            for p in asked.parameters
+            for p in unknown.parameters
         ]
     )
 

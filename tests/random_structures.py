@@ -66,7 +66,8 @@ def draw_structure(
         linear.append({"k": reduced * omega**2, "c": 2.0 * ratio * reduced * omega})
     reach = _reach(kilograms, names, pairs, linear, release)
     laws = [
-        _law(str(kind), numbers, each, rng) for kind, numbers, each in zip(kinds, linear, reach, strict=True)
+        _law(str(kind), numbers, largest, rng)
+        for kind, numbers, largest in zip(kinds, linear, reach, strict=True)
     ]
     return _structure(kilograms, names, pairs, laws), release
 

@@ -44,20 +44,20 @@ def timed_names(tree: ast.AST) -> set[str]:
     """What holds a reading of a clock, directly or through another variable, and the functions that return one."""
     timed: set[str] = set()
     while True:
-        found = set(timed)
+        names_timed = set(timed)
         for node in ast.walk(tree):
             value: ast.AST | None = None
             if isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign | ast.NamedExpr):
                 value = node.value
                 targets: list[ast.AST] = [*node.targets] if isinstance(node, ast.Assign) else [node.target]
             elif isinstance(node, Function):
-                value = ast.Module([each for each in ast.walk(node) if isinstance(each, ast.Return)], [])
+                value = ast.Module([child for child in ast.walk(node) if isinstance(child, ast.Return)], [])
                 targets = [ast.Name(node.name)]
             if value is not None and (reads_clock(value) or names(value) & timed):
-                found |= {name for target in targets for name in names(target)}
-        if found == timed:
+                names_timed |= {name for target in targets for name in names(target)}
+        if names_timed == timed:
             return timed
-        timed = found
+        timed = names_timed
 
 
 def orders_duration(tree: ast.AST) -> bool:
@@ -65,10 +65,13 @@ def orders_duration(tree: ast.AST) -> bool:
     for node in ast.walk(tree):
         if isinstance(node, ast.Compare):
             sides = [node.left, *node.comparators]
-            sized = any(isinstance(each, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for each in node.ops)
+            sized = any(isinstance(operator, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for operator in node.ops)
             zero = any(isinstance(side, ast.Constant) and side.value == 0 for side in sides)
             attributes = {
-                each.attr for side in sides for each in ast.walk(side) if isinstance(each, ast.Attribute)
+                attribute.attr
+                for side in sides
+                for attribute in ast.walk(side)
+                if isinstance(attribute, ast.Attribute)
             }
             if sized and not zero and attributes & DURATIONS:
                 return True

@@ -56,12 +56,12 @@ def expired(module: ast.AST, version: str) -> list[Deprecated]:
 
 def test_an_old_public_name_is_the_new_one_and_warns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(lw._DEPRECATED, "Ridge", SAMPLE)
-    told = (
+    message = (
         r"linkwise\.Ridge is deprecated since linkwise 0\.2\.0 and will be removed in 9\.0\.0; "
         r"use linkwise\.Stlsq"
     )
     for _ in range(2):  # every use warns, not only the first
-        with pytest.warns(DeprecationWarning, match=told) as caught:
+        with pytest.warns(DeprecationWarning, match=message) as caught:
             assert lw.Ridge is lw.Stlsq
         assert caught[0].filename == __file__
     assert "Ridge" not in dir(lw)
@@ -74,8 +74,8 @@ def test_an_old_name_may_stand_for_one_that_lies_deeper(monkeypatch: pytest.Monk
 
 
 def test_an_old_keyword_is_the_new_one_and_warns() -> None:
-    told = r"keyword 'fs' of period is deprecated since linkwise 0\.2\.0 .* removed in 9\.0\.0; use 'rate'"
-    with pytest.warns(DeprecationWarning, match=told) as caught:
+    message = r"keyword 'fs' of period is deprecated since linkwise 0\.2\.0 .* removed in 9\.0\.0; use 'rate'"
+    with pytest.warns(DeprecationWarning, match=message) as caught:
         assert period(fs=4.0) == period(rate=4.0)  # type: ignore[call-arg]
     assert caught[0].filename == __file__
 
@@ -100,8 +100,8 @@ def test_every_old_attribute_warns_and_is_in_the_changelog(
     new = alias.entry.new
     assert new in owner.__annotations__ or hasattr(owner, new)
     standing = SimpleNamespace(**{new: (lw.Verdict.SEARCH_UNSETTLED,)})
-    told = rf"{owner.__name__}\.{old} is deprecated .*; use {owner.__name__}\.{new}$"
-    with pytest.warns(DeprecationWarning, match=told) as caught:
+    message = rf"{owner.__name__}\.{old} is deprecated .*; use {owner.__name__}\.{new}$"
+    with pytest.warns(DeprecationWarning, match=message) as caught:
         value = alias.__get__(standing, owner)
     assert caught[0].filename == __file__
     assert value is getattr(standing, new) or (owner is lw.Discovery and value is (old != "settled"))
@@ -137,9 +137,9 @@ def test_every_old_keyword_works_and_is_in_the_changelog() -> None:
     for function, old, new in sorted(stated):
         assert new in inspect.signature(getattr(lw, function)).parameters
         assert f"| `{function}({old}=...)` | `{function}({new}=...)` |" in CHANGELOG
-        told = f"keyword '{old}' of {function} .* use '{new}'"
+        message = f"keyword '{old}' of {function} .* use '{new}'"
         with (
-            pytest.warns(DeprecationWarning, match=told),
+            pytest.warns(DeprecationWarning, match=message),
             pytest.raises((TypeError, AttributeError, lw.StudyError)),
         ):
             getattr(lw, function)(**{old: None})  # too few arguments, or none that it can use
@@ -150,9 +150,9 @@ def test_every_old_keyword_works_and_is_in_the_changelog() -> None:
 def test_the_force_error_may_be_asked_for_by_its_old_keyword() -> None:
     chain = lw.bnes_chain(2)
     record = chain_record(2, duration=0.1)
-    true, other = chain.link("nes1"), lw.bnes_chain(2, alpha=-90.0).link("nes1")
+    true, identified = chain.link("nes1"), lw.bnes_chain(2, alpha=-90.0).link("nes1")
     with pytest.warns(DeprecationWarning, match="use 'estimated'"):
-        assert lw.nmse(true, found=other, record=record) == lw.nmse(true, other, record) > 0.0  # type: ignore[call-arg]
+        assert lw.nmse(true, found=identified, record=record) == lw.nmse(true, identified, record) > 0.0  # type: ignore[call-arg]
 
 
 def test_a_study_may_be_given_by_its_old_keyword() -> None:
@@ -170,7 +170,7 @@ def test_a_study_may_be_given_by_its_old_keyword() -> None:
 def test_no_old_spelling_outlives_its_version() -> None:
     assert SOURCE / "__init__.py" in FILES
     late = {path: expired(tree(path), lw.__version__) for path in FILES}
-    assert {path: found for path, found in late.items() if found} == {}
+    assert {path: names for path, names in late.items() if names} == {}
 
 
 def test_the_search_sees_what_it_must_refuse() -> None:

@@ -69,16 +69,16 @@ def public(module: ModuleType = lw, prefix: str = "") -> Iterator[tuple[str, Any
 def sections(value: object) -> dict[str, list[str]]:
     """The lines of each section of a docstring, by heading."""
     lines = (inspect.getdoc(value) or "").splitlines()
-    found: dict[str, list[str]] = {"": []}
+    lines_by_heading: dict[str, list[str]] = {"": []}
     heading = ""
     for number, line in enumerate(lines):
         underline = lines[number + 1] if number + 1 < len(lines) else ""
         if line and underline == "-" * len(line):
             heading = line
-            found[heading] = []
+            lines_by_heading[heading] = []
         else:
-            found[heading].append(line)
-    return found
+            lines_by_heading[heading].append(line)
+    return lines_by_heading
 
 
 def described(documented: dict[str, list[str]], *headings: str) -> set[str]:
@@ -139,8 +139,12 @@ def gaps(name: str, value: Any) -> Iterator[str]:
         yield f"{name}: Examples"
     named = described(documented, "Parameters", "Attributes")
     yield from (f"{name}: type of {entry}" for entry in untyped(documented))
-    held = [field.name for field in fields(value)] if is_dataclass(value) else []
-    yield from (f"{name}: field {each}" for each in held if not each.startswith("_") and each not in named)
+    field_names = [field.name for field in fields(value)] if is_dataclass(value) else []
+    yield from (
+        f"{name}: field {field_name}"
+        for field_name in field_names
+        if not field_name.startswith("_") and field_name not in named
+    )
     for member, kind in members(value):
         function = getattr(kind, "__func__", kind)  # of a class method
         if isinstance(kind, property | cached_property):
@@ -171,7 +175,7 @@ def test_every_exception_that_is_documented_can_be_caught_by_a_public_name() -> 
             if inspect.isfunction(function := getattr(kind, "__func__", kind))
         ),
     ]
-    raised = set().union(*(described(sections(inspect.unwrap(each)), "Raises") for each in functions))
+    raised = set().union(*(described(sections(inspect.unwrap(function)), "Raises") for function in functions))
     assert {"StructureError", "OutputError", "KeyError"} < raised
     assert {name for name in raised if name not in names and not hasattr(builtins, name)} == set()
 

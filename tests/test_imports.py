@@ -71,8 +71,8 @@ def imports_inside_functions(module: ast.AST) -> list[int]:
 
 def climbs(module: str, target: str) -> bool:
     """Whether an import of `target` in `module` goes to a package that does not stand before its own."""
-    here, there = package(module), package(target)
-    return here != there and PACKAGES.index(there) >= PACKAGES.index(here)
+    own_package, target_package = package(module), package(target)
+    return own_package != target_package and PACKAGES.index(target_package) >= PACKAGES.index(own_package)
 
 
 def circle(graph: dict[str, set[str]]) -> list[str]:

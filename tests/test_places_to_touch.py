@@ -121,14 +121,14 @@ def test_a_function_of_laws_is_one_entry(places: Places) -> None:
     assert truth is not None
     put_in = truth.energy.supplied.max()
     assert abs(truth.energy.residual).max() < 1e-12 * put_in  # energies are those of the antiderivative
-    asked = lw.parse_structure(
+    subject = lw.parse_structure(
         SPRING.format(coefficients='{ F = { start = 10.0 }, s = 0.02, c = "unknown" }')
     )
-    fit = lw.identify(record.with_noise(40.0, seed=1), asked)
+    fit = lw.identify(record.with_noise(40.0, seed=1), subject)
     assert fit.trusted
-    found = fit.coefficient("spring.F")
-    assert found.standard_error is not None
-    assert abs(found.value - 20.0) < 4.0 * found.standard_error  # 1 of 16 000 is further off
+    estimate = fit.coefficient("spring.F")
+    assert estimate.standard_error is not None
+    assert abs(estimate.value - 20.0) < 4.0 * estimate.standard_error  # 1 of 16 000 is further off
 
 
 RIDGE = '''
@@ -195,16 +195,16 @@ def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> Non
 
     chain = lw.bnes_chain(2)
     record = chain_record(2, duration=2.0, sensors=("x", "v", "a"))
-    asked = chain.unknown("all")
-    ridge = lw.identify(record, asked, method=lw.PhysicsInformedSindy(regressor="ridge"))
-    plain = lw.identify(record, asked, method=lw.PhysicsInformedSindy(regressor="least-squares"))
+    unknown = chain.unknown("all")
+    ridge = lw.identify(record, unknown, method=lw.PhysicsInformedSindy(regressor="ridge"))
+    plain = lw.identify(record, unknown, method=lw.PhysicsInformedSindy(regressor="least-squares"))
     assert np.all(ridge.values != plain.values)
     assert ridge.values == pytest.approx(
         plain.values, rel=1e-6
     )  # the penalty times the condition of the Gram matrix
 
     lw.write_record(record, tmp_path / "run.csv")
-    lw.write_structure(asked, tmp_path / "unknown.toml")
+    lw.write_structure(unknown, tmp_path / "unknown.toml")
     assert "stlsq|l1|least-squares|ridge" in _command("identify", "--help").output
     command = (
         "identify",
@@ -214,8 +214,8 @@ def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> Non
         "sindy",
         "--json",
     )
-    told = json.loads(_command(*command, "--regressor", "ridge").output)
-    assert told["links"][0]["coefficients"]["k"]["value"] == ridge.coefficient("spring1.k").value
+    document = json.loads(_command(*command, "--regressor", "ridge").output)
+    assert document["links"][0]["coefficients"]["k"]["value"] == ridge.coefficient("spring1.k").value
 
     (tmp_path / "ridge.toml").write_text(RIDGE_STUDY, encoding="utf-8")
     places.script(RIDGE_SCRIPT, tmp_path)
@@ -269,8 +269,11 @@ def test_a_check_of_records_is_a_file_and_a_line(places: Places) -> None:
     places.line(CHECKS, "loud", "extra_loud:too_loud")
     assert (places.files, places.lines) == (1, 1)
 
-    found = lw.inspect(chain_record(2, duration=2.0).with_noise(30.0, seed=1))
-    assert [(alert.kind, alert.channel) for alert in found.alerts] == [("loud", "x:m2"), ("loud", "x:m1")]
+    inspection = lw.inspect(chain_record(2, duration=2.0).with_noise(30.0, seed=1))
+    assert [(alert.kind, alert.channel) for alert in inspection.alerts] == [
+        ("loud", "x:m2"),
+        ("loud", "x:m1"),
+    ]
 
 
 def test_a_cause_of_misfit_is_two_entries(places: Places) -> None:
@@ -414,8 +417,8 @@ def test_a_command_with_a_result_folder_is_two_files_and_a_line(
     lw.write_structure(lw.bnes_chain(2), chain)
     assert run(["energy", chain, "-o", str(folder)]) == 0
     assert capsys.readouterr().out == "0.5 J\n"
-    told = json.loads((folder / "energy.json").read_text())
-    assert told == {"method": "energy", "joules": 0.5, "files": ["put_in.csv", "report.html"]}
+    document = json.loads((folder / "energy.json").read_text())
+    assert document == {"method": "energy", "joules": 0.5, "files": ["put_in.csv", "report.html"]}
     assert "<h2>Balance</h2>" in (folder / "report.html").read_text()
     # an earlier result is replaced, and neither command takes the place of the other's
     (folder / "put_in.csv").unlink()

@@ -16,11 +16,11 @@ LONG = [name for name in lw.__all__ if "progress" in _parameters(getattr(lw, nam
 
 
 def test_a_part_is_a_piece_of_the_whole() -> None:
-    seen: list[lw.ProgressReport] = []
-    within = part(part(seen.append, 0.5, 1.0), 0.0, 0.5)
+    reports: list[lw.ProgressReport] = []
+    within = part(part(reports.append, 0.5, 1.0), 0.0, 0.5)
     for fraction in (0.0, 0.5, 1.0):
         within(lw.ProgressReport(fraction, "looking", 7))
-    assert seen == [lw.ProgressReport(fraction, "looking", 7) for fraction in (0.5, 0.625, 0.75)]
+    assert reports == [lw.ProgressReport(fraction, "looking", 7) for fraction in (0.5, 0.625, 0.75)]
 
 
 def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
@@ -35,9 +35,9 @@ def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
 
 
 def test_a_limit_tells_how_far_it_is() -> None:
-    seen: list[lw.ProgressReport] = []
+    reports: list[lw.ProgressReport] = []
     lw.limit(
-        lw.bnes_chain(2), duration=1.0, rate=200.0, noise=20.0, release={"v:m1": 1.0}, progress=seen.append
+        lw.bnes_chain(2), duration=1.0, rate=200.0, noise=20.0, release={"v:m1": 1.0}, progress=reports.append
     )
-    fractions = [report.fraction for report in seen]
-    assert fractions == sorted(fractions) and seen[-1] == lw.ProgressReport(0.5, "sensitivities")
+    fractions = [report.fraction for report in reports]
+    assert fractions == sorted(fractions) and reports[-1] == lw.ProgressReport(0.5, "sensitivities")

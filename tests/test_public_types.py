@@ -95,7 +95,7 @@ def returned(function: Any) -> Iterator[type]:
     yield from classes(function.__annotations__["return"], function.__module__)
 
 
-def held(owner: type) -> Iterator[tuple[str, type]]:
+def attribute_types(owner: type) -> Iterator[tuple[str, type]]:
     """The public attributes of a class, inherited ones included, and the classes in what they give."""
     for base in (
         base for base in owner.__mro__ if base.__module__.partition(".")[0] == "linkwise" or base is owner
@@ -124,7 +124,7 @@ def public(module: ModuleType = lw, prefix: str = "") -> Iterator[tuple[str, Any
 def given(name: str, value: Any) -> Iterator[tuple[str, type]]:
     """Where a public name hands out classes, and which."""
     if isinstance(value, type):
-        yield from ((f"{name}.{attribute}", kind) for attribute, kind in held(value))
+        yield from ((f"{name}.{attribute}", kind) for attribute, kind in attribute_types(value))
     elif inspect.isroutine(value):
         yield from ((name, kind) for kind in returned(value))
 
@@ -147,7 +147,7 @@ def test_every_type_that_public_names_hand_out_is_public() -> None:
 
 
 def test_the_walk_sees_what_it_must_refuse() -> None:
-    found = unlisted({"Leaky": Leaky, "leaky": leaky}, __name__.partition(".")[0])
+    leaks = unlisted({"Leaky": Leaky, "leaky": leaky}, __name__.partition(".")[0])
     ways = {"Leaky.field", "Leaky.method", "Leaky.one", "Leaky.cached", "Leaky.made", "leaky"}
-    assert found == {f"{__name__}.Unlisted": ways}
+    assert leaks == {f"{__name__}.Unlisted": ways}
     assert unlisted({"Leaky": Leaky, "leaky": leaky, "Unlisted": Unlisted}, __name__.partition(".")[0]) == {}

@@ -26,20 +26,23 @@ def blocks(language: str) -> list[str]:
 
 def places(text: str) -> list[tuple[float, float]]:
     """Each number in a text and what one unit in its last printed place is worth."""
-    found = []
+    numbers = []
     for match in NUMBER.finditer(text):
         decimals, exponent = len(match[1] or ""), int(match[2] or 0)
-        found.append((float(match[0]), 10.0 ** (exponent - decimals)))
-    return found
+        numbers.append((float(match[0]), 10.0 ** (exponent - decimals)))
+    return numbers
 
 
-def same(printed: str, promised: str) -> bool:
+def agree(printed: str, promised: str) -> bool:
     """Equal words, and numbers equal but for their last printed place (rounding); how long it took may differ."""
     printed, promised = SECONDS.sub("0 s", printed.strip()), SECONDS.sub("0 s", promised.strip())
     if NUMBER.sub("#", printed).split() != NUMBER.sub("#", promised).split():
         return False
     pairs = zip(places(printed), places(promised), strict=True)
-    return all(abs(one - other) <= 1.01 * max(unit, unit_other) for (one, unit), (other, unit_other) in pairs)
+    return all(
+        abs(value - value_promised) <= 1.01 * max(unit, unit_other)
+        for (value, unit), (value_promised, unit_other) in pairs
+    )
 
 
 def test_example_prints_what_stands_below_it() -> None:
@@ -47,7 +50,7 @@ def test_example_prints_what_stands_below_it() -> None:
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(compile(code, "README.md", "exec"), {})
-    assert same(printed.getvalue(), promised), printed.getvalue()
+    assert agree(printed.getvalue(), promised), printed.getvalue()
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -70,7 +73,7 @@ def test_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     ],
 )
 def test_the_comparison_can_fail(printed: str, promised: str, equal: bool) -> None:
-    assert same(printed, promised) is equal
+    assert agree(printed, promised) is equal
 
 
 def test_example_is_twelve_lines_at_most() -> None:

@@ -18,9 +18,9 @@ RELEASE = re.compile(r"^## \[(\d+\.\d+\.\d+)\] - (\d{4}-\d{2}-\d{2})$", re.MULTI
 
 def cited(key: str) -> str:
     """The value of a key at the top level of the citation file."""
-    found = re.search(rf'^{key}: "?([^"\n]+)"?$', CITATION, re.MULTILINE)
-    assert found is not None, key
-    return found[1]
+    match = re.search(rf'^{key}: "?([^"\n]+)"?$', CITATION, re.MULTILINE)
+    assert match is not None, key
+    return match[1]
 
 
 def test_the_newest_release_of_the_changelog_is_this_version() -> None:
@@ -46,7 +46,9 @@ def test_every_dependency_has_a_lowest_version() -> None:
     written = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True).stdout
     project = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     groups = [project["dependencies"], *project["optional-dependencies"].values()]
-    named = [each for group in groups for each in group if not each.startswith("linkwise")]
+    named = [
+        requirement for group in groups for requirement in group if not requirement.startswith("linkwise")
+    ]
     lines = written.splitlines()
     assert len(lines) == len(named) > 20
     assert all(re.fullmatch(r"[\w-]+==[\d.]+", line) for line in lines)

@@ -92,7 +92,7 @@ def absorbed(over: dict[str, list[float]] | None = None) -> Any:
 
 
 @pytest.fixture(scope="module")
-def made(
+def makers(
     fitted: lw.Estimate, discovered: lw.Discovery, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Callable[[], Any]]:
     """How an answer of each type comes about."""
@@ -114,30 +114,30 @@ def made(
     }
 
 
-def test_the_walk_finds_every_answer(made: dict[str, Callable[[], Any]]) -> None:
-    assert answers().keys() == made.keys() and NO_ANSWERS.keys() < results().keys()
+def test_the_walk_finds_every_answer(makers: dict[str, Callable[[], Any]]) -> None:
+    assert answers().keys() == makers.keys() and NO_ANSWERS.keys() < results().keys()
 
 
 @pytest.mark.parametrize("name", answers())
-def test_an_answer_says_whether_it_can_be_trusted(name: str, made: dict[str, Callable[[], Any]]) -> None:
-    answer: Any = made[name]()
+def test_an_answer_says_whether_it_can_be_trusted(name: str, makers: dict[str, Callable[[], Any]]) -> None:
+    answer: Any = makers[name]()
     assert type(answer) is answers()[name]
     assert answer.verdicts and all(isinstance(verdict, lw.Verdict) for verdict in some(answer.verdicts))
     assert answer.trusted is is_trusted(answer.verdicts) is True
-    told = json.loads(to_json(answer.to_dict()))
-    assert told["verdicts"] == [verdict.name for verdict in answer.verdicts]
-    assert told["trusted"] is True
+    document = json.loads(to_json(answer.to_dict()))
+    assert document["verdicts"] == [verdict.name for verdict in answer.verdicts]
+    assert document["trusted"] is True
     markup = answer._repr_html_()
     assert "#1a7f37" in markup and "<script" not in markup  # green
 
 
 def test_a_limit_says_what_its_sensors_do_not_determine() -> None:
     two = oscillator("k1*d + k2*d + c*v", mass=1.0, name="spring", k1=100.0, k2=50.0, c=0.1)
-    found = lw.limit(two, duration=0.5, rate=200.0, noise=40.0, release=RELEASE)
-    assert not np.isfinite(found.standard_errors).all()
-    assert found.verdicts == (lw.Verdict.UNKNOWNS_NOT_DETERMINED,)
-    assert not found.trusted and found.to_dict()["trusted"] is False
-    assert "does not determine every unknown" in str(found) and "#b42318" in found._repr_html_()
+    limit = lw.limit(two, duration=0.5, rate=200.0, noise=40.0, release=RELEASE)
+    assert not np.isfinite(limit.standard_errors).all()
+    assert limit.verdicts == (lw.Verdict.UNKNOWNS_NOT_DETERMINED,)
+    assert not limit.trusted and limit.to_dict()["trusted"] is False
+    assert "does not determine every unknown" in str(limit) and "#b42318" in limit._repr_html_()
 
 
 def test_an_inspection_with_an_alert_says_so() -> None:
@@ -147,10 +147,10 @@ def test_an_inspection_with_an_alert_says_so() -> None:
         "x:m1": np.clip(x, -0.7 * np.abs(x).max(), 0.7 * np.abs(x).max()),
         "x:m2": record.channel("x:m2"),
     }
-    found = lw.inspect(lw.Record.from_arrays(record.time, faulty))
-    assert [alert.kind for alert in found.alerts] == ["clipped"]
-    assert found.verdicts == (lw.Verdict.CHANNELS_IN_DOUBT,) and not found.trusted
-    assert found.to_dict()["verdicts"] == ["CHANNELS_IN_DOUBT"]
+    inspection = lw.inspect(lw.Record.from_arrays(record.time, faulty))
+    assert [alert.kind for alert in inspection.alerts] == ["clipped"]
+    assert inspection.verdicts == (lw.Verdict.CHANNELS_IN_DOUBT,) and not inspection.trusted
+    assert inspection.to_dict()["verdicts"] == ["CHANNELS_IN_DOUBT"]
 
 
 def test_a_summary_says_what_was_not_run_and_what_failed(tmp_path: Path) -> None:

@@ -32,13 +32,15 @@ def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     """How many arguments a caller may name; `self` and `cls` are none."""
     arguments = function.args
     named = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
-    return len([each for each in named if each.arg not in {"self", "cls"}])
+    return len([parameter for parameter in named if parameter.arg not in {"self", "cls"}])
 
 
 def too_large(module: ast.AST) -> list[str]:
     """The functions of a module that are too long or take too much."""
     return [
-        each.name for each in functions(module) if length(each) > FUNCTION or parameters(each) > PARAMETERS
+        function.name
+        for function in functions(module)
+        if length(function) > FUNCTION or parameters(function) > PARAMETERS
     ]
 
 
@@ -51,7 +53,7 @@ def test_files_are_short_as_a_rule() -> None:
 
 
 def test_no_function_is_too_long_or_takes_too_much() -> None:
-    assert {path: found for path in FILES if (found := too_large(tree(path)))} == {}
+    assert {path: names for path in FILES if (names := too_large(tree(path)))} == {}
 
 
 def test_the_count_sees_what_it_must_refuse() -> None:

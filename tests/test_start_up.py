@@ -85,13 +85,13 @@ def test_every_public_name_loads_and_is_listed() -> None:
 def test_table_of_homes_equals_what_type_checkers_see() -> None:
     tree = ast.parse(Path(lw.__file__).read_text(encoding="utf-8"))
     block = next(node for node in tree.body if isinstance(node, ast.If))
-    seen = {
+    imported = {
         (node.module, alias.name)
         for node in block.body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    assert seen == {(f"linkwise.{home}", name) for home, names in HOMES.items() for name in names}
+    assert imported == {(f"linkwise.{home}", name) for home, names in HOMES.items() for name in names}
     names = [name for names in HOMES.values() for name in names]
     assert sorted(lw.__all__) == sorted([*names, "plot"])  # a package, whose names load on first use too
 

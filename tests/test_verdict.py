@@ -46,9 +46,9 @@ def test_text_data_and_intervals_of_an_estimate_follow_its_verdicts(
     verdict: Verdict, fitted: lw.Estimate
 ) -> None:
     estimate = replace(fitted, fit_verdicts=(verdict,))
-    told = estimate.to_dict()
-    assert told["verdicts"] == [verdict.name] and told["trusted"] is not verdict.forbids
-    assert told["status"] == estimate.status
+    document = estimate.to_dict()
+    assert document["verdicts"] == [verdict.name] and document["trusted"] is not verdict.forbids
+    assert document["status"] == estimate.status
     first = str(estimate).splitlines()[0]
     assert first.endswith("NOT to be trusted" if verdict.forbids else ", can be trusted")
     assert (estimate.coefficient("nes1.alpha").interval is None) is verdict.forbids

@@ -24,9 +24,9 @@ def structure(text: str, *masses: float, **values: float) -> Structure:
     """`"a: m1-ground: law; b: m2-m1: law"` with masses m1, m2, ... in kg and coefficients by name."""
     links = []
     for part in text.split("; "):
-        name, ends, law = (each.strip() for each in part.split(":"))
+        name, ends, law = (entry.strip() for entry in part.split(":"))
         parsed = lw.Law.parse(law)
-        numbers = {each: Coefficient.number(values[each]) for each in parsed.coefficients}
+        numbers = {key: Coefficient.number(values[key]) for key in parsed.coefficients}
         first, second = ends.split("-")
         links.append(Link(name, (first, second), parsed, numbers))
     bodies = tuple(Mass(f"m{i}", Coefficient.number(m)) for i, m in enumerate(masses, start=1))
@@ -80,9 +80,9 @@ def test_crossings_are_those_of_the_paper(paper: lw.Absorption) -> None:
     record = chain_record(2, rate=20000.0)
     d = record.channel("x:m2") - record.channel("x:m1")
     after = np.flatnonzero(np.diff(np.sign(d[1:]))) + 1
-    seen = record.time[after] - d[after] * record.step / (d[after + 1] - d[after])
-    assert len(seen) == len(sink.crossings)
-    np.testing.assert_allclose(seen, sink.crossings, atol=1e-7)  # secant over 50 us: (a h^2 / 8 v)
+    secant = record.time[after] - d[after] * record.step / (d[after + 1] - d[after])
+    assert len(secant) == len(sink.crossings)
+    np.testing.assert_allclose(secant, sink.crossings, atol=1e-7)  # secant over 50 us: (a h^2 / 8 v)
 
 
 def test_crossings_that_samples_miss_are_found() -> None:
@@ -95,26 +95,29 @@ def test_crossings_that_samples_miss_are_found() -> None:
 
 
 def test_the_eight_mass_chain_says_where_chaos_begins() -> None:
-    found = lw.absorb(lw.bnes_chain(8), duration=2.0, rate=1000.0, release={"v:m1": 3.0})
-    assert [each.name for each in found.masses] == ["m1", "m3", "m5", "m7"]  # paper Fig. 5
+    absorption = lw.absorb(lw.bnes_chain(8), duration=2.0, rate=1000.0, release={"v:m1": 3.0})
+    assert [mass.name for mass in absorption.masses] == ["m1", "m3", "m5", "m7"]  # paper Fig. 5
     # METHODS section 1: an error of 1e-4 is reached at 0.96 s; 1e-3 of the motion a little later, 1.06 s here
-    assert found.with_sinks.horizon == pytest.approx(0.96, abs=0.15) and found.without.horizon is None
     assert (
-        f"Past {found.with_sinks.horizon:.3g} s" in found.findings[0] and "one of many" in found.findings[0]
+        absorption.with_sinks.horizon == pytest.approx(0.96, abs=0.15) and absorption.without.horizon is None
     )
-    assert all(0 < each.before_horizon < len(each.crossings) for each in some(found.sinks[:1]))
-    assert found.trusted
+    assert (
+        f"Past {absorption.with_sinks.horizon:.3g} s" in absorption.findings[0]
+        and "one of many" in absorption.findings[0]
+    )
+    assert all(0 < sink.before_horizon < len(sink.crossings) for sink in some(absorption.sinks[:1]))
+    assert absorption.trusted
 
 
 def test_locked_keeps_momentum_and_adds_the_mass() -> None:
     """The paper's chain with its sink held: 1.01 kg at 1/1.01 m/s, the same linear oscillator."""
-    found = lw.absorb(lw.bnes_chain(2), duration=1.0, release=RELEASE, without="locked")
+    absorption = lw.absorb(lw.bnes_chain(2), duration=1.0, release=RELEASE, without="locked")
     w = np.sqrt(30000.0 / 1.01 - (0.5 / 1.01) ** 2)
     turn = np.arctan(w / (0.5 / 1.01)) / w
     peak = np.exp(-0.5 / 1.01 * turn) * np.sin(w * turn) / w / 1.01
     # the peak between samples, by a parabola through three of them
-    assert found.masses[0].without.peak == pytest.approx(peak, rel=1e-5)
-    assert found.without.total == pytest.approx(0.5 / 1.01, rel=1e-12)
+    assert absorption.masses[0].without.peak == pytest.approx(peak, rel=1e-5)
+    assert absorption.without.total == pytest.approx(0.5 / 1.01, rel=1e-12)
 
 
 def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
@@ -162,31 +165,31 @@ def test_a_linear_absorber_may_be_named_and_harvested_from() -> None:
     tuned = structure(
         "a: m1-ground: k*d + c*v; tmd: m2-m1: k2*d + c2*v", 1.0, 0.05, k=900.0, c=0.3, k2=40.0, c2=0.06
     )
-    found = lw.absorb(tuned, sinks=("tmd",), duration=30.0, release=RELEASE, harvesters={"tmd": 0.02})
-    (harvest,) = found.harvests
-    assert harvest.share == pytest.approx(found.sinks[0].share * 0.02 / 0.06, rel=1e-9)
+    absorption = lw.absorb(tuned, sinks=("tmd",), duration=30.0, release=RELEASE, harvesters={"tmd": 0.02})
+    (harvest,) = absorption.harvests
+    assert harvest.share == pytest.approx(absorption.sinks[0].share * 0.02 / 0.06, rel=1e-9)
     assert harvest.power == pytest.approx(harvest.energy / 30.0, rel=1e-12)
-    assert found.sinks_share == pytest.approx(found.sinks[0].share + harvest.share, rel=1e-12)
-    with_sinks, without = found.settled
+    assert absorption.sinks_share == pytest.approx(absorption.sinks[0].share + harvest.share, rel=1e-12)
+    with_sinks, without = absorption.settled
     # a damper tuned to the mass: 5.9 s against 20.0 s, and 60 % less motion
     assert with_sinks is not None and without is not None and with_sinks < 0.5 * without
-    assert present(found.masses[0].rms_reduction) > 0.3 and not len(found.sinks[0].crossings)
+    assert present(absorption.masses[0].rms_reduction) > 0.3 and not len(absorption.sinks[0].crossings)
 
 
 def test_without_damping_nothing_settles() -> None:
     still = structure("a: m1-ground: k*d; s: m2-m1: p*d + q*d**3", 1.0, 0.01, k=900.0, p=-100.0, q=1e6)
-    found = lw.absorb(still, duration=2.0, release={"v:m1": 0.1})
-    assert found.settled == (None, None)
-    np.testing.assert_allclose(found.with_sinks.dissipated, 0.0, atol=1e-15)
-    assert found.with_sinks.remaining[-1] == pytest.approx(1.0, abs=1e-12)
+    absorption = lw.absorb(still, duration=2.0, release={"v:m1": 0.1})
+    assert absorption.settled == (None, None)
+    np.testing.assert_allclose(absorption.with_sinks.dissipated, 0.0, atol=1e-15)
+    assert absorption.with_sinks.remaining[-1] == pytest.approx(1.0, abs=1e-12)
     # identity, but for the envelope, which is drawn through peaks between samples
-    assert found.masses[0].without.rate == pytest.approx(0.0, abs=1e-6)
-    assert any("did not settle" in line for line in found.findings)
+    assert absorption.masses[0].without.rate == pytest.approx(0.0, abs=1e-6)
+    assert any("did not settle" in line for line in absorption.findings)
 
 
 def test_forced_structures_take_energy_in() -> None:
-    found = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=1000.0, forces={"m1": "20*sin(170*t)"})
-    side = found.with_sinks
+    absorption = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=1000.0, forces={"m1": "20*sin(170*t)"})
+    side = absorption.with_sinks
     # identity; measured 2e-15
     np.testing.assert_allclose(
         side.dissipated.sum(axis=1) + side.stored, side.supplied, atol=1e-12 * side.supplied.max()
@@ -200,9 +203,9 @@ def test_kinks_and_impulses_are_no_obstacle() -> None:
         "a: m1-ground: k*d + c*v; s: m2-m1: p*d + q*d**3 + c2*v; stop: m2-m1: kk*max(d - g, 0)", 1.0, 0.01,
         k=900.0, c=0.3, p=-100.0, q=1e6, c2=0.02, kk=1e4, g=0.012,
     )  # fmt: skip
-    found = lw.absorb(stop, duration=1.0, impulses=(lw.Impulse("m1", 0.2, 0.1),))
-    assert found.trusted and found.with_sinks.total == pytest.approx(0.5 * 0.04 + 0.0025, rel=1e-9)
-    assert found.absorbing == ("s", "stop")
+    absorption = lw.absorb(stop, duration=1.0, impulses=(lw.Impulse("m1", 0.2, 0.1),))
+    assert absorption.trusted and absorption.with_sinks.total == pytest.approx(0.5 * 0.04 + 0.0025, rel=1e-9)
+    assert absorption.absorbing == ("s", "stop")
 
 
 def test_decay_between_samples() -> None:
@@ -289,8 +292,8 @@ def test_starts_are_said_to_be_no_knowledge() -> None:
         chain.masses,
         (chain.link("spring1"), replace(sink, coefficients={**sink.coefficients, "alpha": alpha})),
     )
-    found = lw.absorb(guessed, duration=0.5, release=RELEASE)
-    assert "nes1.alpha is unknown: this result is for the start values." in found.findings
+    absorption = lw.absorb(guessed, duration=0.5, release=RELEASE)
+    assert "nes1.alpha is unknown: this result is for the start values." in absorption.findings
 
 
 def test_prints_what_matters(paper: lw.Absorption) -> None:

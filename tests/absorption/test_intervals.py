@@ -53,19 +53,19 @@ def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
 def test_the_interval_of_one_parameter_is_its_own() -> None:
     """What grows with the damper's coefficient has its quantiles where the coefficient has them."""
     deviation = 0.02
-    told = lw.absorption_intervals(known([[deviation**2]], "spring1.c"), **TRIAL, draws=400, seed=1000)
-    share = told.quantity("share:spring1")
+    intervals = lw.absorption_intervals(known([[deviation**2]], "spring1.c"), **TRIAL, draws=400, seed=1000)
+    share = intervals.quantity("share:spring1")
     ends = [
         lw.absorb(lw.bnes_chain(2, c=1.0 + side * 1.96 * deviation), **TRIAL).with_sinks.share("spring1")
         for side in (-1.0, 1.0)
     ]
-    assert share.value == pytest.approx(told.absorption.with_sinks.share("spring1"), abs=1e-7)
+    assert share.value == pytest.approx(intervals.absorption.with_sinks.share("spring1"), abs=1e-7)
     # a quantile q of R draws is off by sqrt(q (1 - q) / R) / density: 0.134 deviations at 2.5 % and R = 400; three of them
     slack = 3.0 * 0.134 * (ends[1] - ends[0]) / (2.0 * 1.96)
     assert share.lower == pytest.approx(ends[0], abs=slack) and share.upper == pytest.approx(
         ends[1], abs=slack
     )
-    assert told.quantity("crossings").missing == 0 and told.diverged == 0 and told.trusted
+    assert intervals.quantity("crossings").missing == 0 and intervals.diverged == 0 and intervals.trusted
 
 
 def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
@@ -73,37 +73,37 @@ def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> 
     knowledge = lw.Posterior(
         chain, ("nes1.alpha",), np.array([[1.0]]), np.array([-np.inf]), np.array([np.inf])
     )
-    told = lw.absorption_intervals(knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8)
-    assert told.absorption.with_sinks.horizon is not None
-    for work in some(told.absorption.sinks):
-        assert told.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
-        assert told.quantity(f"share:{work.sink.link}").value == pytest.approx(work.share, rel=1e-12)
+    intervals = lw.absorption_intervals(knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8)
+    assert intervals.absorption.with_sinks.horizon is not None
+    for work in some(intervals.absorption.sinks):
+        assert intervals.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
+        assert intervals.quantity(f"share:{work.sink.link}").value == pytest.approx(work.share, rel=1e-12)
 
 
 def test_draws_are_those_of_the_seed() -> None:
     knowledge = known([[25.0]], "nes1.alpha")
-    first, again, other = (
+    first, again, another = (
         lw.absorption_intervals(knowledge, **TRIAL, draws=20, seed=seed, workers=workers)
         for seed, workers in ((1, 1), (1, 2), (2, 1))
     )
-    assert first.quantities == again.quantities != other.quantities
+    assert first.quantities == again.quantities != another.quantities
     np.testing.assert_array_equal(first.lower, again.lower)
 
 
 def test_an_estimate_gives_intervals_that_hold_the_truth(fitted: lw.Estimate) -> None:
-    told = lw.absorption_intervals(fitted, **TRIAL, draws=100, seed=1000)
+    intervals = lw.absorption_intervals(fitted, **TRIAL, draws=100, seed=1000)
     truth = lw.absorb(lw.bnes_chain(2), **TRIAL)
     for name, value in (("sinks_share", truth.sinks_share), ("rms_reduction", truth.rms_reduction)):
-        found = told.quantity(name)
-        assert present(found.lower) < present(value) < present(found.upper)
-    inside = (told.lower[:, 0] <= truth.with_sinks.envelope[:, 0]) & (
-        truth.with_sinks.envelope[:, 0] <= told.upper[:, 0]
+        quantity = intervals.quantity(name)
+        assert present(quantity.lower) < present(value) < present(quantity.upper)
+    inside = (intervals.lower[:, 0] <= truth.with_sinks.envelope[:, 0]) & (
+        truth.with_sinks.envelope[:, 0] <= intervals.upper[:, 0]
     )
     assert np.mean(inside) > 0.5  # one truth, whose samples hang together: most of them
-    assert np.all(told.lower <= told.upper) and np.all(told.lower[0] < told.upper[0])
-    never = told.quantity("settled_without")
+    assert np.all(intervals.lower <= intervals.upper) and np.all(intervals.lower[0] < intervals.upper[0])
+    never = intervals.quantity("settled_without")
     assert (never.value, never.lower, never.upper, never.missing) == (None, None, None, 100)
-    text = str(told)
+    text = str(intervals)
     assert "95 % of 100 draws of the identified structure (seed 1000) lie within:" in text and "never" in text
 
 
@@ -125,9 +125,9 @@ def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
 
 
 def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Estimate) -> None:
-    found, true = lw.read_posterior(folder), lw.Posterior.of(fitted)
-    assert found.structure == fitted.structure and found.names == true.names
-    np.testing.assert_array_equal(found.covariance, true.covariance)
+    posterior, true = lw.read_posterior(folder), lw.Posterior.of(fitted)
+    assert posterior.structure == fitted.structure and posterior.names == true.names
+    np.testing.assert_array_equal(posterior.covariance, true.covariance)
     result = json.loads((folder / "result.json").read_text())
     assert "covariance.csv" in result["files"]
 
@@ -136,10 +136,14 @@ def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(tmp_path: Pat
     discovery = chain_discovery(2, 30.0, 1)
     assert discovery.trusted
     lw.write_discovery(discovery, tmp_path / "found")
-    found, true = lw.read_posterior(tmp_path / "found"), lw.Posterior.of(discovery.estimate)
-    np.testing.assert_allclose(found.covariance, true.covariance, rtol=1e-9)  # the file has one half of it
-    np.testing.assert_allclose(present(found.for_dropped_terms), present(true.for_dropped_terms), rtol=1e-9)
-    own, whole = np.diag(found.beside_terms_kept), np.diag(found.covariance)
+    posterior, true = lw.read_posterior(tmp_path / "found"), lw.Posterior.of(discovery.estimate)
+    np.testing.assert_allclose(
+        posterior.covariance, true.covariance, rtol=1e-9
+    )  # the file has one half of it
+    np.testing.assert_allclose(
+        present(posterior.for_dropped_terms), present(true.for_dropped_terms), rtol=1e-9
+    )
+    own, whole = np.diag(posterior.beside_terms_kept), np.diag(posterior.covariance)
     assert (own > 0.0).all() and (own < whole).all()
     unsettled = replace(discovery, verdicts=(*discovery.verdicts, lw.Verdict.SEARCH_UNSETTLED))
     lw.write_discovery(unsettled, tmp_path / "unsettled")
@@ -184,7 +188,7 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("beta*d**3", "beta*d**5", r"the law of nes1 is not as in result\.json"),
         ("alpha = -", "alpha = -1", r"nes1\.alpha is not as in result\.json"),
@@ -202,7 +206,7 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
     ],
 )
 def test_errors_of_an_edited_structure_are_refused(
-    folder: Path, tmp_path: Path, old: str, new: str, told: str
+    folder: Path, tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     copy = tmp_path / "answer"
     shutil.copytree(folder, copy)
@@ -210,7 +214,7 @@ def test_errors_of_an_edited_structure_are_refused(
     text = (copy / "structure.toml").read_text()
     assert old in text
     (copy / "structure.toml").write_text(text.replace(old, new, 1))
-    with pytest.raises(lw.RecordError, match=f"edited since it was written: {told}"):
+    with pytest.raises(lw.RecordError, match=f"edited since it was written: {message}"):
         lw.read_posterior(copy)
     out = tmp_path / "forces.py"
     with pytest.raises(lw.RecordError, match="do not hold; give the structure file"):
@@ -237,11 +241,11 @@ def test_the_command_reads_the_folder_of_an_answer(
     page = (out / "report.html").read_text()
     assert page.index("<h2>Intervals") < page.index("<h2>Primary masses")
     assert run(["absorb", str(folder), *options, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    same = lw.absorption_intervals(lw.read_posterior(folder), **TRIAL, draws=20, seed=3)
-    share = same.quantity("sinks_share")
-    assert told["intervals"]["sinks_share"]["interval"] == [share.lower, share.upper]
-    assert told["draws"] == 20 and told["seed"] == 3
+    document = json.loads(capsys.readouterr().out)
+    expected = lw.absorption_intervals(lw.read_posterior(folder), **TRIAL, draws=20, seed=3)
+    share = expected.quantity("sinks_share")
+    assert document["intervals"]["sinks_share"]["interval"] == [share.lower, share.upper]
+    assert document["draws"] == 20 and document["seed"] == 3
 
 
 def test_no_command_takes_the_place_of_another_ones_result(

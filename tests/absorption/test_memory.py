@@ -28,12 +28,12 @@ def tower(law: str = "k*d + c*v - theta*V", **changes: float) -> lw.Structure:
 def test_the_damper_the_resistor_and_the_capacitor_share_what_the_link_takes() -> None:
     """Work on the link less its spring's: c v^2 and V^2/R are dissipated, C V^2/2 stays in the capacitor."""
     structure = tower()
-    taken = {
+    by_power = {
         power: lw.absorb(structure, **RELEASE, rate=2000.0, harvesters={"piezo": power})
         for power in ("c*v**2", "V**2/R")
     }
-    energies = [absorption.harvests[0].energy for absorption in taken.values()]
-    run = taken["V**2/R"].with_sinks
+    energies = [absorption.harvests[0].energy for absorption in by_power.values()]
+    run = by_power["V**2/R"].with_sinks
     record = lw.simulate(structure, duration=2.0, rate=2000.0, release={"v:m1": 1.0}, sensors=["state"])
     stored = 0.5 * PIEZO["C"] * record.channel("state:piezo.V")[-1] ** 2
     # trapezoidal rule over a decaying oscillation: (2 w h)^2/12 of a term at its ends, w = 60 rad/s, h = 0.5 ms
@@ -48,23 +48,23 @@ def test_power_over_the_load_is_that_of_an_rc_circuit_driven_by_the_motion() -> 
     w = 50.0
     best = 1.0 / (w * PIEZO["C"])
     loads = best * np.array([0.25, 1.0, 4.0])
-    found = lw.absorption_map(
+    absorption_map = lw.absorption_map(
         tower(theta=1e-7), {"piezo.R": loads}, duration=40.0, rate=500.0, forces={"m1": f"sin({w}*t)"},
         sinks=["piezo"], harvesters={"piezo": "V**2/R"},
     )  # fmt: skip
-    powers = found["power:piezo"]
+    powers = absorption_map["power:piezo"]
     expected = loads / (1.0 + (w * loads * PIEZO["C"]) ** 2)
     # the transient, with a time constant of 0.25 s in the sink and 2 s in the tower, is 2/40 of the record at most
     np.testing.assert_allclose(powers / powers[1], expected / expected[1], rtol=0.05)
-    assert found.best("power:piezo") == {"piezo.R": loads[1]}
+    assert absorption_map.best("power:piezo") == {"piezo.R": loads[1]}
 
 
 def test_intervals_hold_the_power_of_the_identified_link() -> None:
     structure = tower()
     record = lw.simulate(structure, duration=2.0, rate=400.0, release={"v:m1": 1.0}, sensors=("x", "state"))
     fit = lw.identify(record.with_noise(40.0, seed=12), structure.unknown("piezo.theta", "piezo.c"))
-    found = lw.absorption_intervals(fit, draws=8, seed=0, **RELEASE, harvesters={"piezo": "V**2/R"})
-    power = next(quantity for quantity in found.quantities if quantity.quantity.name == "power:piezo")
+    intervals = lw.absorption_intervals(fit, draws=8, seed=0, **RELEASE, harvesters={"piezo": "V**2/R"})
+    power = next(quantity for quantity in intervals.quantities if quantity.quantity.name == "power:piezo")
     true = lw.absorb(structure, **RELEASE, harvesters={"piezo": "V**2/R"}).harvests[0].power
     # the range of 8 draws and the estimate, widened by itself: 3.3 standard deviations on either side at least
     assert power.lower is not None and power.upper is not None

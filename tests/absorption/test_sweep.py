@@ -19,9 +19,11 @@ SHORT: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "settle": 0.5}
 RELEASE = {"v:m1": 1.0}
 
 
-def check(found: lw.AbsorptionMap, place: tuple[int, ...], single: lw.Absorption) -> None:
+def check(absorption_map: lw.AbsorptionMap, place: tuple[int, ...], single: lw.Absorption) -> None:
     """One point of a map against `absorb`: same numerics, before chaos multiplies the 80-bit start of the single run."""
-    at = {quantity.name: float(found[quantity.name][place]) for quantity in found.quantities}
+    at = {
+        quantity.name: float(absorption_map[quantity.name][place]) for quantity in absorption_map.quantities
+    }
     settled = [np.nan if time is None else time for time in single.settled]
     np.testing.assert_allclose([at["settled"], at["settled_without"]], settled, rtol=1e-7)
     assert at["rms_reduction"] == pytest.approx(single.rms_reduction, abs=1e-7)
@@ -33,24 +35,28 @@ def check(found: lw.AbsorptionMap, place: tuple[int, ...], single: lw.Absorption
         assert shares[f"share:{link.name}"] == pytest.approx(single.with_sinks.share(link.name), abs=1e-7)
     assert sum(shares.values()) + at["remaining"] == pytest.approx(1.0, abs=1e-12) and at["closure"] < 1e-12
     powers = {name: value for name, value in at.items() if name.startswith("power:")}
-    assert powers == pytest.approx({f"power:{each.link}": each.power for each in single.harvests}, rel=1e-6)
+    assert powers == pytest.approx(
+        {f"power:{harvest.link}": harvest.power for harvest in single.harvests}, rel=1e-6
+    )
 
 
 def test_two_coefficients_of_the_sink() -> None:
     alphas, betas = [-150.0, -60.0], [5e5, 1e6, 1.7e6]
-    told: list[float] = []
-    found = lw.absorption_map(
+    reports: list[float] = []
+    absorption_map = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": alphas, "nes1.beta": betas}, **SHORT, release=RELEASE, workers=2,
-        progress=lambda report: told.append(report.fraction),
+        progress=lambda report: reports.append(report.fraction),
     )  # fmt: skip
-    assert found.completed.shape == (2, 3) == found["settled"].shape and found.trusted
-    assert told == sorted(told) and told[-1] == pytest.approx(1.0)
+    assert (
+        absorption_map.completed.shape == (2, 3) == absorption_map["settled"].shape and absorption_map.trusted
+    )
+    assert reports == sorted(reports) and reports[-1] == pytest.approx(1.0)
     for i, alpha in enumerate(alphas):
         for j, beta in enumerate(betas):
             single = lw.absorb(lw.bnes_chain(2, alpha=alpha, beta=beta), **SHORT, release=RELEASE)
-            check(found, (i, j), single)
-    shares = found["sinks_share"]
-    best = found.best("sinks_share")
+            check(absorption_map, (i, j), single)
+    shares = absorption_map["sinks_share"]
+    best = absorption_map.best("sinks_share")
     row, column = np.unravel_index(np.argmax(shares), shares.shape)
     assert best == {"nes1.alpha": alphas[row], "nes1.beta": betas[column]}
 
@@ -60,13 +66,15 @@ def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
     """Masses and springs of the primary part, and what it is released with, change the comparison as well."""
     chain = lw.bnes_chain(4)
     over = {"spring1.k": [2e4, 4e4], "m3.mass": [0.8, 1.3]}
-    found = lw.absorption_map(chain, over, **SHORT, release=RELEASE, without=without)
-    assert {"settled:m1", "rms_reduction:m3", "crossings:nes2"} <= {each.name for each in found.quantities}
+    absorption_map = lw.absorption_map(chain, over, **SHORT, release=RELEASE, without=without)
+    assert {"settled:m1", "rms_reduction:m3", "crossings:nes2"} <= {
+        quantity.name for quantity in absorption_map.quantities
+    }
     single = lw.absorb(
         chain.with_values({"spring1.k": 4e4, "m3.mass": 0.8}), **SHORT, release=RELEASE, without=without
     )
-    check(found, (1, 0), single)
-    assert found["rms_reduction:m3"][1, 0] == pytest.approx(single.masses[1].rms_reduction, abs=1e-7)
+    check(absorption_map, (1, 0), single)
+    assert absorption_map["rms_reduction:m3"][1, 0] == pytest.approx(single.masses[1].rms_reduction, abs=1e-7)
     mass = lw.absorption_map(chain, {"m2.mass": [0.01, 0.02]}, **SHORT, release=RELEASE, without=without)
     check(
         mass, (1,), lw.absorb(chain.with_values({"m2.mass": 0.02}), **SHORT, release=RELEASE, without=without)
@@ -78,10 +86,12 @@ def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
 
 def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
     harvesters = {"nes1": 0.01}
-    found = lw.absorption_map(
+    absorption_map = lw.absorption_map(
         lw.bnes_chain(2), {"nes1-harvester.c": [0.005, 0.03]}, **SHORT, release=RELEASE, harvesters=harvesters
     )
-    check(found, (1,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE, harvesters={"nes1": 0.03}))
+    check(
+        absorption_map, (1,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE, harvesters={"nes1": 0.03})
+    )
     unknown = lw.bnes_chain(2).unknown("nes1.alpha")
     swept = lw.absorption_map(unknown, {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
     check(swept, (1,), lw.absorb(lw.bnes_chain(2, alpha=-60.0), **SHORT, release=RELEASE))
@@ -96,16 +106,18 @@ def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
 
 def test_a_sweep_may_leave_the_bistable_range() -> None:
     """The sink is that of the structure given, also where the grid gives it one well."""
-    found = lw.absorption_map(lw.bnes_chain(2), {"nes1.alpha": [-100.0, 0.0, 50.0]}, **SHORT, release=RELEASE)
-    assert found["crossings"][0] > 0 and found["crossings"][1:].tolist() == [0.0, 0.0]
+    absorption_map = lw.absorption_map(
+        lw.bnes_chain(2), {"nes1.alpha": [-100.0, 0.0, 50.0]}, **SHORT, release=RELEASE
+    )
+    assert absorption_map["crossings"][0] > 0 and absorption_map["crossings"][1:].tolist() == [0.0, 0.0]
     single = lw.absorb(lw.bnes_chain(2, alpha=50.0), sinks=["nes1"], **SHORT, release=RELEASE)
-    check(found, (2,), single)
+    check(absorption_map, (2,), single)
 
 
 def test_laws_with_kinks_are_run_one_by_one() -> None:
     numbers = {"k": 900.0, "c": 0.3, "p": -100.0, "q": 1e6, "F": 0.02, "s": 0.01}
     links = tuple(
-        Link(name, ends, law, {each: Coefficient.number(numbers[each]) for each in law.coefficients})
+        Link(name, ends, law, {key: Coefficient.number(numbers[key]) for key in law.coefficients})
         for name, ends, law in (
             ("a", ("m1", "ground"), lw.Law.parse("k*d + c*v")),
             ("s", ("m2", "m1"), lw.Law.parse("p*d + q*d**3 + F*tanh(v/s)")),
@@ -113,18 +125,21 @@ def test_laws_with_kinks_are_run_one_by_one() -> None:
     )
     masses = (Mass("m1", Coefficient.number(1.0)), Mass("m2", Coefficient.number(0.01)))
     rubbing = Structure("rubbing", masses, links)
-    found = lw.absorption_map(rubbing, {"s.F": [0.02, 0.05]}, **SHORT, release={"v:m1": 0.3})
-    check(found, (1,), lw.absorb(rubbing.with_values({"s.F": 0.05}), **SHORT, release={"v:m1": 0.3}))
+    absorption_map = lw.absorption_map(rubbing, {"s.F": [0.02, 0.05]}, **SHORT, release={"v:m1": 0.3})
+    check(absorption_map, (1,), lw.absorb(rubbing.with_values({"s.F": 0.05}), **SHORT, release={"v:m1": 0.3}))
 
 
 def test_where_the_motion_diverges_the_map_has_holes() -> None:
-    found = lw.absorption_map(
+    absorption_map = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.beta": [-1e6, 5e5, -5e5, 1e6]}, sinks=["nes1"], **SHORT, release=RELEASE
     )
-    assert found.completed.tolist() == [False, True, False, True] and found.to_dict()["diverged"] == 2
-    assert np.isnan(found["sinks_share"]).tolist() == [True, False, True, False]
-    check(found, (3,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE))
-    assert "4 runs of 0.5 s over nes1.beta" in str(found) and "2 diverged" in str(found)
+    assert (
+        absorption_map.completed.tolist() == [False, True, False, True]
+        and absorption_map.to_dict()["diverged"] == 2
+    )
+    assert np.isnan(absorption_map["sinks_share"]).tolist() == [True, False, True, False]
+    check(absorption_map, (3,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE))
+    assert "4 runs of 0.5 s over nes1.beta" in str(absorption_map) and "2 diverged" in str(absorption_map)
     with pytest.raises(
         lw.LinkwiseError, match=r"none of the 2 runs came to its end: .* check the ranges of nes1\.beta"
     ):
@@ -168,14 +183,14 @@ def test_tops_and_floors_of_many_laws() -> None:
         "e": rng.normal(0, 1e6, 60),
         "g": np.full(60, 1e9),
     }
-    found = barriers(law, values, 60)
+    tops_and_floors = barriers(law, values, 60)
     for run in range(60):
         numbers = {name: Coefficient.number(float(value[run])) for name, value in values.items()}
         link = Link("link", ("m", "ground"), law, numbers)
         wells = lw.wells(link)
-        tops = found.tops[run][np.isfinite(found.tops[run])]
+        tops = tops_and_floors.tops[run][np.isfinite(tops_and_floors.tops[run])]
         assert len(tops) == len(wells) - 1
-        assert found.floor[run] == pytest.approx(
+        assert tops_and_floors.floor[run] == pytest.approx(
             min(float(link.potential(d)) for d in wells), rel=1e-9, abs=1e-15
         )
         for top, below, above in zip(tops, wells[:-1], wells[1:], strict=True):
@@ -197,11 +212,11 @@ def test_a_map_of_chaos_says_so() -> None:
 
 
 def test_axes_know_their_scale() -> None:
-    found = lw.absorption_map(
+    absorption_map = lw.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0, -50.0], "nes1.beta": [1e5, 4e5, 1.6e6]}, **SHORT, release=RELEASE
     )  # fmt: skip
-    assert [axis.logarithmic for axis in found.axes] == [False, True]
-    figure = map_figure(found)
+    assert [axis.logarithmic for axis in absorption_map.axes] == [False, True]
+    figure = map_figure(absorption_map)
     panel = figure.axes[0]
     assert (panel.get_xscale(), panel.get_yscale()) == ("linear", "log")
     assert panel.get_xlabel() == "nes1.alpha, N/m" and panel.get_title("left") == "settling time (below 50 %)"
@@ -209,9 +224,11 @@ def test_axes_know_their_scale() -> None:
 
 def test_what_no_run_reached_has_no_bar_of_numbers() -> None:
     over = {"nes1.alpha": [-150.0, -50.0], "nes1.beta": [2e5, 2e6]}
-    found = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=1000.0, settle=0.05, release=RELEASE)
-    assert np.isnan(found["settled"]).all() and np.isfinite(found["sinks_share"]).all()
-    bars = [axes.get_ylabel() for axes in map_figure(found).axes if axes.get_label() == "<colorbar>"]
+    absorption_map = lw.absorption_map(
+        lw.bnes_chain(2), over, duration=0.5, rate=1000.0, settle=0.05, release=RELEASE
+    )
+    assert np.isnan(absorption_map["settled"]).all() and np.isfinite(absorption_map["sinks_share"]).all()
+    bars = [axes.get_ylabel() for axes in map_figure(absorption_map).axes if axes.get_label() == "<colorbar>"]
     assert bars == ["%", "%", ""]  # of settling none
 
 

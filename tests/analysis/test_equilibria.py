@@ -24,7 +24,7 @@ def link(name: str, first: str, second: str, text: str, **values: float) -> Link
 
 
 def structure(*links: Link) -> Structure:
-    names = sorted({end for one in links for end in one.between} - {GROUND, BASE})
+    names = sorted({end for bond in links for end in bond.between} - {GROUND, BASE})
     return Structure("", tuple(Mass(name, Coefficient.number(1.0)) for name in names), links)
 
 
@@ -32,34 +32,36 @@ def bistable(name: str, first: str, second: str) -> Link:
     return link(name, first, second, "alpha*d + beta*d**3", alpha=-100.0, beta=1e6)
 
 
-def net_force(one: Structure, x: Floats) -> Floats:
-    d = one.elongations(x, 0.0)
-    force: Floats = one.incidence @ np.array([float(held.force(d[i])) for i, held in enumerate(one.links)])
+def net_force(subject: Structure, x: Floats) -> Floats:
+    d = subject.elongations(x, 0.0)
+    force: Floats = subject.incidence @ np.array(
+        [float(bond.force(d[i])) for i, bond in enumerate(subject.links)]
+    )
     return force
 
 
-def tangent_eigenvalues(one: Structure, x: Floats) -> Floats:
-    d = one.elongations(x, 0.0)
-    incidence = one.incidence.toarray()
-    slopes = np.array([float(held.stiffness(d[i])) for i, held in enumerate(one.links)])
+def tangent_eigenvalues(subject: Structure, x: Floats) -> Floats:
+    d = subject.elongations(x, 0.0)
+    incidence = subject.incidence.toarray()
+    slopes = np.array([float(bond.stiffness(d[i])) for i, bond in enumerate(subject.links)])
     return np.linalg.eigvalsh(incidence * slopes @ incidence.T)
 
 
-def positions(found: Equilibria) -> set[tuple[float, ...]]:
-    return {tuple(np.round(point.x, 9) + 0.0) for point in found}
+def positions(rests: Equilibria) -> set[tuple[float, ...]]:
+    return {tuple(np.round(point.x, 9) + 0.0) for point in rests}
 
 
 @pytest.mark.parametrize("n", [2, 4, 6])
 def test_each_sink_of_the_chain_rests_in_either_well_or_on_top(n: int) -> None:
-    found = equilibria(bnes_chain(n))
+    rests = equilibria(bnes_chain(n))
     wanted = {
         tuple(np.array([(0.0, d) for d in choice]).ravel())
         for choice in product((-0.01, 0.0, 0.01), repeat=n // 2)
     }
-    assert positions(found) == wanted
-    assert (len(found.stable), found.complete, found.note) == (2 ** (n // 2), True, "")
-    assert found[0].energy == pytest.approx(-0.0025 * n / 2, rel=1e-12)
-    assert [point.stable for point in found] == sorted((point.stable for point in found), reverse=True)
+    assert positions(rests) == wanted
+    assert (len(rests.stable), rests.complete, rests.note) == (2 ** (n // 2), True, "")
+    assert rests[0].energy == pytest.approx(-0.0025 * n / 2, rel=1e-12)
+    assert [point.stable for point in rests] == sorted((point.stable for point in rests), reverse=True)
 
 
 def test_stability_is_that_of_the_eigenvalues_of_the_tangent_stiffness() -> None:
@@ -71,9 +73,9 @@ def test_stability_is_that_of_the_eigenvalues_of_the_tangent_stiffness() -> None
 
 
 def test_ten_sinks_are_cut_at_the_limit_which_is_said_with_the_wells_first() -> None:
-    found = equilibria(bnes_chain(20))
-    assert (len(found), len(found.stable), found.complete) == (4096, 1024, False)
-    assert found.note == "only 4096 of 59049 combinations of rest points were used, wells first"
+    rests = equilibria(bnes_chain(20))
+    assert (len(rests), len(rests.stable), rests.complete) == (4096, 1024, False)
+    assert rests.note == "only 4096 of 59049 combinations of rest points were used, wells first"
     huge = equilibria(bnes_chain(200), limit=3)
     assert (len(huge), len(huge.stable)) == (3, 3)
     assert "of 1e47 combinations" in huge.note
@@ -97,15 +99,15 @@ def test_a_circle_of_linear_springs_under_a_constant_force() -> None:
         link("s2", "b", "a", "k*d", k=50.0),
         link("s3", "b", GROUND, "k*d + f0", k=20.0, f0=-3.0),
     )
-    found = equilibria(ring)
-    assert len(found) == 1
+    rests = equilibria(ring)
+    assert len(rests) == 1
     np.testing.assert_allclose(
-        found[0].x, np.linalg.solve([[150.0, -50.0], [-50.0, 70.0]], [0.0, 3.0]), rtol=1e-12
+        rests[0].x, np.linalg.solve([[150.0, -50.0], [-50.0, 70.0]], [0.0, 3.0]), rtol=1e-12
     )
-    assert found[0].stable
-    assert not found.complete
+    assert rests[0].stable
+    assert not rests.complete
     assert (
-        found.note == "the links form a cycle, so Newton's method searched from 1 combinations of rest points"
+        rests.note == "the links form a cycle, so Newton's method searched from 1 combinations of rest points"
     )
 
 
@@ -122,26 +124,26 @@ def test_two_sinks_joined_by_a_soft_spring_have_nine_equilibria_and_by_a_stiff_o
     assert (len(stiff), len(stiff.stable)) == (3, 2)
     mixed = math.sqrt((100.0 - 2.0 * 5.0) / 1e6)
     assert (round(mixed, 9), round(-mixed, 9)) in positions(soft)
-    for k, found in ((5.0, soft), (500.0, stiff)):
-        for point in found:
+    for k, points in ((5.0, soft), (500.0, stiff)):
+        for point in points:
             np.testing.assert_allclose(net_force(joined(k), point.x), 0.0, atol=1e-9)
             assert point.stable == bool(np.all(tangent_eigenvalues(joined(k), point.x) > 0.0))
 
 
 def test_newton_from_given_starts_agrees_with_the_product_of_wells() -> None:
     chain = bnes_chain(4)
-    found = equilibria(chain, start=[[1e-3, 0.012, -1e-3, -0.008], [0.0, 0.0, 0.0, 0.0]])
-    assert positions(found) == {(0.0, 0.01, 0.0, -0.01), (0.0, 0.0, 0.0, 0.0)}
-    assert [point.stable for point in found] == [True, False]
-    assert found.note == "searched from the given start points only"
-    assert found[0].energy == pytest.approx(-0.005, rel=1e-12)
+    rests = equilibria(chain, start=[[1e-3, 0.012, -1e-3, -0.008], [0.0, 0.0, 0.0, 0.0]])
+    assert positions(rests) == {(0.0, 0.01, 0.0, -0.01), (0.0, 0.0, 0.0, 0.0)}
+    assert [point.stable for point in rests] == [True, False]
+    assert rests.note == "searched from the given start points only"
+    assert rests[0].energy == pytest.approx(-0.005, rel=1e-12)
 
 
 def test_a_start_from_which_nothing_balances_is_said() -> None:
     pushed = structure(link("f", "m", GROUND, "f0 + k*d**2", f0=1.0, k=1.0))
     assert equilibria(pushed).note == 'there is no equilibrium: the force of link "f" vanishes nowhere'
-    found = equilibria(pushed, start=[0.3])
-    assert (len(found), found.note) == (
+    rests = equilibria(pushed, start=[0.3])
+    assert (len(rests), rests.note) == (
         0,
         "searched from the given start points only; 1 of 1 searches did not converge",
     )
@@ -149,18 +151,18 @@ def test_a_start_from_which_nothing_balances_is_said() -> None:
 
 def test_a_floating_structure_is_said_to_float() -> None:
     flying = structure(bistable("n", "b", "a"))
-    found = equilibria(flying)
-    assert positions(found) == {(-0.005, 0.005), (0.005, -0.005), (0.0, 0.0)}
-    assert [point.neutral for point in found] == [1, 1, 1]
-    assert [point.stable for point in found] == [True, True, False]
-    assert found.note == (
+    rests = equilibria(flying)
+    assert positions(rests) == {(-0.005, 0.005), (0.005, -0.005), (0.0, 0.0)}
+    assert [point.neutral for point in rests] == [1, 1, 1]
+    assert [point.stable for point in rests] == [True, True, False]
+    assert rests.note == (
         "1 rigid-body motion without elastic resistance; displacements are those with the least sum of squares"
     )
 
 
 def test_a_mass_on_a_damper_alone_is_free_to_rest_anywhere() -> None:
-    held = structure(link("s", "a", GROUND, "k*d", k=1.0), link("c", "b", "a", "c*v", c=1.0))
-    (only,) = equilibria(held)
+    balanced = structure(link("s", "a", GROUND, "k*d", k=1.0), link("c", "b", "a", "c*v", c=1.0))
+    (only,) = equilibria(balanced)
     assert (only.stable, only.neutral) == (True, 1)
     dampers = structure(link("c", "a", GROUND, "c*v", c=1.0))
     (anywhere,) = equilibria(dampers)

@@ -34,7 +34,7 @@ def test_kind_of_a_law(law: str, reach: float, kind: str) -> None:
 
 
 def test_estimates_know_the_kinds_of_their_links(fitted: lw.Estimate) -> None:
-    assert {each.link.name: each.kind for each in fitted.links} == {"spring1": "linear", "nes1": "bistable"}
+    assert {link.link.name: link.kind for link in fitted.links} == {"spring1": "linear", "nes1": "bistable"}
 
 
 def test_a_term_with_a_coefficient_of_zero_does_not_bend() -> None:

@@ -30,12 +30,12 @@ def row(k: list[float], c: list[float], masses: list[float], *, grounded: bool =
 
 
 def test_one_mass() -> None:
-    found = modes(row([400.0], [2.0], [4.0]))
-    np.testing.assert_allclose(found.frequencies, [10.0 / (2.0 * math.pi)], rtol=1e-12)
-    np.testing.assert_allclose(found.damping, [2.0 / (2.0 * math.sqrt(400.0 * 4.0))], rtol=1e-12)
-    np.testing.assert_allclose(found.shapes, [[0.5]], rtol=1e-12)
-    np.testing.assert_allclose(found.eigenvalues[0].real, -0.25, rtol=1e-12)
-    assert found.note == ""
+    computed = modes(row([400.0], [2.0], [4.0]))
+    np.testing.assert_allclose(computed.frequencies, [10.0 / (2.0 * math.pi)], rtol=1e-12)
+    np.testing.assert_allclose(computed.damping, [2.0 / (2.0 * math.sqrt(400.0 * 4.0))], rtol=1e-12)
+    np.testing.assert_allclose(computed.shapes, [[0.5]], rtol=1e-12)
+    np.testing.assert_allclose(computed.eigenvalues[0].real, -0.25, rtol=1e-12)
+    assert computed.note == ""
 
 
 def test_overdamped_mass_has_a_ratio_above_one() -> None:
@@ -48,45 +48,45 @@ def test_equal_masses_in_a_row_have_the_textbook_frequencies() -> None:
     j = np.arange(1, n + 1)
     omega = 2.0 * math.sqrt(k / m) * np.sin((2 * j - 1) * math.pi / (2 * (2 * n + 1)))
     stiffness_damping = 1e-4
-    found = modes(row([k] * n, [stiffness_damping * k] * n, [m] * n))
-    np.testing.assert_allclose(found.frequencies, omega / (2.0 * math.pi), rtol=1e-12)
-    np.testing.assert_allclose(found.damping, 0.5 * stiffness_damping * omega, rtol=1e-8)
+    computed = modes(row([k] * n, [stiffness_damping * k] * n, [m] * n))
+    np.testing.assert_allclose(computed.frequencies, omega / (2.0 * math.pi), rtol=1e-12)
+    np.testing.assert_allclose(computed.damping, 0.5 * stiffness_damping * omega, rtol=1e-8)
 
 
 def test_shapes_are_mass_normalised_and_diagonalise_the_stiffness() -> None:
     chain = bnes_chain(6)
     rest = equilibria(chain)[0].x
-    found = modes(chain, rest)
+    computed = modes(chain, rest)
     d = chain.elongations(rest)
     incidence = chain.incidence.toarray()
     stiffness = incidence * [float(link.stiffness(d[i])) for i, link in enumerate(chain.links)] @ incidence.T
-    omega2 = (2.0 * np.pi * found.frequencies) ** 2
-    np.testing.assert_allclose(found.shapes.T * chain.mass_values @ found.shapes, np.eye(6), atol=1e-12)
+    omega2 = (2.0 * np.pi * computed.frequencies) ** 2
+    np.testing.assert_allclose(computed.shapes.T * chain.mass_values @ computed.shapes, np.eye(6), atol=1e-12)
     np.testing.assert_allclose(
-        found.shapes.T @ stiffness @ found.shapes, np.diag(omega2), atol=1e-12 * omega2.max()
+        computed.shapes.T @ stiffness @ computed.shapes, np.diag(omega2), atol=1e-12 * omega2.max()
     )
-    assert np.all(found.shapes[np.abs(found.shapes).argmax(axis=0), range(6)] > 0.0)
-    assert np.all(np.diff(found.frequencies) >= 0.0)
+    assert np.all(computed.shapes[np.abs(computed.shapes).argmax(axis=0), range(6)] > 0.0)
+    assert np.all(np.diff(computed.frequencies) >= 0.0)
 
 
 def test_sink_in_its_well_on_a_heavy_primary_has_the_in_well_frequency() -> None:
     """As the primary grows heavy and stiff the sink's frequency tends to sqrt(-2 alpha/m): 1e-6 at a ratio of 1e6 and more."""
     heavy = bnes_chain(2, primary_mass=1e6, k=1e12)
-    found = modes(heavy)
-    np.testing.assert_allclose(found.frequencies[0], math.sqrt(200.0 / 0.01) / (2.0 * math.pi), rtol=1e-6)
-    np.testing.assert_allclose(found.damping[0], 0.02 / (2.0 * math.sqrt(200.0 * 0.01)), rtol=1e-6)
+    computed = modes(heavy)
+    np.testing.assert_allclose(computed.frequencies[0], math.sqrt(200.0 / 0.01) / (2.0 * math.pi), rtol=1e-6)
+    np.testing.assert_allclose(computed.damping[0], 0.02 / (2.0 * math.sqrt(200.0 * 0.01)), rtol=1e-6)
 
 
 def test_damping_ratios_are_those_of_the_eigenvalues_of_the_state_matrix() -> None:
     """Damping that couples the modes: ratios from an independent eigenvalue problem in physical coordinates."""
     k, c, m = [900.0, 400.0, 200.0], [0.3, 4.0, 0.1], [1.0, 2.0, 0.5]
-    found = modes(row(k, c, m))
+    computed = modes(row(k, c, m))
     b = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
     state = np.block([[np.zeros((3, 3)), np.eye(3)], [-(b * k @ b.T) / np.c_[m], -(b * c @ b.T) / np.c_[m]]])
     upper = np.array([value for value in np.linalg.eigvals(state) if value.imag > 0.0])
     upper = upper[np.argsort(np.abs(upper))]
-    np.testing.assert_allclose(found.damping, -upper.real / np.abs(upper), rtol=1e-8)
-    np.testing.assert_allclose(np.abs(found.eigenvalues[::2]), np.abs(upper), rtol=1e-8)
+    np.testing.assert_allclose(computed.damping, -upper.real / np.abs(upper), rtol=1e-8)
+    np.testing.assert_allclose(np.abs(computed.eigenvalues[::2]), np.abs(upper), rtol=1e-8)
 
 
 def test_equal_frequencies_keep_their_own_damping() -> None:
@@ -100,10 +100,10 @@ def test_equal_frequencies_keep_their_own_damping() -> None:
             ("between", ("b", "a"), "c*v", {"c": 1.0}),
         )
     )
-    found = modes(Structure("", bodies, links))
-    np.testing.assert_allclose(found.frequencies, [10.0 / (2.0 * math.pi)] * 2, rtol=1e-12)
-    np.testing.assert_allclose(found.damping, [0.1, 0.2], rtol=1e-12)
-    np.testing.assert_allclose(np.abs(found.shapes), np.full((2, 2), math.sqrt(0.5)), rtol=1e-12)
+    computed = modes(Structure("", bodies, links))
+    np.testing.assert_allclose(computed.frequencies, [10.0 / (2.0 * math.pi)] * 2, rtol=1e-12)
+    np.testing.assert_allclose(computed.damping, [0.1, 0.2], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(computed.shapes), np.full((2, 2), math.sqrt(0.5)), rtol=1e-12)
 
 
 def test_rigid_and_unstable_motions_are_said() -> None:

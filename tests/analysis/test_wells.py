@@ -24,8 +24,8 @@ def link(text: str, **values: float) -> Link:
     )
 
 
-def rests(one: Link, lo: float | None = None, hi: float | None = None) -> list[tuple[float, bool]]:
-    return [(point.d, point.well) for point in rest_points(one.force, one.stiffness, lo, hi)]
+def rests(bond: Link, lo: float | None = None, hi: float | None = None) -> list[tuple[float, bool]]:
+    return [(point.d, point.well) for point in rest_points(bond.force, bond.stiffness, lo, hi)]
 
 
 @pytest.mark.parametrize(("alpha", "beta"), [(-100.0, 1e6), (-3e-4, 2e9), (-5e5, 1e-2)])

@@ -38,27 +38,35 @@ def folder(chain: Path) -> Path:
     return chain.parent / "out"
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
     """What --json prints, and nothing else."""
     assert run(["absorb", *arguments, "--json"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    found: dict[str, Any] = json.loads(out)
-    return found
+    document: dict[str, Any] = json.loads(out)
+    return document
 
 
 def test_json_is_the_answer_of_the_library(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--without", "locked", "--settle", "0.5", "--harvester", "nes1=0.01", "--sink", "nes1"]
-    found = told(capsys, str(chain), *TRIAL, *options, "--impulse", "m2=0.01@0.2", "--force", "m1=sin(9*t)")
-    same = lw.absorb(
+    document = answer(
+        capsys, str(chain), *TRIAL, *options, "--impulse", "m2=0.01@0.2", "--force", "m1=sin(9*t)"
+    )
+    expected = lw.absorb(
         lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0}, impulses=(lw.Impulse("m2", 0.01, 0.2),),
         forces={"m1": "sin(9*t)"}, without="locked", settle=0.5, harvesters={"nes1": 0.01}, sinks=("nes1",),
     )  # fmt: skip
-    assert found["version"] == lw.__version__ and found["method"] == "absorb" and found["without"] == "locked"
-    assert found["rms_reduction"] == pytest.approx(same.rms_reduction, rel=1e-12)
-    assert found["sinks"]["nes1"]["crossing_times"] == same.sinks[0].crossings.tolist()
-    assert found["harvesters"]["nes1"]["average_power"] == pytest.approx(same.harvests[0].power, rel=1e-12)
-    shares = found["energy"]["with_sinks"]
+    assert (
+        document["version"] == lw.__version__
+        and document["method"] == "absorb"
+        and document["without"] == "locked"
+    )
+    assert document["rms_reduction"] == pytest.approx(expected.rms_reduction, rel=1e-12)
+    assert document["sinks"]["nes1"]["crossing_times"] == expected.sinks[0].crossings.tolist()
+    assert document["harvesters"]["nes1"]["average_power"] == pytest.approx(
+        expected.harvests[0].power, rel=1e-12
+    )
+    shares = document["energy"]["with_sinks"]
     # identity, printed with 6 digits
     assert sum(shares["shares"].values()) + shares["remaining"] == pytest.approx(1.0, abs=1e-6)
 
@@ -115,13 +123,13 @@ def test_an_earlier_result_is_replaced_and_other_folders_are_left(
     assert (folder / "notes.txt").read_text() == "mine"
     assert "harvesters" not in (folder / "report.html").read_text().lower()
     (folder / "notes.txt").unlink()
-    other = tmp_path / "other"
-    other.mkdir()
-    (other / "thesis.tex").write_text("")
+    elsewhere = tmp_path / "other"
+    elsewhere.mkdir()
+    (elsewhere / "thesis.tex").write_text("")
     capsys.readouterr()
-    assert run(["absorb", str(chain), *TRIAL, "-o", str(other)]) == 2
+    assert run(["absorb", str(chain), *TRIAL, "-o", str(elsewhere)]) == 2
     assert "is not a result of linkwise" in capsys.readouterr().err
-    assert [path.name for path in other.iterdir()] == ["thesis.tex"]
+    assert [path.name for path in elsewhere.iterdir()] == ["thesis.tex"]
 
 
 @pytest.mark.parametrize(
@@ -174,14 +182,14 @@ def test_a_sweep_writes_a_map(chain: Path, tmp_path: Path, capsys: pytest.Captur
 
 
 def test_a_sweep_as_json(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(capsys, str(chain), *TRIAL, *SWEEPS)
-    assert found["runs"] == 6 and found["diverged"] == 0
-    assert [axis["name"] for axis in found["axes"]] == ["nes1.alpha", "nes1.beta"]
-    assert found["axes"][1]["values"] == pytest.approx([2e5, 2e6])
-    shares = found["quantities"]["sinks_share"]
+    document = answer(capsys, str(chain), *TRIAL, *SWEEPS)
+    assert document["runs"] == 6 and document["diverged"] == 0
+    assert [axis["name"] for axis in document["axes"]] == ["nes1.alpha", "nes1.beta"]
+    assert document["axes"][1]["values"] == pytest.approx([2e5, 2e6])
+    shares = document["quantities"]["sinks_share"]
     assert set(shares["best_at"]) == {"nes1.alpha", "nes1.beta"} and np.shape(shares["values"]) == (3, 2)
     assert shares["largest"] == np.max(shares["values"])
-    assert found["quantities"]["settled"]["values"][0] == [None, None]  # a second is too short
+    assert document["quantities"]["settled"]["values"][0] == [None, None]  # a second is too short
 
 
 @pytest.mark.parametrize(

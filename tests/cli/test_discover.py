@@ -46,11 +46,11 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -
     assert run([*arguments, "--json"]) == code
     out, err = capsys.readouterr()
     assert err == ""
-    found: dict[str, Any] = json.loads(out)
-    return found
+    document: dict[str, Any] = json.loads(out)
+    return document
 
 
-def kept(result: dict[str, Any]) -> set[str]:
+def selected_terms(result: dict[str, Any]) -> set[str]:
     return {term["name"] for term in result["terms"] if term["kept"]}
 
 
@@ -61,8 +61,11 @@ def test_prints_the_table_and_the_comparison(files: Path, capsys: pytest.Capture
     assert run(arguments(files, "--truth", str(files / "chain.toml"))) == 0
     out, err = capsys.readouterr()
     assert out.startswith("2 masses, 2 links with 5 terms: can be trusted\n") and err == ""
-    told = out.partition("against the truth: ")[2]
-    assert told.startswith("5 terms right\n  missing  none\n  false    none\n") and told.count(" %\n") == 2
+    comparison = out.partition("against the truth: ")[2]
+    assert (
+        comparison.startswith("5 terms right\n  missing  none\n  false    none\n")
+        and comparison.count(" %\n") == 2
+    )
 
 
 def test_a_calibration_stands_in_the_intervals(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,8 +76,8 @@ def test_a_calibration_stands_in_the_intervals(files: Path, capsys: pytest.Captu
 
 def test_a_delay_without_a_time_is_found(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = answer(capsys, *arguments(files, "--delay", "x:m2"))
-    (told,) = (finding for finding in result["findings"] if finding.startswith("x:m2 is late by"))
-    assert abs(float(told.split()[4])) < 0.1  # ms, of a record whose channels are together
+    (sentence,) = (finding for finding in result["findings"] if finding.startswith("x:m2 is late by"))
+    assert abs(float(sentence.split()[4])) < 0.1  # ms, of a record whose channels are together
 
 
 def test_an_error_that_cannot_be_admitted_is_wrong_usage(
@@ -86,10 +89,10 @@ def test_an_error_that_cannot_be_admitted_is_wrong_usage(
 
 def test_json_is_the_answer_of_the_library(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = answer(capsys, *arguments(files))
-    found = lw.discover(lw.read_record(files / "run.csv"), {"m1": 1.0, "m2": 0.01})
-    assert kept(result) == TRUE and "truth" not in result
+    discovery = lw.discover(lw.read_record(files / "run.csv"), {"m1": 1.0, "m2": 0.01})
+    assert selected_terms(result) == TRUE and "truth" not in result
     values = [term["value"] for term in result["terms"]]
-    assert values == pytest.approx([term.value for term in found.terms], rel=1e-8)  # same numerics
+    assert values == pytest.approx([term.value for term in discovery.terms], rel=1e-8)  # same numerics
 
 
 def test_several_records_terms_and_parts_reach_the_search(
@@ -97,7 +100,7 @@ def test_several_records_terms_and_parts_reach_the_search(
 ) -> None:
     more = ["--with", str(files / "run2.csv"), "--terms", "bistable, friction(0.01)", "--to", "1.5"]
     result = answer(capsys, *arguments(files, *more))
-    assert kept(result) == TRUE and {term["term"] for term in result["terms"]} == {
+    assert selected_terms(result) == TRUE and {term["term"] for term in result["terms"]} == {
         "v",
         "d",
         "d**3",
@@ -110,20 +113,20 @@ def test_folder_and_its_structure_are_the_next_input(
     files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What was discovered is simulated, and identified again with its numbers taken away: to the same answer."""
-    found = tmp_path / "found"
-    assert run(arguments(files, "-o", str(found))) == 0
-    assert f"open {found / 'report.html'}" in capsys.readouterr().err
+    folder = tmp_path / "found"
+    assert run(arguments(files, "-o", str(folder))) == 0
+    assert f"open {folder / 'report.html'}" in capsys.readouterr().err
     drive = ["--duration", "0.1", "--rate", "500", "--release", "v:m1=1", "-o", str(tmp_path / "again.csv")]
-    assert run(["simulate", str(found / "structure.toml"), *drive]) == 0
-    structure = lw.read_structure(found / "structure.toml")
+    assert run(["simulate", str(folder / "structure.toml"), *drive]) == 0
+    structure = lw.read_structure(folder / "structure.toml")
     lw.write_structure(structure.unknown("all"), tmp_path / "unknown.toml")
     capsys.readouterr()
     result = answer(capsys, "identify", str(files / "run.csv"), str(tmp_path / "unknown.toml"))
     for link in some(result["links"]):
-        for name, each in some(link["coefficients"].items()):
+        for name, coefficient in some(link["coefficients"].items()):
             before = structure.link(link["name"]).values[name]
             assert (
-                abs(each["value"] - before) < 0.5 * each["standard_error"]
+                abs(coefficient["value"] - before) < 0.5 * coefficient["standard_error"]
             )  # one optimum, within its tolerance
 
 
@@ -133,14 +136,16 @@ def test_what_is_known_stays_and_what_is_known_not_to_be_stays_out(
     known = tmp_path / "known.toml"
     masses = '[[mass]]\nname = "m1"\nmass = 1.0\n[[mass]]\nname = "m2"\nmass = "10 g"\n'
     known.write_text(masses)
-    assert kept(answer(capsys, "discover", str(files / "run.csv"), "--structure", str(known))) == TRUE
+    assert (
+        selected_terms(answer(capsys, "discover", str(files / "run.csv"), "--structure", str(known))) == TRUE
+    )
     link = '[[link]]\nname = "{}"\nbetween = {}\nlaw = "{}"\ncoefficients = {}\n'
     spring = link.format("spring", '["m1", "ground"]', "k*d + q*d**2", '{ k = "unknown", q = 0 }')
     none = link.format("none", '["m2", "ground"]', "0", "{}")
     known.write_text(masses + spring + none)
     beside = ["--structure", str(known), "--truth", str(files / "chain.toml")]
     result = answer(capsys, "discover", str(files / "run.csv"), *beside)
-    assert kept(result) == {"spring.c", *(name for name in TRUE if name.startswith("m2-m1"))}
+    assert selected_terms(result) == {"spring.c", *(name for name in TRUE if name.startswith("m2-m1"))}
     tested = {term["name"] for term in result["terms"]}
     assert "spring.k2" not in tested and not any(name.startswith("m2-ground") for name in tested)
     assert result["truth"]["missing"] == result["truth"]["extra"] == []
@@ -167,8 +172,8 @@ def test_an_answer_not_to_be_trusted_has_exit_code_3(
     real = lw.discover
 
     def unsettled(*nouns: Any, **named: Any) -> lw.Discovery:
-        found = real(*nouns, **named)
-        return replace(found, verdicts=(*found.verdicts, lw.Verdict.SEARCH_UNSETTLED))
+        discovery = real(*nouns, **named)
+        return replace(discovery, verdicts=(*discovery.verdicts, lw.Verdict.SEARCH_UNSETTLED))
 
     monkeypatch.setattr(lw, "discover", unsettled)
     assert run(arguments(files)) == 3
@@ -205,17 +210,17 @@ def test_ctrl_c_before_there_is_anything_leaves_nothing(
 
 
 def test_the_bar_shows_stages_and_never_goes_back(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[tuple[float, str]] = []
+    reports: list[tuple[float, str]] = []
 
     @contextmanager
     def bar(_: str) -> Iterator[lw.Progress]:
-        yield lambda report: seen.append((report.fraction, report.activity))
+        yield lambda report: reports.append((report.fraction, report.activity))
 
     monkeypatch.setattr(command, "progress", bar)
     assert run(arguments(files)) == 0
-    fractions, stages = zip(*seen, strict=True)
-    assert any("screening 12 candidates" in now for now in stages) and any(
-        now.startswith("round 1") for now in stages
+    fractions, stages = zip(*reports, strict=True)
+    assert any("screening 12 candidates" in stage for stage in stages) and any(
+        stage.startswith("round 1") for stage in stages
     )
     assert list(fractions) == sorted(fractions) and fractions[0] >= 0.0 and fractions[-1] <= 1.0
 
@@ -289,7 +294,7 @@ def test_wrong_usage_is_one_paragraph_and_exit_code_2(
 def test_a_file_that_does_not_say_the_masses(
     masses: str, message: str, files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    entries = [each.split("=") for each in masses.split()]
+    entries = [entry.split("=") for entry in masses.split()]
     text = "".join(f'[[mass]]\nname = "{name}"\nmass = {value}\n' for name, value in entries)
     (tmp_path / "known.toml").write_text(text)
     assert run(["discover", str(files / "run.csv"), "--structure", str(tmp_path / "known.toml")]) == 2

@@ -39,8 +39,8 @@ def test_from_modes_to_a_validated_link(folder: Path, capsys: pytest.CaptureFixt
     assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "wing.toml"]) == 0
     true = (folder / "wing.toml").read_text() + LINK
     (folder / "true.toml").write_text(true)
-    asked = true.replace("k = 200.0, k3 = 2e6, c = 0.05", 'k = "unknown", k3 = "unknown", c = "unknown"')
-    (folder / "asked.toml").write_text(asked)
+    unknown = true.replace("k = 200.0, k3 = 2e6, c = 0.05", 'k = "unknown", k3 = "unknown", c = "unknown"')
+    (folder / "asked.toml").write_text(unknown)
     drive = ["--force", "wing.joint=5*sin(33*t)", "--release", "v:wing.mode1=0.3"]
     recorded = ["--duration", "2", "--rate", "400", "--noise", "30", "--seed", "2", "-o", "wing.csv"]
     assert run(["simulate", "true.toml", *drive, *recorded]) == 0
@@ -52,10 +52,10 @@ def test_from_modes_to_a_validated_link(folder: Path, capsys: pytest.CaptureFixt
     result = json.loads((folder / "answer" / "result.json").read_text())
     assert result["trusted"]
     assert [mode["name"] for mode in result["modes"]] == ["wing.mode1", "wing.mode2"]
-    found = result["links"][0]["coefficients"]
+    coefficients = result["links"][0]["coefficients"]
     for name, value in (("k", 200.0), ("k3", 2e6), ("c", 0.05)):
         # four standard errors: 6e-5 of chance each
-        assert abs(found[name]["value"] - value) < 4.0 * found[name]["standard_error"]
+        assert abs(coefficients[name]["value"] - value) < 4.0 * coefficients[name]["standard_error"]
     assert not list((folder / "answer").glob("force_wing*"))
     assert run(["validate", "wing.csv", "answer"]) == 0
     assert "x:wing.tip" in capsys.readouterr().out
@@ -71,7 +71,7 @@ def test_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]
     out, err = capsys.readouterr()
     assert len(lw.parse_structure(out).hosts[0].modes) == 5
     assert "4 modes and 1 residual ones" in err
-    for wrong, told in (
+    for wrong, message in (
         (["rod.npz"], "at least one point"),
         (["rod.npz", "--point", "mid=fifteen"], "--point needs NAME=ROW"),
         (["rod.npz", "--mass", "Q", "--point", "mid=15"], "holds no matrix 'Q'"),
@@ -82,7 +82,7 @@ def test_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]
         (["rod.npz", "--mass", "K", "--stiffness", "M", "--point", "mid=15"], "may be swapped"),
     ):
         assert run(["structure", "host", *wrong]) == 2
-        assert told in " ".join(capsys.readouterr().err.split())
+        assert message in " ".join(capsys.readouterr().err.split())
 
 
 def test_show_prints_the_modes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -154,22 +154,25 @@ def test_from_taps_to_a_payload(folder: Path, capsys: pytest.CaptureFixture[str]
     recorded = ["--duration", "2", "--rate", "200", "--noise", "40", "--seed", "1", "-o", "taps.csv"]
     assert run(["simulate", "bare.toml", *tap, *recorded]) == 0
     assert run(["structure", "host", "taps.csv", "--modes", "auto", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert told["host"][0]["name"] == told["identified"]["host"] and told["identified"]["trusted"] is True
+    document = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (
+        document["host"][0]["name"] == document["identified"]["host"]
+        and document["identified"]["trusted"] is True
+    )
     assert run(["structure", "host", "taps.csv", "--modes", "auto", "-o", "wing.toml"]) == 0
     assert "wing: 2 modes at 2 points, can be trusted" in capsys.readouterr().out
     (folder / "true.toml").write_text((folder / "bare.toml").read_text() + LINK)
-    asked = LINK.replace("k = 200.0, k3 = 2e6, c = 0.05", 'k = "unknown", k3 = "unknown", c = "unknown"')
-    (folder / "asked.toml").write_text((folder / "wing.toml").read_text() + asked)
+    unknown = LINK.replace("k = 200.0, k3 = 2e6, c = 0.05", 'k = "unknown", k3 = "unknown", c = "unknown"')
+    (folder / "asked.toml").write_text((folder / "wing.toml").read_text() + unknown)
     drive = ["--force", "wing.tip=5*sin(33*t)", "--release", "v:wing.mode1=0.3"]
     recorded = ["--duration", "2", "--rate", "400", "--noise", "30", "--seed", "2", "-o", "wing.csv"]
     assert run(["simulate", "true.toml", *drive, *recorded]) == 0
     assert run(["identify", "wing.csv", "asked.toml", "--json"]) == 0
     result = json.loads(capsys.readouterr().out.partition("{")[2].join(["{", ""]))
-    found = result["links"][0]["coefficients"]
+    coefficients = result["links"][0]["coefficients"]
     for name, value in (("k", 200.0), ("k3", 2e6), ("c", 0.05)):
         # four standard errors: 6e-5 of chance each
-        assert abs(found[name]["value"] - value) < 4.0 * found[name]["standard_error"]
+        assert abs(coefficients[name]["value"] - value) < 4.0 * coefficients[name]["standard_error"]
 
 
 @pytest.mark.parametrize(

@@ -44,8 +44,8 @@ def test_json_is_all_that_is_printed(
     out, err = capsys.readouterr()
     result = json.loads(out)
     sink = next(link for link in result["links"] if link["name"] == "nes1")
-    found = sink["coefficients"]["alpha"]["value"]
-    assert found == pytest.approx(fitted.coefficient("nes1.alpha").value, rel=1e-8)  # same numerics
+    alpha = sink["coefficients"]["alpha"]["value"]
+    assert alpha == pytest.approx(fitted.coefficient("nes1.alpha").value, rel=1e-8)  # same numerics
     assert err == "" and "nmse_percent" not in result
 
 
@@ -81,8 +81,8 @@ def test_columns_are_mapped(
     mapping = ["--channel", "x:m1[mm]=Laser 1", "--channel", "x:m2[mm]=Laser 2"]
     assert run(["identify", str(path), *arguments(files, *mapping, "--json")[2:]]) == 0
     sink = next(link for link in json.loads(capsys.readouterr().out)["links"] if link["name"] == "nes1")
-    found = sink["coefficients"]["alpha"]["value"]
-    assert found == pytest.approx(fitted.coefficient("nes1.alpha").value, rel=1e-6)  # the file has 18 digits
+    alpha = sink["coefficients"]["alpha"]["value"]
+    assert alpha == pytest.approx(fitted.coefficient("nes1.alpha").value, rel=1e-6)  # the file has 18 digits
 
 
 def test_an_answer_not_to_be_trusted_has_exit_code_3(

@@ -52,8 +52,8 @@ def answer(files: Path, *options: str, record: str = "run.csv", code: int = 0) -
     out = io.StringIO()
     with redirect_stdout(out):
         assert run(arguments(files, *options, "--json", record=record)) == code
-    found: dict[str, Any] = json.loads(out.getvalue())
-    return found
+    document: dict[str, Any] = json.loads(out.getvalue())
+    return document
 
 
 def alpha(result: dict[str, Any]) -> Any:
@@ -63,12 +63,12 @@ def alpha(result: dict[str, Any]) -> Any:
 
 def library(files: Path, *records: str, **keywords: Any) -> float:
     """The same coefficient from the library."""
-    found = lw.identify(
+    fit = lw.identify(
         [lw.read_record(files / name) for name in records],
         lw.read_structure(files / "unknown.toml"),
         **keywords,
     )
-    return found.coefficient("nes1.alpha").value
+    return fit.coefficient("nes1.alpha").value
 
 
 def test_it_is_the_default(files: Path) -> None:
@@ -84,36 +84,38 @@ def test_several_records_are_fitted_together(files: Path) -> None:
 
 
 def test_an_offset_is_found_where_it_is_asked_for(files: Path) -> None:
-    found = answer(files, "--offset", "x:m1", record="offset.csv")
-    assert alpha(found)["value"] == pytest.approx(library(files, "offset.csv", offsets=("x:m1",)), rel=1e-8)
+    document = answer(files, "--offset", "x:m1", record="offset.csv")
+    assert alpha(document)["value"] == pytest.approx(
+        library(files, "offset.csv", offsets=("x:m1",)), rel=1e-8
+    )
     # 2000 samples scatter by sqrt(2/2000) = 0.03, three of them
-    assert found["fit"]["chi_square_per_sample"] == pytest.approx(1.0, abs=0.1)
-    low, high = alpha(found)["interval"]
+    assert document["fit"]["chi_square_per_sample"] == pytest.approx(1.0, abs=0.1)
+    low, high = alpha(document)["interval"]
     # the truth
     assert low < -100.0 < high
 
 
 def test_a_gain_is_found_where_it_is_asked_for(files: Path) -> None:
-    found = answer(files, "--gain", "x:m1", record="gain.csv")
-    assert alpha(found)["value"] == pytest.approx(library(files, "gain.csv", gains=("x:m1",)), rel=1e-8)
-    told = [re.match(r"x:m1 shows (\S+) of its motion", line) for line in found["findings"]]
-    [factor] = [float(match[1]) for match in told if match]
+    document = answer(files, "--gain", "x:m1", record="gain.csv")
+    assert alpha(document)["value"] == pytest.approx(library(files, "gain.csv", gains=("x:m1",)), rel=1e-8)
+    findings = [re.match(r"x:m1 shows (\S+) of its motion", line) for line in document["findings"]]
+    [factor] = [float(match[1]) for match in findings if match]
     assert factor == pytest.approx(
         1.2, rel=0.005
     )  # 1000 samples at 30 dB: five deviations of 3 %, over their root
 
 
 def test_a_calibration_is_counted_where_it_is_stated(files: Path) -> None:
-    found = answer(files, "--calibration", "all=1%", "--calibration", "x:m1=0.5 %")
+    document = answer(files, "--calibration", "all=1%", "--calibration", "x:m1=0.5 %")
     by_library = library(files, "run.csv", calibration={"all": 0.01, "x:m1": 0.005})
-    assert alpha(found)["value"] == pytest.approx(by_library, rel=1e-8)
-    assert sum(" of its motion (estimated" in line for line in found["findings"]) == 2
+    assert alpha(document)["value"] == pytest.approx(by_library, rel=1e-8)
+    assert sum(" of its motion (estimated" in line for line in document["findings"]) == 2
 
 
 def test_an_error_of_a_sensor_is_let_into_the_model(files: Path) -> None:
     assert not answer(files, record="gain.csv", code=3)["trusted"]
-    found = answer(files, "--let", "offset,gain", record="gain.csv")
-    assert alpha(found)["value"] == pytest.approx(library(files, "gain.csv", admit=("gain",)), rel=1e-8)
+    document = answer(files, "--let", "offset,gain", record="gain.csv")
+    assert alpha(document)["value"] == pytest.approx(library(files, "gain.csv", admit=("gain",)), rel=1e-8)
 
 
 def test_a_delay_is_found_or_taken_out(files: Path) -> None:
@@ -121,13 +123,13 @@ def test_a_delay_is_found_or_taken_out(files: Path) -> None:
     values = record.values.copy()
     values[2:, 1] = values[:-2, 1]
     lw.write_record(replace(record, values=values)[2:], files / "late.csv")
-    found = answer(files, "--delay", "x:m2", record="late.csv")
-    assert alpha(found)["value"] == pytest.approx(library(files, "late.csv", delays=("x:m2",)), rel=1e-8)
-    assert any(line.startswith("x:m2 is late by ") for line in found["findings"])
+    document = answer(files, "--delay", "x:m2", record="late.csv")
+    assert alpha(document)["value"] == pytest.approx(library(files, "late.csv", delays=("x:m2",)), rel=1e-8)
+    assert any(line.startswith("x:m2 is late by ") for line in document["findings"])
     known = answer(files, "--delay", "x:m2=2 ms", record="late.csv")
     deviation = alpha(known)["standard_error"]
     assert alpha(known)["value"] == pytest.approx(
-        alpha(found)["value"], abs=deviation
+        alpha(document)["value"], abs=deviation
     )  # the same record, less two samples
 
 
@@ -154,16 +156,16 @@ def test_wrong_calibrations_are_wrong_usage(
 def test_a_robust_loss_is_chosen_by_name(
     files: Path, word: str, loss: lw.Huber | lw.Student, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[object] = []
+    losses: list[object] = []
     identify = lw.identify
 
     def watched(*nouns: Any, **options: Any) -> lw.Estimate:
-        asked.append(options["method"].loss)
+        losses.append(options["method"].loss)
         return identify(*nouns, **options)
 
     monkeypatch.setattr(lw, "identify", watched)
     run(arguments(files, "--robust", word, record="outliers.csv"))
-    assert asked == [loss]
+    assert losses == [loss]
 
 
 def test_known_noise_reaches_the_fit(
@@ -188,9 +190,9 @@ def test_profiles_are_printed(files: Path, capsys: pytest.CaptureFixture[str]) -
     row = re.search(r"^  nes1\.alpha  (\S+) to (\S+) N/m", out, flags=re.MULTILINE)
     # the truth
     assert row is not None and float(row[1]) < -100.0 < float(row[2])
-    found = answer(files, "--profile")["profile_intervals"]
-    assert list(found) == ["nes1.alpha", "nes1.beta", "nes1.c"]
-    assert found["nes1.alpha"] == pytest.approx([float(row[1]), float(row[2])], rel=1e-5)  # six digits
+    document = answer(files, "--profile")["profile_intervals"]
+    assert list(document) == ["nes1.alpha", "nes1.beta", "nes1.c"]
+    assert document["nes1.alpha"] == pytest.approx([float(row[1]), float(row[2])], rel=1e-5)  # six digits
 
 
 def test_a_profile_that_differs_is_marked(
@@ -247,18 +249,19 @@ def test_ctrl_c_returns_the_best_so_far(
 
 
 def test_the_bar_shows_stage_cost_and_chi_square(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[tuple[float, str]] = []
+    reports: list[tuple[float, str]] = []
 
     @contextmanager
     def bar(_: str) -> Iterator[lw.Progress]:
-        yield lambda report: seen.append((report.fraction, report.activity))
+        yield lambda report: reports.append((report.fraction, report.activity))
 
     monkeypatch.setattr(command, "progress", bar)
     assert run(arguments(files)) == 0
-    stages = [(fraction, now) for fraction, now in seen if now.startswith("q ")]
+    stages = [(fraction, stage) for fraction, stage in reports if stage.startswith("q ")]
     assert len(stages) >= 3
     assert all(
-        re.fullmatch(r"q \de[+-]\d\d, cost [\d.e+]+, chi-square \d+\.\d{3}", now) for _, now in some(stages)
+        re.fullmatch(r"q \de[+-]\d\d, cost [\d.e+]+, chi-square \d+\.\d{3}", stage)
+        for _, stage in some(stages)
     )
     fractions = [fraction for fraction, _ in stages]
     assert (
@@ -269,13 +272,13 @@ def test_the_bar_shows_stage_cost_and_chi_square(files: Path, monkeypatch: pytes
 
 
 def test_classical_choices_reach_the_fit(files: Path) -> None:
-    found = answer(files, "--method", "sindy", "--derivative", "savgol", "--regressor", "l1", code=3)
-    same = lw.identify(
+    document = answer(files, "--method", "sindy", "--derivative", "savgol", "--regressor", "l1", code=3)
+    expected = lw.identify(
         lw.read_record(files / "run.csv"),
         lw.read_structure(files / "unknown.toml"),
         method=lw.PhysicsInformedSindy("savgol", "l1"),
     )
-    assert alpha(found)["value"] == pytest.approx(same.coefficient("nes1.alpha").value, rel=1e-8)
+    assert alpha(document)["value"] == pytest.approx(expected.coefficient("nes1.alpha").value, rel=1e-8)
 
 
 @pytest.mark.parametrize(

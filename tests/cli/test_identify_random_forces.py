@@ -42,7 +42,7 @@ def files(tmp_path: Path) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize(
-    ("option", "where", "kind", "found"),
+    ("option", "where", "kind", "is_found"),
     [
         (("--ambient", "all"), "m1", "ambient", True),
         (("--ambient", "m1=0.014"), "m1", "ambient", False),
@@ -54,14 +54,14 @@ def test_the_forces_counted_in_are_told(
     option: tuple[str, str],
     where: str,
     kind: str,
-    found: bool,
+    is_found: bool,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     run(["identify", *files, *option, "--json"])
     [force] = json.loads(capsys.readouterr().out)["random_forces"]
-    assert (force["where"], force["kind"], force["found"]) == (where, kind, found)
+    assert (force["where"], force["kind"], force["found"]) == (where, kind, is_found)
     if (
-        not found
+        not is_found
     ):  # 100 mN a sample at 100 Hz are 0.1 * sqrt(2 / 100) N/sqrt(Hz), and so is 0.014 but for its digits
         assert force["deviation"] == pytest.approx(0.1, rel=0.02)
 

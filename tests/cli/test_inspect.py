@@ -27,9 +27,9 @@ def test_a_clean_record_of_each_format_gives_no_alert(
         lw.write_record(record, path)
         assert run(["inspect", str(path), "--json"]) == 0
         out, err = capsys.readouterr()
-        told = json.loads(out)
-        assert told["alerts"] == [] and err == ""
-        x = told["channels"]["x:m1"]
+        document = json.loads(out)
+        assert document["alerts"] == [] and err == ""
+        x = document["channels"]["x:m1"]
         assert (x["unit"], x["samples"], x["missing"], x["rate"]) == ("m", 2001, 0, 1000.0)
         assert x["maximum"] == record.channel("x:m1").max()
         truth = record.simulated
@@ -59,9 +59,9 @@ def test_channels_that_fits_refuse_are_inspected(
     columns = np.column_stack([record.time, x, -2.0 * x, np.full(len(x), 1e-3)])
     np.savetxt(path, columns, delimiter=",", header="time,x:m1,x:m2,x:m3", comments="", fmt="%.17g")
     assert run(["inspect", str(path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    found = {(alert["kind"], alert["channel"]) for alert in told["alerts"]}
-    assert found == {("equal", "x:m2"), ("dead", "x:m3")}
+    document = json.loads(capsys.readouterr().out)
+    alerts = {(alert["kind"], alert["channel"]) for alert in document["alerts"]}
+    assert alerts == {("equal", "x:m2"), ("dead", "x:m3")}
     with pytest.raises(lw.RecordError, match=r"every sample is 0\.001"):
         lw.read_record(path)
 
@@ -75,9 +75,9 @@ def test_several_files_are_told_together(
     lw.write_record(record, paths[0])
     lw.write_record(replace(record, values=values), paths[1])
     assert run(["inspect", *map(str, paths), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [each["record"] for each in told["records"]] == list(map(str, paths))
-    [alert] = told["alerts"]
+    document = json.loads(capsys.readouterr().out)
+    assert [summary["record"] for summary in document["records"]] == list(map(str, paths))
+    [alert] = document["alerts"]
     assert (alert["kind"], alert["channel"], alert["record"]) == ("clipped", "x:m1", str(paths[1]))
     assert run(["inspect", *map(str, paths)]) == 0
     out = capsys.readouterr().out

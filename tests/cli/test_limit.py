@@ -21,18 +21,20 @@ def chain(tmp_path: Path) -> Path:
     return path
 
 
-def told(chain: Path, *options: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+def answer(chain: Path, *options: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     """What --json prints."""
     assert run(["limit", str(chain), *PLAN, *options, "--json"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    found: dict[str, Any] = json.loads(out)
-    return found
+    document: dict[str, Any] = json.loads(out)
+    return document
 
 
 def test_json_is_the_bound_of_the_library(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(chain, "--noise", "20", "--unknown", "nes1.alpha", "--unknown", "nes1.beta", capsys=capsys)
-    same = lw.limit(
+    document = answer(
+        chain, "--noise", "20", "--unknown", "nes1.alpha", "--unknown", "nes1.beta", capsys=capsys
+    )
+    expected = lw.limit(
         lw.bnes_chain(2),
         duration=0.5,
         rate=500.0,
@@ -40,22 +42,22 @@ def test_json_is_the_bound_of_the_library(chain: Path, capsys: pytest.CaptureFix
         noise=20.0,
         unknown=("nes1.alpha", "nes1.beta"),
     )
-    assert list(found["coefficients"]) == ["nes1.alpha", "nes1.beta"]
-    alpha, error = found["coefficients"]["nes1.alpha"], same.standard_errors[0]
+    assert list(document["coefficients"]) == ["nes1.alpha", "nes1.beta"]
+    alpha, error = document["coefficients"]["nes1.alpha"], expected.standard_errors[0]
     assert alpha["standard_error"] == pytest.approx(error, rel=1e-12)
     assert alpha["relative_percent"] == pytest.approx(error, rel=1e-12)  # alpha is -100
     assert alpha["detectable"] == pytest.approx(3.605 * error, rel=1e-12)
-    assert found["links"]["nes1"]["nmse_percent"] == pytest.approx(same.link("nes1").nmse, rel=1e-12)
+    assert document["links"]["nes1"]["nmse_percent"] == pytest.approx(expected.link("nes1").nmse, rel=1e-12)
 
 
 def test_excitation_sensors_noise_and_segment_reach_it(
     chain: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--impulse", "m2=0.01@0.2", "--force", "m2=0.1*sin(2*pi*20*t)", "--sensors", "a:m2,v:m1"]
-    found = told(
+    document = answer(
         chain, *options, "--noise-of", "a:m2=3", "--noise-of", "v:m1=0.01", "--segment", "0.1", capsys=capsys
     )
-    same = lw.limit(
+    expected = lw.limit(
         lw.bnes_chain(2),
         duration=0.5,
         rate=500.0,
@@ -66,9 +68,9 @@ def test_excitation_sensors_noise_and_segment_reach_it(
         noise={"a:m2": 3.0, "v:m1": 0.01},
         segment=0.1,
     )
-    assert found["noise"] == {"a:m2": 3.0, "v:m1": 0.01} and found["segment"] == 0.1
-    errors = [each["standard_error"] for each in found["coefficients"].values()]
-    assert errors == pytest.approx(list(same.standard_errors), rel=1e-12)
+    assert document["noise"] == {"a:m2": 3.0, "v:m1": 0.01} and document["segment"] == 0.1
+    errors = [coefficient["standard_error"] for coefficient in document["coefficients"].values()]
+    assert errors == pytest.approx(list(expected.standard_errors), rel=1e-12)
 
 
 def test_prints_a_table(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:

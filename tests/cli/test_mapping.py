@@ -43,8 +43,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("mapping")
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     rows = [
-        f"{1e3 * t:.1f};{1e3 * one:.6f};{1e3 * two + 1.0:.6f}".replace(".", ",")
-        for t, one, two in zip(record.time, record.channel("x:m1"), record.channel("x:m2"), strict=True)
+        f"{1e3 * t:.1f};{1e3 * first:.6f};{1e3 * second + 1.0:.6f}".replace(".", ",")
+        for t, first, second in zip(record.time, record.channel("x:m1"), record.channel("x:m2"), strict=True)
     ]
     preamble = ["Operator;Jane", "Time;13:55:01", "Rate [Hz];1000", "", "Elapsed;Laser 1;Laser 2", "ms;mm;mm"]
     (folder / "logger.csv").write_text("\n".join([*preamble, *rows]), encoding="utf-8")
@@ -76,17 +76,17 @@ def test_identify_discover_and_validate_read_by_a_mapping(
     alpha = result["links"][1]["coefficients"]["alpha"]
     assert alpha["value"] == expected.coefficient("nes1.alpha").value
     assert any(finding.startswith("x:m1 shows ") for finding in result["findings"])
-    found = document(capsys, "discover", *usual(files))
-    assert [link["name"] for link in found["links"]] == ["m1-ground", "m2-m1"]
+    answer = document(capsys, "discover", *usual(files))
+    assert [link["name"] for link in answer["links"]] == ["m1-ground", "m2-m1"]
     assert document(capsys, "validate", *usual(files), str(files / "chain.toml"))["trusted"]
     assert set(document(capsys, "inspect", *usual(files))["channels"]) == {"x:m1", "x:m2"}
 
 
 def test_notes_say_what_was_stated(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["inspect", *usual(files)]) == 0
-    told = capsys.readouterr().err
-    assert "note: x:m1: its gain is known to 1 %." in told
-    assert "note: x:m2: an offset of 0.001 m was taken out, as known." in told
+    printed = capsys.readouterr().err
+    assert "note: x:m1: its gain is known to 1 %." in printed
+    assert "note: x:m2: an offset of 0.001 m was taken out, as known." in printed
 
 
 def test_options_go_before_the_mapping(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,9 +106,9 @@ def test_options_go_before_the_mapping(files: Path, capsys: pytest.CaptureFixtur
 def test_decimation_is_that_of_the_library(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = document(capsys, "inspect", *usual(files), "--decimate", "4")
     expected = read(files).decimate(4)
-    told = result["channels"]["x:m1"]
-    assert (told["rate"], told["samples"]) == (250.0, len(expected))
-    assert told["maximum"] == expected.channel("x:m1").max()
+    channel = result["channels"]["x:m1"]
+    assert (channel["rate"], channel["samples"]) == (250.0, len(expected))
+    assert channel["maximum"] == expected.channel("x:m1").max()
     assert run(["inspect", *usual(files), "--decimate", "500"]) == 2
     assert "samples are too few to decimate by 500" in capsys.readouterr().err
 
@@ -135,9 +135,9 @@ def test_a_first_mapping_is_written_and_used(
 ) -> None:
     written = tmp_path / "first.toml"
     assert run(["inspect", str(files / "logger.csv"), "--rate", "1000", "--write-mapping", str(written)]) == 0
-    told = capsys.readouterr()
-    assert "note: Column Laser 1 was guessed from its unit to be a displacement, x:m1." in told.err
-    assert f"--mapping {written}" in told.err and "x:m2" in told.out
+    printed = capsys.readouterr()
+    assert "note: Column Laser 1 was guessed from its unit to be a displacement, x:m1." in printed.err
+    assert f"--mapping {written}" in printed.err and "x:m2" in printed.out
     assert set(
         document(capsys, "inspect", str(files / "logger.csv"), "--rate", "1000", "--mapping", str(written))[
             "channels"
@@ -162,9 +162,9 @@ def test_attributes_of_a_file_are_counted_and_options_go_before_them(
     result = document(capsys, "identify", str(path), str(files / "unknown.toml"))
     assert {"x:m1 shows", "x:m2 is of"} <= {finding[:10] for finding in result["findings"]}
     assert run(["inspect", str(path)]) == 0
-    told = capsys.readouterr().err
-    assert "note: x:m1: its gain is known to 2 %." in told
-    assert "The attribute gain of x:m2, '7.0', was not used" in told
+    printed = capsys.readouterr().err
+    assert "note: x:m1: its gain is known to 2 %." in printed
+    assert "The attribute gain of x:m2, '7.0', was not used" in printed
     known = document(
         capsys, "identify", str(path), str(files / "unknown.toml"), "--offset", "x:m2=0", "--gain", "x:m1=1"
     )
@@ -193,14 +193,14 @@ def test_what_is_known_of_sensors_survives_every_format(tmp_path: Path) -> None:
     text = json.dumps({"x:m1": {"calibration": "1 %", "offset": "+- 0.1 mm"}})
     columns = {"x_m1": record.channel("x:m1"), "x_m2": record.channel("x:m2"), "fs": np.array(1000.0)}
     np.savez(tmp_path / "run.npz", **columns, sensors=np.array(text))  # type: ignore[arg-type]  # stub takes a flag
-    found = lw.read_record(tmp_path / "run.npz").uncertainty
-    assert found == {"x:m1": lw.SensorUncertainty(gain=0.01, offset=1e-4)}
+    read_back = lw.read_record(tmp_path / "run.npz").uncertainty
+    assert read_back == {"x:m1": lw.SensorUncertainty(gain=0.01, offset=1e-4)}
     (tmp_path / "run.json").write_text(
         json.dumps(
             {name: column.tolist() for name, column in columns.items()} | {"sensors": json.loads(text)}
         )
     )
-    assert lw.read_record(tmp_path / "run.json").uncertainty == found
+    assert lw.read_record(tmp_path / "run.json").uncertainty == read_back
 
 
 def test_parts_of_a_record_and_files_of_one_clock_are_joined(
@@ -211,15 +211,17 @@ def test_parts_of_a_record_and_files_of_one_clock_are_joined(
         lw.write_record(
             part.select(["x:m1"]) if name != "late" else part.select(["x:m2"]), tmp_path / f"{name}.csv"
         )
-    one, two, late = (str(tmp_path / f"{name}.csv") for name in ("one", "two", "late"))
-    told = document(capsys, "inspect", one, "--then", two, "--channel", f"x:m2={late}:x:m2", "--by-time")
-    channels = told["channels"]
+    first, second, late = (str(tmp_path / f"{name}.csv") for name in ("one", "two", "late"))
+    answer = document(
+        capsys, "inspect", first, "--then", second, "--channel", f"x:m2={late}:x:m2", "--by-time"
+    )
+    channels = answer["channels"]
     # from 0.3 s, where the second instrument begins, to 2 s
     assert (channels["x:m1"]["samples"], channels["x:m1"]["missing"]) == (1681, 20)
     assert (channels["x:m2"]["samples"], channels["x:m2"]["missing"]) == (1701, 0)
-    assert run(["inspect", one, "--then", one]) == 2
+    assert run(["inspect", first, "--then", first]) == 2
     assert "overlaps in time" in capsys.readouterr().err
-    assert run(["inspect", one, "--by-time"]) == 2
+    assert run(["inspect", first, "--by-time"]) == 2
     assert "--by-time joins the files of --channel" in capsys.readouterr().err
 
 
@@ -228,9 +230,9 @@ def test_a_periodic_test_is_averaged(tmp_path: Path, capsys: pytest.CaptureFixtu
     x = np.sin(np.pi * 3.0 * time) + 0.01 * np.random.default_rng(1).standard_normal(2000)
     path = tmp_path / "periodic.csv"
     lw.write_record(lw.Record(0.0, 200.0, ("x:m1",), x[:, None]), path)
-    told = document(capsys, "inspect", str(path), "--period", "2")["channels"]["x:m1"]
+    answer = document(capsys, "inspect", str(path), "--period", "2")["channels"]["x:m1"]
     expected = lw.average_periods(lw.read_record(path), 2.0)
-    assert (told["samples"], told["noise"]) == (400, expected.noise["x:m1"])
+    assert (answer["samples"], answer["noise"]) == (400, expected.noise["x:m1"])
     assert run(["inspect", str(path), "--period", "2.001"]) == 2
     assert "not a whole number: check it, or resample" in capsys.readouterr().err
 
@@ -242,9 +244,9 @@ def test_other_masses_of_a_mapping_are_told(
     mapping.write_text(SENSORS.replace("m1 = 1.0", "m1 = 1.5\nm9 = 2.0"), encoding="utf-8")
     arguments = (str(files / "logger.csv"), "--mapping", str(mapping), str(files / "chain.toml"))
     run(["validate", *arguments])
-    told = "note: m1 weighs 1.5 kg in the mapping file and 1.0 kg in the structure, which counts."
+    note = "note: m1 weighs 1.5 kg in the mapping file and 1.0 kg in the structure, which counts."
     err = capsys.readouterr().err
-    assert told in err
+    assert note in err
     assert "states a mass m9, which the structure does not have" in err
 
 
@@ -256,6 +258,6 @@ def test_metadata_of_parquet_columns_are_read(files: Path, tmp_path: Path) -> No
     ]
     columns = [pyarrow.array(record.time), pyarrow.array(record.channel("x:m1"))]
     parquet.write_table(pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(fields)), path)
-    found = lw.read_record(path)
-    assert found.uncertainty == {"x:m1": lw.SensorUncertainty(gain=0.02)}
-    assert any("The attribute offset of x:m1, 'about zero', was not used" in note for note in found.notes)
+    read_back = lw.read_record(path)
+    assert read_back.uncertainty == {"x:m1": lw.SensorUncertainty(gain=0.02)}
+    assert any("The attribute offset of x:m1, 'about zero', was not used" in note for note in read_back.notes)

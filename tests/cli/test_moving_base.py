@@ -86,8 +86,8 @@ def test_a_file_with_the_acceleration_of_the_base_drives_a_simulation(folder: Pa
         )
         == 0
     )
-    found = lw.read_record(output)
-    assert found.channels == ("rel:x:m1", "a:base")
-    assert found.channel("a:base")[5:-5] == pytest.approx(motion.values[5:-5, 0], abs=0.02)  # of 20 m/s^2
-    fit = lw.identify(found, lw.read_structure(folder / "unknown.toml"))
+    read_back = lw.read_record(output)
+    assert read_back.channels == ("rel:x:m1", "a:base")
+    assert read_back.channel("a:base")[5:-5] == pytest.approx(motion.values[5:-5, 0], abs=0.02)  # of 20 m/s^2
+    fit = lw.identify(read_back, lw.read_structure(folder / "unknown.toml"))
     assert fit.coefficient("frame.k").value == pytest.approx(900.0, rel=1e-4)

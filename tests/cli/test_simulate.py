@@ -31,21 +31,21 @@ def simulated(chain: Path, *options: str) -> lw.Record:
 
 def test_release_and_noise_are_those_of_the_library(chain: Path) -> None:
     record = simulated(chain, "--release", "v:m1=1.0", "--noise", "30", "--seed", "1")
-    same = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
+    expected = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
     assert record.channels == ("x:m1", "x:m2")
-    np.testing.assert_array_equal(record.values, same.values)  # a file is exact
+    np.testing.assert_array_equal(record.values, expected.values)  # a file is exact
 
 
 def test_impulse_force_and_base_reach_the_structure(chain: Path) -> None:
     forced = simulated(chain, "--impulse", "m1=0.3@0.1", "--force", "m2=0.1*sin(2*pi*20*t)")
-    same = lw.simulate(
+    expected = lw.simulate(
         lw.bnes_chain(2),
         impulses=(lw.Impulse("m1", 0.3, 0.1),),
         forces={"m2": lw.TimeFunction("0.1*sin(2*pi*20*t)")},
         duration=0.5,
         rate=500.0,
     )
-    np.testing.assert_array_equal(forced.values, same.values)
+    np.testing.assert_array_equal(forced.values, expected.values)
     assert "force:m2" in forced.channels
 
 
@@ -80,9 +80,9 @@ def test_tells_energy_horizon_and_file(chain: Path, capsys: pytest.CaptureFixtur
 def test_json_is_all_that_is_printed(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulated(chain, "--release", "v:m1=1.0", "--json")
     out, err = capsys.readouterr()
-    told = json.loads(out)
-    assert err == "" and told["samples"] == 251 and told["channels"] == ["x:m1", "x:m2"]
-    energy = told["energy"]
+    document = json.loads(out)
+    assert err == "" and document["samples"] == 251 and document["channels"] == ["x:m1", "x:m2"]
+    energy = document["energy"]
     # the energies close to rounding, 4e-16 here
     assert energy["closure"] < 1e-9
     total = energy["stored"] + sum(energy["dissipated"].values())

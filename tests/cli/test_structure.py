@@ -16,8 +16,8 @@ from linkwise.cli import run
 
 @pytest.mark.parametrize("unknown", [None, "nes", "all"])
 def test_bnes_prints_the_chain_as_a_file(unknown: str | None, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["--unknown", unknown] if unknown else []
-    assert run(["structure", "bnes", "--dof", "4", *asked]) == 0
+    options = ["--unknown", unknown] if unknown else []
+    assert run(["structure", "bnes", "--dof", "4", *options]) == 0
     out, err = capsys.readouterr()
     chain = lw.bnes_chain(4)
     assert lw.parse_structure(out, "printed") == (chain.unknown(unknown) if unknown else chain)

@@ -16,18 +16,18 @@ from small_study import DIVERGING, small
 import linkwise as lw
 from linkwise.cli import linkwise, run
 
-pytestmark = pytest.mark.usefixtures("here", "unrendered")
+pytestmark = pytest.mark.usefixtures("in_this_process", "unrendered")
 command = import_module("linkwise.cli.study")  # the package holds the command under that name
 
 
 @pytest.fixture(scope="module")
-def here() -> Iterator[None]:
+def in_this_process() -> Iterator[None]:
     with studies_here():
         yield
 
 
 @pytest.fixture(scope="module")
-def finished(here: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(in_this_process: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a small study that was run by the library, its file beside it."""
     folder = tmp_path_factory.mktemp("study")
     lw.run_study(small(folder, cycles=3), folder / "out", quick=True, workers=1)
@@ -57,13 +57,16 @@ def test_what_is_finished_is_told_again(finished: Path, capsys: pytest.CaptureFi
     before = [row.seconds for row in lw.read_rows(finished)]
     assert run(arguments(finished, "--quick", "--json")) == 0
     out, err = capsys.readouterr()
-    told = json.loads(out)
+    document = json.loads(out)
     assert (
-        err == "" and told["study"] == "small" and told["cases"] == told["done"] == 12 and told["failed"] == 0
+        err == ""
+        and document["study"] == "small"
+        and document["cases"] == document["done"] == 12
+        and document["failed"] == 0
     )
     cell = next(
         cell
-        for cell in told["cells"]
+        for cell in document["cells"]
         if (cell["structure"], cell["snr_db"], cell["method"]) == ("bnes2", 20, "ml")
     )
     assert cell["median"] == next(
@@ -132,11 +135,11 @@ def test_wrong_usage_is_one_paragraph(
 
 
 def test_a_bar_tells_how_long_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    told: list[str] = []
+    reports: list[str] = []
 
     class Bar:
         def __enter__(self) -> object:
-            return lambda report: told.append(report.activity)
+            return lambda report: reports.append(report.activity)
 
         def __exit__(self, *arguments: object) -> None:
             pass
@@ -144,7 +147,7 @@ def test_a_bar_tells_how_long_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path:
     monkeypatch.setattr(command, "progress", lambda title: Bar())
     file = small(tmp_path)
     assert run(["study", str(file), "--quick", "--workers", "1", "-o", str(tmp_path / "out")]) == 0
-    cases = [line for line in told if " cases, " in line]
+    cases = [line for line in reports if " cases, " in line]
     assert cases[0] == "0 of 12 cases, 0/s"
     assert cases[-1].startswith("12 of 12 cases, ") and cases[-1].endswith("/s, 0 s left")
 

@@ -40,14 +40,14 @@ def test_json_of_an_answer(place: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert run(["validate", str(place / "run2.csv"), str(place / "answer"), *arguments]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    found = json.loads(out)
-    assert found["burn"] == 0.25 and found["free_run"] is True and found["trusted"] is True
-    score = found["channels"]["x:m1"]
+    document = json.loads(out)
+    assert document["burn"] == 0.25 and document["free_run"] is True and document["trusted"] is True
+    score = document["channels"]["x:m1"]
     assert score["unit"] == "m" and score["samples"] == 701 and score["rmse"] <= score["limit"]
     assert score["fit_percent"] == pytest.approx(100 - 10 * np.sqrt(score["nmse_percent"]), rel=1e-12)
-    assert set(found["coefficients"]) == {"spring.k", "spring.k3", "spring.c"}
-    same = lw.validate(lw.read_record(place / "run2.csv").between(0.5, 2.5), place / "answer", burn=0.25)
-    assert score["rmse"] == pytest.approx(same.channels["x:m1"].rmse, rel=1e-12)
+    assert set(document["coefficients"]) == {"spring.k", "spring.k3", "spring.c"}
+    expected = lw.validate(lw.read_record(place / "run2.csv").between(0.5, 2.5), place / "answer", burn=0.25)
+    assert score["rmse"] == pytest.approx(expected.channels["x:m1"].rmse, rel=1e-12)
 
 
 def test_a_wrong_structure_ends_in_3_and_leaves_a_page(
@@ -79,14 +79,14 @@ def test_a_messy_file_is_mapped_like_that_of_identify(
     path.write_text("\n".join(lines) + "\n")
     mapping = ["--channel", "x:m1[mm]=Laser", "--channel", "force:m1=Hammer"]
     assert run(["validate", str(path), str(place / "true.toml"), *mapping, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    document = json.loads(capsys.readouterr().out)
     assert run(["validate", str(place / "run2.csv"), str(place / "true.toml"), "--json"]) == 0
     clean = json.loads(capsys.readouterr().out)
-    assert found["channels"]["x:m1"]["samples"] == pytest.approx(
+    assert document["channels"]["x:m1"]["samples"] == pytest.approx(
         clean["channels"]["x:m1"]["samples"] * 0.98, abs=2
     )
     # the same record but for 2 % of its samples
-    assert found["channels"]["x:m1"]["rmse"] == pytest.approx(clean["channels"]["x:m1"]["rmse"], rel=0.05)
+    assert document["channels"]["x:m1"]["rmse"] == pytest.approx(clean["channels"]["x:m1"]["rmse"], rel=0.05)
 
 
 @pytest.mark.parametrize(

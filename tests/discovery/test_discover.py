@@ -403,7 +403,9 @@ def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
     for link in some(discovery.estimate.links):
         doubtful = link.link.name in discovery.in_doubt
         assert (link.covariance is None) == doubtful
-        assert all((coefficient.standard_error is None) == doubtful for coefficient in some(link.coefficients))
+        assert all(
+            (coefficient.standard_error is None) == doubtful for coefficient in some(link.coefficients)
+        )
 
 
 def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:

@@ -75,11 +75,11 @@ def test_ambient_vibration_gives_the_structure() -> None:
 
 
 def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_trusted() -> None:
-    found = lw.discover(ambient(11), MASSES, terms="v, d, d**3", ambient=["m1"])
-    assert not found.trusted
-    [cause] = [each for each in found.diagnosis if each.kind == "ambient"]
+    discovery = lw.discover(ambient(11), MASSES, terms="v, d, d**3", ambient=["m1"])
+    assert not discovery.trusted
+    [cause] = [cause for cause in discovery.diagnosis if cause.kind == "ambient"]
     assert cause.where == "m2"
-    assert not [term for term in found.terms if term.certain]
+    assert not [term for term in discovery.terms if term.certain]
 
 
 def test_noise_of_a_load_cell_gives_no_false_term() -> None:

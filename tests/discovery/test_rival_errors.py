@@ -46,7 +46,9 @@ def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float
     assert not [term.name for term in discovery.terms if term.certain and term.name in false]
     assert not discovery.trusted
     assert lw.Verdict.MEASUREMENT_ERROR in discovery.verdicts
-    assert all(coefficient.standard_error is None for coefficient in some(discovery.estimate.links[0].coefficients))
+    assert all(
+        coefficient.standard_error is None for coefficient in some(discovery.estimate.links[0].coefficients)
+    )
     named = [
         remark
         for remark in discovery.remarks

@@ -90,8 +90,8 @@ def test_output_stands_below_the_code(sites: list[Path]) -> None:
 
 @pytest.mark.parametrize("number", range(len(FAULTS)))
 def test_a_block_that_fails_fails_the_build(sites: list[Path], number: int) -> None:
-    old, _, told = FAULTS[number]
+    old, _, message = FAULTS[number]
     assert GOOD.count(old) == 1
     site = sites[1 + number]
     said = (site / "stderr").read_text(encoding="utf-8")
-    assert (site / "code").read_text() != "0" and told in said and "index.rst" in said
+    assert (site / "code").read_text() != "0" and message in said and "index.rst" in said

@@ -30,7 +30,7 @@ def test_good_site_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "expected"),
     [
         ("sub/#part", "sub/#path", '"sub/#path" has no such anchor'),
         ('"#top"', '"#bottom"', '"#bottom" has no such anchor'),
@@ -40,10 +40,10 @@ def test_good_site_passes(tmp_path: Path) -> None:
         ("<h1", '<script src="//example.org/a.js"></script><h1', "loads //example.org/a.js"),
     ],
 )
-def test_faults_are_found(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_faults_are_found(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert GOOD.count(old) == 1
     code, message = checked(tmp_path, GOOD.replace(old, new))
-    assert code == 1 and told in message
+    assert code == 1 and expected in message
 
 
 def test_remote_fonts_of_style_sheets_are_found(tmp_path: Path) -> None:

@@ -36,11 +36,11 @@ def clipped_record() -> lw.Record:
 
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_alert_stands_in_the_answer(name: str) -> None:
-    found = ANSWERS[name](clipped_record())
-    content = found.to_dict()
+    answer = ANSWERS[name](clipped_record())
+    content = answer.to_dict()
     assert [(alert["kind"], alert["channel"]) for alert in content["alerts"]] == [("clipped", "x:m2")]
     assert any(finding.startswith("clipped x:m2:") for finding in content["findings"])
-    assert "! clipped x:m2:" in str(found)
+    assert "! clipped x:m2:" in str(answer)
 
 
 @pytest.mark.parametrize("name", ANSWERS)

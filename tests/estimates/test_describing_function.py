@@ -14,7 +14,7 @@ FREQUENCY = 7.0
 OMEGA = 2.0 * np.pi * FREQUENCY
 
 
-def found(
+def link_estimate(
     law: str, covariance: np.ndarray | None = None, free: tuple[str, ...] = (), **values: float
 ) -> LinkEstimate:
     link = lw.Link(
@@ -27,20 +27,22 @@ def found(
 
 
 def test_a_linear_link_is_its_own_equivalent() -> None:
-    answer = equivalent(found("k*d + c*v", k=300.0, c=2.0), AMPLITUDES, FREQUENCY)
+    answer = equivalent(link_estimate("k*d + c*v", k=300.0, c=2.0), AMPLITUDES, FREQUENCY)
     np.testing.assert_allclose(answer.stiffness, 300.0, rtol=1e-12)
     np.testing.assert_allclose(answer.damping, 2.0, rtol=1e-12)
 
 
 def test_powers_have_their_closed_forms() -> None:
-    answer = equivalent(found("k*d + k3*d**3 + c3*v*d**2", k=300.0, k3=1e5, c3=50.0), AMPLITUDES, FREQUENCY)
+    answer = equivalent(
+        link_estimate("k*d + k3*d**3 + c3*v*d**2", k=300.0, k3=1e5, c3=50.0), AMPLITUDES, FREQUENCY
+    )
     np.testing.assert_allclose(answer.stiffness, 300.0 + 0.75e5 * AMPLITUDES**2, rtol=1e-12)
     rounding = 1e-12 * 300.0 / OMEGA  # of the spring, which the integral takes out
     np.testing.assert_allclose(answer.damping, 50.0 * AMPLITUDES**2 / 4.0, rtol=1e-12, atol=rounding)
 
 
 def test_quadratic_damping_grows_with_the_amplitude() -> None:
-    answer = equivalent(found("c2*v*abs(v)", c2=3.0), AMPLITUDES, FREQUENCY)
+    answer = equivalent(link_estimate("c2*v*abs(v)", c2=3.0), AMPLITUDES, FREQUENCY)
     np.testing.assert_allclose(
         answer.damping, 8.0 / (3.0 * np.pi) * 3.0 * OMEGA * AMPLITUDES, rtol=1e-4
     )  # kink of abs
@@ -50,13 +52,15 @@ def test_quadratic_damping_grows_with_the_amplitude() -> None:
 
 def test_the_band_is_that_of_the_coefficients() -> None:
     covariance = np.diag([4.0, 0.01])
-    answer = equivalent(found("k*d + c*v", covariance, ("k", "c"), k=300.0, c=2.0), AMPLITUDES, FREQUENCY)
+    answer = equivalent(
+        link_estimate("k*d + c*v", covariance, ("k", "c"), k=300.0, c=2.0), AMPLITUDES, FREQUENCY
+    )
     # the quantile is written with seven digits
     np.testing.assert_allclose(answer.stiffness_band[:, 1] - 300.0, 1.959964 * 2.0, rtol=1e-6)
     np.testing.assert_allclose(answer.damping_band[:, 1] - 2.0, 1.959964 * 0.1, rtol=1e-6)
 
 
 def test_no_band_without_a_covariance() -> None:
-    answer = equivalent(found("k*d", None, ("k",), k=300.0), 0.01, FREQUENCY)
+    answer = equivalent(link_estimate("k*d", None, ("k",), k=300.0), 0.01, FREQUENCY)
     assert np.isnan(answer.damping_band).all()
     assert answer.stiffness == pytest.approx(300.0)

@@ -56,41 +56,45 @@ def refused(record: lw.Record, chain: lw.Structure) -> lw.Estimate:
 
 
 def test_wells_barrier_and_frequency_in_closed_form() -> None:
-    found = sink()
-    assert [well.value for well in found.wells] == pytest.approx([-0.01, 0.01], rel=1e-12)
-    assert present(found.barrier).value == pytest.approx(ALPHA**2 / (4 * BETA), rel=1e-12)
+    estimated_link = sink()
+    assert [well.value for well in estimated_link.wells] == pytest.approx([-0.01, 0.01], rel=1e-12)
+    assert present(estimated_link.barrier).value == pytest.approx(ALPHA**2 / (4 * BETA), rel=1e-12)
     expected = np.sqrt(-2 * ALPHA / MOVING) / (2 * np.pi)
     # closed form against eigenvalues, whose square roots halve the digits that slopes lose
-    assert [each.value for each in found.frequencies] == pytest.approx([expected, expected], rel=1e-9)
+    assert [quantity.value for quantity in estimated_link.frequencies] == pytest.approx(
+        [expected, expected], rel=1e-9
+    )
 
 
 def test_their_intervals_are_the_delta_method() -> None:
     """Against the gradients written out: well sqrt(-alpha/beta), barrier alpha^2/(4 beta), frequency from -2 alpha."""
-    found = sink()
+    estimated_link = sink()
     root = 1.0 / (2 * np.pi * np.sqrt(MOVING))
     gradients = {
         "well": np.array([-0.01 / (2 * -ALPHA), -0.01 / (2 * BETA)]),
         "barrier": np.array([ALPHA / (2 * BETA), -(ALPHA**2) / (4 * BETA**2)]),
         "frequency": np.array([-root / np.sqrt(-2 * ALPHA), 0.0]),
     }
-    for each in (found.wells[1], present(found.barrier), found.frequencies[0]):
-        slope = gradients[each.name]
+    for quantity in (estimated_link.wells[1], present(estimated_link.barrier), estimated_link.frequencies[0]):
+        slope = gradients[quantity.name]
         half = 1.959964 * np.sqrt(slope @ COVARIANCE[:2, :2] @ slope)
-        assert each.interval == pytest.approx((each.value - half, each.value + half), rel=1e-6)
+        assert quantity.interval == pytest.approx((quantity.value - half, quantity.value + half), rel=1e-6)
 
 
 def test_their_intervals_hold_the_middle_of_drawn_coefficients() -> None:
     """Coefficients drawn from the covariance: 95 % of what follows from them lies in the interval, to 1 % of 20 000 draws."""
-    found, rng = sink(), np.random.default_rng(4)
+    estimated_link, rng = sink(), np.random.default_rng(4)
     alpha, beta, _ = rng.multivariate_normal([ALPHA, BETA, 0.02], COVARIANCE, 20_000).T
     drawn = {
         "well": np.sqrt(-alpha / beta),
         "barrier": alpha**2 / (4 * beta),
         "frequency": np.sqrt(-2 * alpha / MOVING) / (2 * np.pi),
     }
-    for each in (found.wells[1], present(found.barrier), found.frequencies[0]):
-        low, high = present(each.interval)
-        assert np.mean((drawn[each.name] > low) & (drawn[each.name] < high)) == pytest.approx(0.95, abs=0.01)
+    for quantity in (estimated_link.wells[1], present(estimated_link.barrier), estimated_link.frequencies[0]):
+        low, high = present(quantity.interval)
+        assert np.mean((drawn[quantity.name] > low) & (drawn[quantity.name] < high)) == pytest.approx(
+            0.95, abs=0.01
+        )
 
 
 def test_the_band_of_a_force_is_that_of_its_coefficients() -> None:
@@ -105,14 +109,17 @@ def test_the_band_of_a_force_is_that_of_its_coefficients() -> None:
 
 
 def test_a_link_with_one_well_has_no_barrier() -> None:
-    found = sink(alpha=100.0)
-    assert found.wells == () and found.barrier is None and found.frequencies == ()
+    estimated_link = sink(alpha=100.0)
+    assert estimated_link.wells == () and estimated_link.barrier is None and estimated_link.frequencies == ()
 
 
 def test_without_covariance_nothing_has_an_interval() -> None:
-    found = sink(covariance=None)
-    assert all(each.interval is None for each in (*found.wells, present(found.barrier), *found.frequencies))
-    assert np.isnan(found.force_band(0.01)[1:]).all()
+    estimated_link = sink(covariance=None)
+    assert all(
+        quantity.interval is None
+        for quantity in (*estimated_link.wells, present(estimated_link.barrier), *estimated_link.frequencies)
+    )
+    assert np.isnan(estimated_link.force_band(0.01)[1:]).all()
 
 
 def test_what_is_known_has_neither_error_nor_band(fit: lw.Estimate) -> None:
@@ -124,11 +131,11 @@ def test_what_is_known_has_neither_error_nor_band(fit: lw.Estimate) -> None:
 
 def test_intervals_are_two_standard_errors_wide(fit: lw.Estimate) -> None:
     for name in ("nes1.alpha", "nes1.c", "m2.mass"):
-        found = fit.coefficient(name)
+        estimate = fit.coefficient(name)
         number = [parameter.name for parameter in fit.parameters].index(name)
-        assert found.standard_error == pytest.approx(np.sqrt(fit.covariance[number, number]))
-        half = 1.959964 * present(found.standard_error)
-        assert found.interval == pytest.approx((found.value - half, found.value + half))
+        assert estimate.standard_error == pytest.approx(np.sqrt(fit.covariance[number, number]))
+        half = 1.959964 * present(estimate.standard_error)
+        assert estimate.interval == pytest.approx((estimate.value - half, estimate.value + half))
 
 
 def test_the_structure_is_complete(fit: lw.Estimate, chain: lw.Structure) -> None:
@@ -169,13 +176,13 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
     }
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}
     assert set(result["noise"]["x:m1"]) == {"sigma", "unit", "snr_db"}
-    spring, found = result["links"]
+    spring, nes = result["links"]
     assert set(spring) == {"name", "between", "law", "coefficients", "range"}
-    assert set(found) == set(spring) | {"wells", "barrier", "in_well_frequencies"}
-    assert set(found["coefficients"]["alpha"]) == {"value", "unit", "known", "standard_error", "interval"}
+    assert set(nes) == set(spring) | {"wells", "barrier", "in_well_frequencies"}
+    assert set(nes["coefficients"]["alpha"]) == {"value", "unit", "known", "standard_error", "interval"}
     assert spring["coefficients"]["k"] == {"value": 30000.0, "unit": "N/m", "known": True}
-    assert set(found["range"]) == {"d", "v"} and set(found["wells"][0]) == {"d", "interval"}
-    assert set(found["barrier"]) == {"value", "unit", "interval"}
+    assert set(nes["range"]) == {"d", "v"} and set(nes["wells"][0]) == {"d", "interval"}
+    assert set(nes["barrier"]) == {"value", "unit", "interval"}
     assert result["masses"]["m1"] == {"value": 1.0, "unit": "kg", "known": True}
     # the truth
     assert result["masses"]["m2"]["interval"][0] < 0.01 < result["masses"]["m2"]["interval"][1]
@@ -202,8 +209,8 @@ def test_signal_to_noise_counts_the_motion_alone() -> None:
     samples = 2.0 * np.sin(np.arange(1000) * 0.1) + 0.0
     record = lw.Record(0.0, 1000.0, ("x:m1",), samples[:, None])
     power = np.mean(samples**2)
-    found = NoiseEstimate.of(record, "x:m1", 0.2)
-    assert found.snr_db == pytest.approx(10 * np.log10((power - 0.04) / 0.04))
-    assert found.unit == "m"
+    noise = NoiseEstimate.of(record, "x:m1", 0.2)
+    assert noise.snr_db == pytest.approx(10 * np.log10((power - 0.04) / 0.04))
+    assert noise.unit == "m"
     assert NoiseEstimate.of(record, "x:m1", 0.0).snr_db == np.inf
     assert NoiseEstimate.of(record, "x:m1", 9.0).snr_db == -np.inf

@@ -16,7 +16,7 @@ from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 TIME = np.arange(400) / 1000.0
 
 
-def found(
+def link_estimate(
     law: str,
     values: dict[str, float],
     errors: list[float],
@@ -33,11 +33,11 @@ def found(
     covariance = np.diag(np.square(errors))
     if len(errors) > 1:
         covariance[0, 1] = covariance[1, 0] = correlation * errors[0] * errors[1]
-    told = tuple(
+    coefficients = tuple(
         CoefficientEstimate(f"sink.{name}", value, "?", False, error, (value - 2 * error, value + 2 * error))
         for (name, value), error in zip(values.items(), errors, strict=True)
     )
-    return LinkEstimate(link, told, reach, (-1.0, 1.0), tuple(values), covariance, 0.01)
+    return LinkEstimate(link, coefficients, reach, (-1.0, 1.0), tuple(values), covariance, 0.01)
 
 
 def sentences(estimate: LinkEstimate) -> list[str]:
@@ -55,39 +55,39 @@ SMALL = [0.1, 1e3, 1e-4]
 
 
 def test_nothing_is_said_where_all_is_well() -> None:
-    assert sentences(found(LAW, SINK, SMALL, (-0.02, 0.02))) == []
+    assert sentences(link_estimate(LAW, SINK, SMALL, (-0.02, 0.02))) == []
 
 
 def test_a_sink_that_never_left_its_well() -> None:
-    [told] = sentences(found(LAW, SINK, SMALL, (0.004, 0.015)))
-    assert told.startswith(
+    [sentence] = sentences(link_estimate(LAW, SINK, SMALL, (0.004, 0.015)))
+    assert sentence.startswith(
         "sink never left the well at +0.01 m (d from 0.004 to 0.015 m): its barrier and its other wells"
     )
-    assert told.endswith("Use a stronger excitation.")
+    assert sentence.endswith("Use a stronger excitation.")
 
 
 def test_a_sink_that_reached_no_well() -> None:
-    [told] = sentences(found(LAW, SINK, SMALL, (0.011, 0.012)))
-    assert told.startswith("sink reached none of its wells (d from 0.011 to 0.012 m)")
+    [sentence] = sentences(link_estimate(LAW, SINK, SMALL, (0.011, 0.012)))
+    assert sentence.startswith("sink reached none of its wells (d from 0.011 to 0.012 m)")
 
 
 def test_one_well_of_three_that_was_not_reached() -> None:
     """d (d^2 - 1) (d^2 - 4) has wells at -2, 0 and 2."""
-    three = found("k*d - 5*d**3 + d**5", {"k": 4.0}, [0.01], (-2.2, 1.9))
-    [told] = sentences(three)
-    assert told.startswith("sink never reached the well at +2 m")
+    three = link_estimate("k*d - 5*d**3 + d**5", {"k": 4.0}, [0.01], (-2.2, 1.9))
+    [sentence] = sentences(three)
+    assert sentence.startswith("sink never reached the well at +2 m")
 
 
 def test_two_coefficients_that_move_together() -> None:
-    estimate = found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.998)
-    [told] = sentences(estimate)
-    assert told.startswith("sink: alpha and beta are strongly correlated (-0.9980)")
-    assert sentences(found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.99)) == []
+    estimate = link_estimate(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.998)
+    [sentence] = sentences(estimate)
+    assert sentence.startswith("sink: alpha and beta are strongly correlated (-0.9980)")
+    assert sentences(link_estimate(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.99)) == []
 
 
 def test_a_coefficient_that_may_be_zero() -> None:
-    [told] = sentences(found(LAW, SINK, [0.1, 1e3, 0.015], (-0.02, 0.02)))
-    assert told == "sink.c cannot be distinguished from zero: 0.02 within ±0.015 ?."
+    [sentence] = sentences(link_estimate(LAW, SINK, [0.1, 1e3, 0.015], (-0.02, 0.02)))
+    assert sentence == "sink.c cannot be distinguished from zero: 0.02 within ±0.015 ?."
 
 
 @pytest.mark.parametrize(
@@ -96,19 +96,19 @@ def test_a_coefficient_that_may_be_zero() -> None:
 )
 def test_a_link_that_gives_energy(c: float, error: float, said: bool) -> None:
     """Only where its sign is beyond doubt."""
-    told = sentences(found(LAW, {**SINK, "c": c}, [0.1, 1e3, error], (-0.02, 0.02)))
-    assert any("sink feeds energy into the motion" in each for each in told) == said
+    findings = sentences(link_estimate(LAW, {**SINK, "c": c}, [0.1, 1e3, error], (-0.02, 0.02)))
+    assert any("sink feeds energy into the motion" in sentence for sentence in findings) == said
 
 
 def test_a_damper_that_gives_here_and_takes_there_counts_on_the_whole() -> None:
     """c v (d^2 - e^2): negative about the middle, but positive over this swing."""
     law = "c*v*(d**2 - 0.001**2)"
-    assert sentences(found(law, {"c": 5.0}, [0.1], (-0.02, 0.02))) == []
+    assert sentences(link_estimate(law, {"c": 5.0}, [0.1], (-0.02, 0.02))) == []
 
 
 def test_an_answer_without_intervals_claims_nothing_about_coefficients() -> None:
     refused = replace(
-        found(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.999), covariance=None, coefficients=()
+        link_estimate(LAW, SINK, SMALL, (-0.02, 0.02), correlation=-0.999), covariance=None, coefficients=()
     )
     assert sentences(refused) == []
 

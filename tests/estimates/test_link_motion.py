@@ -33,8 +33,8 @@ def test_measured_force_is_the_true_one_even_where_the_law_is_wrong(quiet: lw.Re
     motion = lw.identify(quiet, wrong, method="weak").motion
     assert motion.force is not None
     true = sink.force(motion.d[:, 1], motion.v[:, 1])
-    found = motion.structure.link("nes1").force(motion.d[:, 1], motion.v[:, 1])
-    missed = np.sqrt(np.mean((found - true) ** 2) / np.var(true))
+    force = motion.structure.link("nes1").force(motion.d[:, 1], motion.v[:, 1])
+    missed = np.sqrt(np.mean((force - true) ** 2) / np.var(true))
     left = np.sqrt(np.mean((motion.force[:, 1] - true) ** 2) / np.var(true))
     assert missed > 0.3  # a straight line through a cubic
     assert left < 0.5 * missed  # the curvature of both laws within one window is all that is lost

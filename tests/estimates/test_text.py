@@ -68,7 +68,7 @@ nes1 (m2 - m1): alpha*d + beta*d**3 + c*v
 
 def answer() -> lw.Estimate:
     """An answer with figures that nothing computed."""
-    asked = lw.bnes_chain(2).unknown("nes", "mass:m2")
+    unknown = lw.bnes_chain(2).unknown("nes", "mass:m2")
     values = {"nes1.alpha": -99.557, "nes1.beta": 998197.3, "nes1.c": 0.019714, "m2.mass": 0.010021}
     errors = {"nes1.alpha": 0.4434, "nes1.beta": 2025.0, "nes1.c": 9.02e-4, "m2.mass": 3.1e-4}
     steps = np.linspace(-1.0, 1.0, 5)[:, None]
@@ -77,16 +77,16 @@ def answer() -> lw.Estimate:
         fit_verdicts=(lw.Verdict.CONVERGED,),
         message="The laws explain the record to within its noise.",
         seconds=0.0123,
-        given_structure=asked,
-        parameters=asked.parameters,
-        values=np.array([values[each.name] for each in asked.parameters]),
-        covariance=np.diag([errors[each.name] ** 2 for each in asked.parameters]),
+        given_structure=unknown,
+        parameters=unknown.parameters,
+        values=np.array([values[parameter.name] for parameter in unknown.parameters]),
+        covariance=np.diag([errors[parameter.name] ** 2 for parameter in unknown.parameters]),
         free=np.ones(len(values), dtype=bool),
         noise={"x:m1": NoiseEstimate(1.1512e-4, "m", 20.02), "x:m2": NoiseEstimate(0.0, "m", np.inf)},
         chi_square_per_sample=1.0031,
         samples=12002,
         compute_motion=lambda: LinkMotion(
-            structure=asked.with_values(values),
+            structure=unknown.with_values(values),
             time=np.arange(5) / 1000.0,
             d=steps * [0.005, 0.03],
             v=steps * [0.9, 5.6],

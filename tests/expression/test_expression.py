@@ -98,7 +98,7 @@ def worst_intermediate(expression: Expression) -> float:
 def test_value_and_partials_agree_with_pythons_own_by_complex_step(text: str) -> None:
     expression = parse(text)
     slopes = {name: differentiate(expression, name) for name in NAMES}
-    assume(all(worst_intermediate(each) < 1e4 for each in (expression, *slopes.values())))
+    assume(all(worst_intermediate(coefficient) < 1e4 for coefficient in (expression, *slopes.values())))
     assume(all(abs(value(kink)) > 1e-6 for kink in kinks(expression)))
     with np.errstate(all="ignore"):
         try:
@@ -354,8 +354,10 @@ def test_slope_by_an_exponent_vanishes_with_the_base_and_has_none_below_it() -> 
     ],
 )
 def test_polynomial(text: str, terms: dict[tuple[int, int], str] | None) -> None:
-    found = polynomial(parse(text), ("d", "v"))
-    assert found == (None if terms is None else {key: parse(each) for key, each in terms.items()})
+    exponents = polynomial(parse(text), ("d", "v"))
+    assert exponents == (
+        None if terms is None else {key: parse(coefficient) for key, coefficient in terms.items()}
+    )
 
 
 @pytest.mark.parametrize(
@@ -430,8 +432,8 @@ def test_operations_do_again_and_again_what_a_call_does() -> None:
         d[:], v[:] = random.normal(size=(2, 2, 5))
         for operation in operations:
             operation()
-        for found, expected in zip(out, program(d, v, stiffness), strict=True):
-            assert np.array_equal(found, expected)
+        for computed, expected in zip(out, program(d, v, stiffness), strict=True):
+            assert np.array_equal(computed, expected)
 
 
 def test_program_broadcasts_and_protects() -> None:

@@ -135,8 +135,8 @@ def test_half_a_file_is_one_clear_error(record: Record, tmp_path: Path, suffix: 
     ],
 )
 def test_a_path_that_leads_nowhere(tmp_path: Path, name: str, message: str) -> None:
-    for there in ("run.xyz", "run", "run.mat"):
-        (tmp_path / there).write_text("x")
+    for file_name in ("run.xyz", "run", "run.mat"):
+        (tmp_path / file_name).write_text("x")
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(RecordError) as caught:
         read_record(tmp_path / name)

@@ -116,8 +116,8 @@ CELLS = [(f"{t:.9g}", f"{1e3 * x:.12g}", f"{a / 9.80665:.12g}") for t, x, a in z
 @pytest.mark.parametrize("separator", ["\t", ","])
 def test_lvm_with_one_clock_with_several_and_without(separator: str, tmp_path: Path) -> None:
     path = tmp_path / "run.lvm"
-    one = lvm("One", ["\t".join(row) for row in CELLS], "X_Value\tx:m1\ta:m2\tComment", separator)
-    path.write_text(one)
+    single = lvm("One", ["\t".join(row) for row in CELLS], "X_Value\tx:m1\ta:m2\tComment", separator)
+    path.write_text(single)
     agrees(path)
     rows = ["\t".join((t, x, t, a)) for t, x, a in CELLS]
     path.write_text(lvm("Multi", rows, "X_Value\tx:m1\tX_Value\ta:m2\tComment", separator))

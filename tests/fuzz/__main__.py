@@ -21,11 +21,13 @@ def main() -> int:
         "--processes", type=int, default=processors(), help="how many (default: one for each processor)"
     )
     parser.add_argument("--keep", type=Path, help="a folder for the files of inputs that failed")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     families: Counter[str] = Counter()
     codes: Counter[str] = Counter()
     failed = 0
-    for seed, outcome in outcomes(range(asked.first, asked.first + asked.inputs), asked.processes):
+    for seed, outcome in outcomes(
+        range(arguments.first, arguments.first + arguments.inputs), arguments.processes
+    ):
         case = make_case(seed)
         families[case.family] += 1
         codes["-" if outcome.code is None else str(outcome.code)] += 1
@@ -36,8 +38,8 @@ def main() -> int:
                 f"seed {seed} ({case.family}): {'; '.join(wrong)}\n    {' '.join(case.arguments)[:200]!r}",
                 flush=True,
             )
-            for name, content in case.files.items() if asked.keep else ():
-                path = asked.keep / str(seed) / name
+            for name, content in case.files.items() if arguments.keep else ():
+                path = arguments.keep / str(seed) / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)
     counts = ", ".join(f"{count} of {family}" for family, count in sorted(families.items()))

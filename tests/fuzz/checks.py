@@ -17,26 +17,26 @@ def complaints(case: Case, outcome: Outcome) -> list[str]:
         return [outcome.died]
     if outcome.error:
         return [f"raised {outcome.error.strip().splitlines()[-1][:200]}"]
-    found = [f"says {word!r}" for word in _FORBIDDEN if word in outcome.message]
+    faults = [f"says {word!r}" for word in _FORBIDDEN if word in outcome.message]
     if outcome.code not in CODES:
-        found.append(f"ends with code {outcome.code}")
+        faults.append(f"ends with code {outcome.code}")
     if outcome.code in (1, 2) and not outcome.message.strip():
-        found.append("fails without a word")
+        faults.append("fails without a word")
     longest = max((len(line) for line in outcome.message.split("\nlinkwise: ")), default=0)
     if longest > SCREEN:
-        found.append(f"has a message of {longest} characters")
+        faults.append(f"has a message of {longest} characters")
     if outcome.written:
-        found.append(f"writes {outcome.written[:200]!r} to standard output past the command")
+        faults.append(f"writes {outcome.written[:200]!r} to standard output past the command")
     if outcome.lost:
-        found.append(f"loses {', '.join(outcome.lost)} in silence")
+        faults.append(f"loses {', '.join(outcome.lost)} in silence")
     if (
         "--json" in case.arguments
         and "--help" not in case.arguments
         and outcome.out
         and not _is_json(outcome.out)
     ):
-        found.append("prints something that is not JSON")
-    return found
+        faults.append("prints something that is not JSON")
+    return faults
 
 
 def _is_json(text: str) -> bool:

@@ -49,8 +49,8 @@ def damaged_text(rng: Random, text: str) -> str:
                 word = rng.choice(words)
                 text = text[: word.start()] + hostile(rng) + text[word.end() :]
             case 4 if words:
-                one, other = rng.choice(words), rng.choice(words)
-                text = text[: one.start()] + other[0] + text[one.end() :]
+                first, second = rng.choice(words), rng.choice(words)
+                text = text[: first.start()] + second[0] + text[first.end() :]
             case 5:
                 del lines[rng.randrange(len(lines))]
                 text = "\n".join(lines)

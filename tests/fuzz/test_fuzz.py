@@ -22,8 +22,8 @@ INPUTS = 40  # all families and kinds; `make fuzz` throws 10 000
 def test_nothing_that_must_not_comes_of_a_few_inputs() -> None:
     wrong = {}
     for seed, outcome in pool.outcomes(range(INPUTS), 1):
-        if found := complaints(make_case(seed), outcome):
-            wrong[seed] = found
+        if faults := complaints(make_case(seed), outcome):
+            wrong[seed] = faults
     assert wrong == {}
 
 
@@ -45,7 +45,7 @@ COMMAND = Case(0, "option", Kind.COMMAND, ("structure", "bnes", "--dof", "2", "-
 
 
 @pytest.mark.parametrize(
-    ("outcome", "found"),
+    ("outcome", "faults"),
     [
         (Outcome(0, "{}"), []),
         (Outcome(2, "", "linkwise: no such file"), []),
@@ -60,8 +60,8 @@ COMMAND = Case(0, "option", Kind.COMMAND, ("structure", "bnes", "--dof", "2", "-
         (Outcome(0, written=b"a log"), ["writes b'a log' to standard output past the command"]),
     ],
 )
-def test_what_must_not_come_is_noticed(outcome: Outcome, found: list[str]) -> None:
-    assert complaints(COMMAND, outcome) == found
+def test_what_must_not_come_is_noticed(outcome: Outcome, faults: list[str]) -> None:
+    assert complaints(COMMAND, outcome) == faults
 
 
 @pytest.mark.parametrize(
@@ -86,9 +86,9 @@ def test_a_channel_that_is_lost_in_silence_is_noticed(
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals there")
 def test_deaths_and_hangs_are_noticed_and_the_rest_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool, "work", _dying)
-    found = dict(pool.outcomes(range(4), 2))
-    assert found[0].died == f"died with code {-signal.SIGSEGV}" and found[2].died == "hangs"
-    assert found[1].code == found[3].code == 0
+    by_seed = dict(pool.outcomes(range(4), 2))
+    assert by_seed[0].died == f"died with code {-signal.SIGSEGV}" and by_seed[2].died == "hangs"
+    assert by_seed[1].code == by_seed[3].code == 0
 
 
 def _dying(connection: Connection) -> None:

@@ -36,9 +36,9 @@ def work(connection: Connection) -> None:
         while (seed := connection.recv()) is not None:
             case = make_case(seed)
             _allow(SECONDS)
-            found = outcome(case)
+            result = outcome(case)
             standard_output.seek(0)
-            connection.send(replace(found, written=standard_output.read()))
+            connection.send(replace(result, written=standard_output.read()))
             standard_output.seek(0)
             standard_output.truncate()
 

@@ -34,13 +34,13 @@ def weak(record: lw.Record, structure: lw.Structure) -> lw.Estimate:
 
 def misses(fit: lw.Estimate, true: lw.Structure) -> dict[str, float]:
     """How many standard errors each parameter is off; 4 are reached once in 16 000."""
-    found = {}
+    deviations = {}
     for parameter in fit.parameters:
         owner, _, name = parameter.name.rpartition(".")
         value = true.mass(owner).mass.value if name == "mass" else true.link(owner).values[name]
         estimate = fit.coefficient(parameter.name)
-        found[parameter.name] = abs(estimate.value - present(value)) / present(estimate.standard_error)
-    return found
+        deviations[parameter.name] = abs(estimate.value - present(value)) / present(estimate.standard_error)
+    return deviations
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_an_unknown_keyword_is_a_type_error_even_if_it_is_empty() -> None:
 
 def test_every_mass_and_coefficient_where_a_force_sets_the_scale() -> None:
     problem = PROBLEMS["masses unknown, a force applied"]
-    fit = weak(problem.record(), problem.asked)
+    fit = weak(problem.record(), problem.unknown_structure)
     assert fit.trusted and [mass.known for mass in fit.masses] == [False, False]
 
 
@@ -82,38 +82,38 @@ def test_a_known_mass_sets_the_scale_of_another(record: lw.Record, chain: lw.Str
 
 def test_base_motion() -> None:
     problem = PROBLEMS["base moved"]
-    fit = weak(problem.record(), problem.asked)
+    fit = weak(problem.record(), problem.unknown_structure)
     assert fit.trusted and fit.noise["x:base"].snr_db > 100.0  # it has none: rounding is at 300 dB
     with pytest.raises(lw.LinkwiseError, match=r"spring.*base, whose motion is not given|missing x:base"):
-        weak(problem.record().select(["x:m1", "x:m2"]), problem.asked)
+        weak(problem.record().select(["x:m1", "x:m2"]), problem.unknown_structure)
 
 
 def test_a_constant_force_is_a_law() -> None:
     problem = PROBLEMS["constant force"]
-    assert weak(problem.record(), problem.asked).coefficient("load.f0").unit == "N"
+    assert weak(problem.record(), problem.unknown_structure).coefficient("load.f0").unit == "N"
 
 
 def test_a_clearance_is_found_from_a_start() -> None:
     """g enters k*max(d - g, 0) nonlinearly: Gauss-Newton from a start half as large."""
     problem = PROBLEMS["clearance"]
-    fit = weak(problem.record(), problem.asked)
-    found = fit.coefficient("stop.g").value
-    assert fit.trusted and found == pytest.approx(2 * 0.0025, rel=0.01)  # the noise is 1 % of the motion
+    fit = weak(problem.record(), problem.unknown_structure)
+    value = fit.coefficient("stop.g").value
+    assert fit.trusted and value == pytest.approx(2 * 0.0025, rel=0.01)  # the noise is 1 % of the motion
     with pytest.raises(
         lw.IdentificationError, match=r'link "stop": g enters the law .* nonlinearly and needs a start'
     ):
-        weak(problem.record(), replace(problem, starts={}).asked)
+        weak(problem.record(), replace(problem, starts={}).unknown_structure)
     with pytest.raises(
         lw.IdentificationError,
         match=r"does not determine stop\.k.*The search was at stop\.g = 1; give starts",
     ):
-        weak(problem.record(), replace(problem, starts={"stop.g": 1.0}).asked)
+        weak(problem.record(), replace(problem, starts={"stop.g": 1.0}).unknown_structure)
 
 
 def test_friction_that_is_curved_in_v() -> None:
     """F*tanh(v/s): v comes from smoothed displacements, which is said."""
     problem = PROBLEMS["friction curved in v"]
-    fit = weak(problem.record(), problem.asked)
+    fit = weak(problem.record(), problem.unknown_structure)
     assert "The law of link is nonlinear in v" in fit.findings[0]
 
 
@@ -140,28 +140,29 @@ def test_a_law_without_its_cubic_term_is_refused(record: lw.Record, chain: lw.St
     assert present(fit.chi_square_per_sample) > 10.0
     assert "a term is missing from a law, a link from the structure" in fit.message
     assert all(
-        each.interval is None and each.standard_error is None for each in some(fit.links[1].coefficients)
+        coefficient.interval is None and coefficient.standard_error is None
+        for coefficient in some(fit.links[1].coefficients)
     )
     assert np.isnan(fit.force_band("nes1", 0.01)[1])
 
 
 def test_a_missing_link_is_refused(pair: lw.Structure) -> None:
     """The small mass is also held by the ground, and the structure does not say so."""
-    held = replace(pair, links=(*pair.links, link("extra", ("m2", "ground"), "k*d", k=150.0)))
-    record = lw.simulate(held, release={"v:m1": 1.0}, **SAMPLING).with_noise(40.0, seed=1)
-    assert weak(record, held.unknown("all")).trusted
+    linked = replace(pair, links=(*pair.links, link("extra", ("m2", "ground"), "k*d", k=150.0)))
+    record = lw.simulate(linked, release={"v:m1": 1.0}, **SAMPLING).with_noise(40.0, seed=1)
+    assert weak(record, linked.unknown("all")).trusted
     assert not weak(record, pair.unknown("all")).trusted
 
 
 @pytest.mark.parametrize(
-    ("factor", "told"), [(3.0, "the noise is smaller than stated"), (1 / 3, "or larger than stated")]
+    ("factor", "message"), [(3.0, "the noise is smaller than stated"), (1 / 3, "or larger than stated")]
 )
 def test_noise_that_is_stated_wrong_is_refused(
-    record: lw.Record, chain: lw.Structure, factor: float, told: str
+    record: lw.Record, chain: lw.Structure, factor: float, message: str
 ) -> None:
     stated = {name: factor * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
-    assert not fit.trusted and told in fit.message
+    assert not fit.trusted and message in fit.message
     assert weak(replace(record, noise=present(record.simulated).noise), chain.unknown("nes")).trusted
 
 
@@ -177,7 +178,9 @@ def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.
     stated = {name: 0.9 * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
     assert fit.trusted and 1.15 < present(fit.chi_square_per_sample) < 1.3
-    assert any("larger than the noise explains: something small is missing" in each for each in fit.findings)
+    assert any(
+        "larger than the noise explains: something small is missing" in finding for finding in fit.findings
+    )
 
 
 def test_nothing_to_identify(record: lw.Record, chain: lw.Structure) -> None:
@@ -214,13 +217,13 @@ def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Struc
 
 def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Structure) -> None:
     assert {name: kind.method for name, kind in METHODS.items()} == {name: name for name in METHODS}
-    asked = chain.unknown("nes")
+    unknown = chain.unknown("nes")
     starts = {"nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.01}
     for by_name, by_object in (
-        (lw.identify(record, asked, method="weak"), lw.identify(record, asked, method=lw.WeakForm())),
+        (lw.identify(record, unknown, method="weak"), lw.identify(record, unknown, method=lw.WeakForm())),
         (
-            lw.identify(record, asked, starts=starts, loss=lw.Huber()),
-            lw.identify(record, asked, method=lw.MaximumLikelihood(starts=starts, loss=lw.Huber())),
+            lw.identify(record, unknown, starts=starts, loss=lw.Huber()),
+            lw.identify(record, unknown, method=lw.MaximumLikelihood(starts=starts, loss=lw.Huber())),
         ),
     ):
         assert np.array_equal(by_name.values, by_object.values)
@@ -235,13 +238,14 @@ def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure,
     clean = chain_record(2, duration=3.0, rate=2000.0)
     fit = lw.identify(clean, chain.unknown("all"), method=lw.PhysicsInformedSindy(regressor=regressor))
     assert fit.trusted and fit.chi_square_per_sample is None
-    for each in some(chain.links):
-        found = fit.structure.link(each.name).values
-        assert found == pytest.approx(each.values, rel=0.02 if regressor == "l1" else 2e-3)  # l1 shrinks
+    for true in some(chain.links):
+        values = fit.structure.link(true.name).values
+        assert values == pytest.approx(true.values, rel=0.02 if regressor == "l1" else 2e-3)  # l1 shrinks
         # in %: coefficients off by 0.02 leave 0.02^2; measured 2e-9 and less
-        assert lw.nmse(each, fit.structure.link(each.name), clean) < 100 * 0.02**2
+        assert lw.nmse(true, fit.structure.link(true.name), clean) < 100 * 0.02**2
     assert all(
-        each.interval is None and each.standard_error is not None for each in some(fit.links[0].coefficients)
+        coefficient.interval is None and coefficient.standard_error is not None
+        for coefficient in some(fit.links[0].coefficients)
     )
 
 
@@ -270,5 +274,5 @@ def test_a_term_that_adds_nothing_is_dropped_and_named(chain: lw.Structure) -> N
 
 
 def test_the_example_of_the_paper_library_runs() -> None:
-    found = doctest.testmod(classical)
-    assert found.attempted > 0 and found.failed == 0
+    results = doctest.testmod(classical)
+    assert results.attempted > 0 and results.failed == 0

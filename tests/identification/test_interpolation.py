@@ -53,7 +53,7 @@ def test_a_held_force_taken_for_a_band_limited_one_looks_half_a_sample_late() ->
     assert not fit.trusted
     first = fit.diagnosis[:2]  # the response is then as late as the force
     assert {(cause.kind, cause.where) for cause in first} == {("force delay", "force:m1"), ("delay", "x:m1")}
-    [cause] = [each for each in first if each.kind == "force delay"]
+    [cause] = [cause for cause in first if cause.kind == "force delay"]
     # a hold is late by half a sample, and its gain sin(a)/a less by a^2/6 at most, a = pi 12 Hz / RATE
     assert cause.size == pytest.approx(0.5 / RATE, rel=(np.pi * 12.0 / RATE) ** 2 / 6.0)
     assert "held between its samples" in cause.description

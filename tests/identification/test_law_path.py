@@ -52,16 +52,16 @@ def test_it_warns_that_discover_replaces_it(decay: tuple[lw.Record, lw.Structure
     ) as caught:
         path = law_path(record, structure, "beam", start=("d", "v", "d**3", "v*abs(v)"), most=4)
     assert caught[0].filename == __file__
-    found = lw.discover(record, {"m1": 1.0}, terms="v, d, d**2, d**3, v*abs(v), v*d")
-    assert {term.term for term in found.kept} == set(path[0].terms) and found.trusted
+    discovery = lw.discover(record, {"m1": 1.0}, terms="v, d, d**2, d**3, v*abs(v), v*d")
+    assert {term.term for term in discovery.kept} == set(path[0].terms) and discovery.trusted
 
 
 def test_laws_that_are_taken_for_exact_have_no_model_error(decay: tuple[lw.Record, lw.Structure]) -> None:
     """By default one is found, which explains what the laws leave."""
     record, _ = decay
     short = lw.parse_structure(DUFFING.replace(" + c2*v*abs(v)", "").replace(", c2 = 4.0", ""), "test")
-    asked = short.unknown("all")
-    loose, exact = lw.identify(record, asked), lw.identify(record, asked, exact=True)
+    unknown = short.unknown("all")
+    loose, exact = lw.identify(record, unknown), lw.identify(record, unknown, exact=True)
     assert loose.model_error > 0.0 and present(loose.chi_square_per_sample) < 2.0
     assert exact.model_error == 0.0 and present(exact.chi_square_per_sample) > 2.0
     assert exact.fit_verdicts == (lw.Verdict.NOISE_MISMATCH,)
@@ -108,11 +108,11 @@ def test_magnet_beam_in_eight_coefficients(shared_data: Path) -> None:
     assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,) and fit.model_error < 0.01 and fit.diagnosis
     shorter = [lw.identify(record, step.structure) for step in path[:-1:2]]
     # laws of the same beam: their stiffnesses had excluded each other by up to nine errors
-    for other in some(shorter):
-        assert not other.trusted
-        difference = abs(other.values[0] - fit.values[0])
+    for shorter_fit in some(shorter):
+        assert not shorter_fit.trusted
+        difference = abs(shorter_fit.values[0] - fit.values[0])
         # three deviations of the difference
-        assert difference < 3.0 * np.sqrt(other.covariance[0, 0] + fit.covariance[0, 0])
+        assert difference < 3.0 * np.sqrt(shorter_fit.covariance[0, 0] + fit.covariance[0, 0])
     small, middle, large = equivalent(fit.links[0], [2e-5, 1e-4, 2e-4], 42.0).damping
     assert (
         small < middle > large

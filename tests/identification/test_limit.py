@@ -62,10 +62,10 @@ def motions(structures: list[lw.Structure], starts: np.ndarray, times: np.ndarra
     one.
     """
     n, incidence = structures[0].size, structures[0].incidence.toarray()
-    masses = np.stack([each.mass_values for each in structures])
+    masses = np.stack([structure.mass_values for structure in structures])
     laws = [
-        (same[0].law, {name: np.array([each.values[name] for each in same]) for name in same[0].values})
-        for same in zip(*(each.links for each in structures), strict=True)
+        (alike[0].law, {name: np.array([link.values[name] for link in alike]) for name in alike[0].values})
+        for alike in zip(*(structure.links for structure in structures), strict=True)
     ]
 
     def rates(_: float, flat: np.ndarray) -> np.ndarray:
@@ -80,27 +80,27 @@ def motions(structures: list[lw.Structure], starts: np.ndarray, times: np.ndarra
         moved = -np.stack(forces, axis=1) @ incidence.T / masses
         return np.hstack([states[:, n : 2 * n], moved, *(rate[:, None] for rate in inside)]).ravel()
 
-    found = solve_ivp(
+    solution = solve_ivp(
         rates, (times[0], times[-1]), starts.ravel(), method="DOP853", t_eval=times, rtol=1e-11, atol=1e-13
     )
-    states: np.ndarray = found.y.reshape(*starts.shape, -1).transpose(0, 2, 1)
+    states: np.ndarray = solution.y.reshape(*starts.shape, -1).transpose(0, 2, 1)
     return states
 
 
-def differences(structure: lw.Structure, found: lw.Limit) -> list[np.ndarray]:
-    """(p + m, N, m) for each segment: central differences of its m states with respect to theta and its start."""
-    truth = present(found.record.simulated)
-    samples = round(found.segment * found.record.rate)
+def differences(structure: lw.Structure, limit: lw.Limit) -> list[np.ndarray]:
+    """(p + m, N, m) for tangent segment: central differences of its m states with respect to theta and its start."""
+    truth = present(limit.record.simulated)
+    samples = round(limit.segment * limit.record.rate)
     memory = [values[:, None] for values in truth.states.values()]
     states = np.hstack([truth.displacement, truth.velocity, *memory])
     sizes = 1e-5 * np.abs(states).max(axis=0)
     tangents = []
     for first in range(0, len(states), samples):
-        times = found.record.time[first : first + samples]
+        times = limit.record.time[first : first + samples]
         if len(times) < 2:
             continue
         structures, starts, steps = [], [], []
-        for parameter, value in zip(found.parameters, found.values, strict=True):
+        for parameter, value in zip(limit.parameters, limit.values, strict=True):
             for side in (1.0, -1.0):
                 structures.append(structure.with_values({parameter.name: value * (1.0 + side * 1e-4)}))
                 starts.append(states[first])
@@ -111,24 +111,26 @@ def differences(structure: lw.Structure, found: lw.Limit) -> list[np.ndarray]:
             steps.append(step.max())
         moved = motions(structures, np.array(starts), times)
         tangents.append((moved[::2] - moved[1::2]) / (2.0 * np.array(steps)[:, None, None]))
-    assert all(each.shape[2] == states.shape[1] for each in some(tangents))
+    assert all(tangent.shape[2] == states.shape[1] for tangent in some(tangents))
     return tangents
 
 
-def dense_covariance(tangents: list[np.ndarray], found: lw.Limit, sensor: int) -> np.ndarray:
+def dense_covariance(tangents: list[np.ndarray], limit: lw.Limit, sensor: int) -> np.ndarray:
     """(p, p) from the whole Fisher matrix of theta and all starts."""
-    p, size = len(found.parameters), tangents[0].shape[2]
-    n = found.structure.size
+    p, size = len(limit.parameters), tangents[0].shape[2]
+    n = limit.structure.size
     columns = slice(sensor * n, (sensor + 1) * n)
-    sigma = np.array(list(found.noise.values()))
+    sigma = np.array(list(limit.noise.values()))
     fisher = np.zeros((p + size * len(tangents),) * 2)
     for number, tangent in enumerate(tangents):
         jacobian = np.array([row.ravel() for row in tangent[:, :, columns] / sigma]).T
         where = [*range(p), *range(p + size * number, p + size * (number + 1))]
         fisher[np.ix_(where, where)] += jacobian.T @ jacobian
-    told = np.flatnonzero(fisher.diagonal() > 0.0)
-    scale = np.sqrt(fisher.diagonal()[told])
-    inverse = np.linalg.inv(fisher[np.ix_(told, told)] / np.outer(scale, scale)) / np.outer(scale, scale)
+    determined = np.flatnonzero(fisher.diagonal() > 0.0)
+    scale = np.sqrt(fisher.diagonal()[determined])
+    inverse = np.linalg.inv(fisher[np.ix_(determined, determined)] / np.outer(scale, scale)) / np.outer(
+        scale, scale
+    )
     covariance: np.ndarray = inverse[:p, :p]
     return covariance
 
@@ -141,12 +143,12 @@ def tangents(chain: lw.Structure) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("kind", ["x", "v"])
 def test_equals_the_dense_fisher_matrix(chain: lw.Structure, tangents: list[np.ndarray], kind: str) -> None:
-    found = lw.limit(chain, sensors=(kind,), noise=20.0, **SHORT)
-    dense = dense_covariance(tangents, found, "xv".index(kind))
-    scale = found.standard_errors
+    limit = lw.limit(chain, sensors=(kind,), noise=20.0, **SHORT)
+    dense = dense_covariance(tangents, limit, "xv".index(kind))
+    scale = limit.standard_errors
     # tangents of order 4 that turn 1/4 at most a step, over 25 samples
     np.testing.assert_allclose(
-        found.covariance / np.outer(scale, scale), dense / np.outer(scale, scale), atol=2e-3
+        limit.covariance / np.outer(scale, scale), dense / np.outer(scale, scale), atol=2e-3
     )
     if kind == "x":  # and what must be refused: a tenth more noise
         louder = lw.limit(chain, sensors=("x",), noise=19.0, **SHORT)
@@ -157,26 +159,26 @@ def test_equals_the_dense_fisher_matrix(chain: lw.Structure, tangents: list[np.n
 def test_of_a_link_with_memory_equals_the_dense_fisher_matrix() -> None:
     """With its state unknown at the start of each segment; the force counts how the state follows the coefficients."""
     structure = on_zener()
-    found = lw.limit(
+    limit = lw.limit(
         structure, sensors=("x",), noise=20.0, duration=0.4, rate=200.0, segment=0.2, release=RELEASE
     )
-    dense = dense_covariance(differences(structure, found), found, 0)
-    scale = found.standard_errors
+    dense = dense_covariance(differences(structure, limit), limit, 0)
+    scale = limit.standard_errors
     # tangents of order 4 that turn 1/4 at most a step, over 40 samples
     np.testing.assert_allclose(
-        found.covariance / np.outer(scale, scale), dense / np.outer(scale, scale), atol=2e-3
+        limit.covariance / np.outer(scale, scale), dense / np.outer(scale, scale), atol=2e-3
     )
-    mount, truth = found.link("mount"), present(found.record.simulated)
+    mount, truth = limit.link("mount"), present(limit.record.simulated)
 
     def force(values: dict[str, float]) -> np.ndarray:
         """(N,) along the motion of the test, from a state of 0."""
-        d, rate = CubicSpline(found.record.time, truth.displacement[:, 0]), truth.velocity[:, 0]
-        v = CubicSpline(found.record.time, rate)
+        d, rate = CubicSpline(limit.record.time, truth.displacement[:, 0]), truth.velocity[:, 0]
+        v = CubicSpline(limit.record.time, rate)
         inside = solve_ivp(
-            lambda t, q: values["s"] * (v(t) - q / values["c"]), (0.0, found.record.time[-1]), [0.0],
-            method="DOP853", t_eval=found.record.time, rtol=1e-11, atol=1e-13,
+            lambda t, q: values["s"] * (v(t) - q / values["c"]), (0.0, limit.record.time[-1]), [0.0],
+            method="DOP853", t_eval=limit.record.time, rtol=1e-11, atol=1e-13,
         )  # fmt: skip
-        return np.asarray(values["k"] * d(found.record.time) + inside.y[0])
+        return np.asarray(values["k"] * d(limit.record.time) + inside.y[0])
 
     values = structure.link("mount").values
     steps = {name: 1e-4 * value for name, value in values.items()}
@@ -184,53 +186,53 @@ def test_of_a_link_with_memory_equals_the_dense_fisher_matrix() -> None:
         (force({**values, key: values[key] + step}) - force({**values, key: values[key] - step}))
         / (2.0 * step)
         for key, step in (
-            (p.name.partition(".")[2], steps[p.name.partition(".")[2]]) for p in found.parameters
+            (p.name.partition(".")[2], steps[p.name.partition(".")[2]]) for p in limit.parameters
         )
     ]
-    variance = np.einsum("pn,pq,qn->n", slopes, found.covariance, slopes)
+    variance = np.einsum("pn,pq,qn->n", slopes, limit.covariance, slopes)
     # the trapezoidal rule is off by (h w)^2/12 in a state that moves with w = sqrt((k + s)/m) = 39 rad/s: 0.3 %; twice that
     assert mount.force_error == pytest.approx(float(np.sqrt(variance.mean())), rel=2 * (0.005 * 39) ** 2 / 12)
 
 
 def test_of_one_segment_is_what_identify_reaches_with_memory() -> None:
     plan: dict[str, Any] = {"duration": 2.0, "rate": 200.0, "release": {"v:m1": 1.0}}
-    found = lw.limit(on_zener(), noise=40.0, segment=2.0, **plan)
+    limit = lw.limit(on_zener(), noise=40.0, segment=2.0, **plan)
     record = lw.simulate(on_zener(), **plan).with_noise(40.0, seed=23)
     fit = lw.identify(record, on_zener().unknown("all"))
-    reached = [present(fit.coefficient(parameter.name).standard_error) for parameter in found.parameters]
+    reached = [present(fit.coefficient(parameter.name).standard_error) for parameter in limit.parameters]
     # the noise is found from 401 samples, to 1/sqrt(802) = 3.5 %, and the bound is taken at the truth
-    np.testing.assert_allclose(reached, found.standard_errors, rtol=3 * 0.035)
+    np.testing.assert_allclose(reached, limit.standard_errors, rtol=3 * 0.035)
 
 
 def test_scales_with_the_noise_and_with_the_samples(chain: lw.Structure) -> None:
     plan: dict[str, Any] = {"duration": 1.0, "release": RELEASE, "segment": 0.25}
-    one = lw.limit(chain, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-3}, **plan)
+    bound = lw.limit(chain, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-3}, **plan)
     louder = lw.limit(chain, rate=1000.0, noise={"x:m1": 2e-4, "x:m2": 2e-3}, **plan)
-    np.testing.assert_allclose(louder.covariance, 4.0 * one.covariance, rtol=1e-8)  # same numerics
-    denser = lw.limit(chain, rate=4000.0, noise=dict(one.noise), **plan)
+    np.testing.assert_allclose(louder.covariance, 4.0 * bound.covariance, rtol=1e-8)  # same numerics
+    denser = lw.limit(chain, rate=4000.0, noise=dict(bound.noise), **plan)
     # four times the samples of the same motion; the ends of 250 samples shift by less than one of them
-    np.testing.assert_allclose(4.0 * np.diag(denser.covariance), np.diag(one.covariance), rtol=4.0 / 250.0)
+    np.testing.assert_allclose(4.0 * np.diag(denser.covariance), np.diag(bound.covariance), rtol=4.0 / 250.0)
 
 
 def test_the_papers_chain_has_the_bound_of_methods(chain: lw.Structure) -> None:
     """METHODS section 5: 8.8e-4 % for the worst link; where segments begin and end moves it by a quarter."""
-    found = lw.limit(chain, duration=6.0, rate=1000.0, noise=20.0, release=RELEASE)
-    assert max(link.nmse for link in found.links) == pytest.approx(8.8e-4, rel=0.25)
-    sink = found.link("nes1")
+    limit = lw.limit(chain, duration=6.0, rate=1000.0, noise=20.0, release=RELEASE)
+    assert max(link.nmse for link in limit.links) == pytest.approx(8.8e-4, rel=0.25)
+    sink = limit.link("nes1")
     assert [well.value for well in sink.estimate.wells] == pytest.approx([-0.01, 0.01], rel=1e-9)
     assert sink.estimate.barrier is not None and sink.estimate.barrier.interval is not None
-    error = found.coefficient("nes1.alpha").standard_error
-    assert error == pytest.approx(float(np.sqrt(found.covariance[2, 2])), rel=1e-12)
+    error = limit.coefficient("nes1.alpha").standard_error
+    assert error == pytest.approx(float(np.sqrt(limit.covariance[2, 2])), rel=1e-12)
 
 
 def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> None:
-    found = lw.limit(chain, duration=1.0, rate=1000.0, noise=20.0, release=RELEASE, unknown=("nes",))
-    assert [p.name for p in found.parameters] == ["nes1.alpha", "nes1.beta", "nes1.c"]
+    limit = lw.limit(chain, duration=1.0, rate=1000.0, noise=20.0, release=RELEASE, unknown=("nes",))
+    assert [p.name for p in limit.parameters] == ["nes1.alpha", "nes1.beta", "nes1.c"]
     d = np.array([0.0, 0.01, 0.03])
     gradient = np.stack([d, d**3], axis=1)
-    expected = np.sqrt(np.einsum("ni,ij,nj->n", gradient, found.covariance[:2, :2], gradient))
-    np.testing.assert_allclose(found.force_deviation("nes1", d), expected, rtol=1e-12)
-    np.testing.assert_array_equal(found.force_deviation("spring1", d), 0.0)  # it is known
+    expected = np.sqrt(np.einsum("ni,ij,nj->n", gradient, limit.covariance[:2, :2], gradient))
+    np.testing.assert_allclose(limit.force_deviation("nes1", d), expected, rtol=1e-12)
+    np.testing.assert_array_equal(limit.force_deviation("spring1", d), 0.0)  # it is known
 
 
 def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
@@ -245,7 +247,7 @@ def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
     again = lw.limit(chain, release=RELEASE, impulses=(lw.Impulse("m1", 1.0, 0.6),), **plan)
     late = again.record.simulated
     assert late is not None and np.isfinite(again.standard_errors).all()
-    errors = [present(each.coefficient("spring1.k").standard_error) for each in (again, released)]
+    errors = [present(bound.coefficient("spring1.k").standard_error) for bound in (again, released)]
     assert errors[0] < errors[1]
 
 
@@ -264,19 +266,19 @@ def test_forces_and_the_base_drive_it() -> None:
 
 
 def test_what_sensors_cannot_tell_is_said() -> None:
-    found = lw.limit(two_springs(), duration=2.0, rate=200.0, noise=30.0, release={"x:m1": 0.01})
-    assert np.isinf(found.standard_errors).tolist() == [True, True, False]
-    assert found.coefficient("one.k").interval is None
-    assert np.isinf(found.link("one").nmse) and found.link("one").estimate.covariance is None
-    assert found.findings == (
+    limit = lw.limit(two_springs(), duration=2.0, rate=200.0, noise=30.0, release={"x:m1": 0.01})
+    assert np.isinf(limit.standard_errors).tolist() == [True, True, False]
+    assert limit.coefficient("one.k").interval is None
+    assert np.isinf(limit.link("one").nmse) and limit.link("one").estimate.covariance is None
+    assert limit.findings == (
         "one.k and two.k are confounded: these sensors identify a combination of them only. Give one of them as known, or "
         "add a sensor or a force that moves them differently.",
     )
-    table = str(found)
-    assert "not identifiable" in table and f"! {found.findings[0]}" in table
-    told = json.loads(to_json(found.to_dict()))
-    assert told["coefficients"]["one.k"]["standard_error"] is None
-    assert told["links"]["damper"]["force_error"] == 0.0  # it has no force at rest
+    table = str(limit)
+    assert "not identifiable" in table and f"! {limit.findings[0]}" in table
+    document = json.loads(to_json(limit.to_dict()))
+    assert document["coefficients"]["one.k"]["standard_error"] is None
+    assert document["links"]["damper"]["force_error"] == 0.0  # it has no force at rest
 
 
 def test_each_confusion_is_told_apart_from_the_others() -> None:
@@ -287,14 +289,14 @@ def test_each_confusion_is_told_apart_from_the_others() -> None:
         for side in "ab"
     ]
     masses = tuple(lw.Mass(name, lw.Coefficient.number(1.0)) for name in ("m1", "m2"))
-    found = lw.limit(
+    limit = lw.limit(
         lw.Structure("pairs", masses, tuple(springs)),
         duration=1.0,
         rate=200.0,
         noise=30.0,
         release={"x:m1": 0.01, "x:m2": 0.01},
     )
-    assert [line.partition(" are")[0] for line in found.findings] == ["m1a.k and m1b.k", "m2a.k and m2b.k"]
+    assert [line.partition(" are")[0] for line in limit.findings] == ["m1a.k and m1b.k", "m2a.k and m2b.k"]
 
 
 def test_a_link_that_never_moves_leaves_no_trace(chain: lw.Structure) -> None:
@@ -309,10 +311,10 @@ def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure
     started = lw.parse_structure(
         lw.format_structure(chain).replace("alpha = -100.0", "alpha = { start = -100.0 }"), "chain.toml"
     )
-    found = lw.limit(started, duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
-    assert [p.name for p in found.parameters] == ["nes1.alpha"]
+    limit = lw.limit(started, duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
+    assert [p.name for p in limit.parameters] == ["nes1.alpha"]
     alone = lw.limit(chain, unknown=("nes1.alpha",), duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
-    assert found.standard_errors == pytest.approx(alone.standard_errors, rel=1e-12)
+    assert limit.standard_errors == pytest.approx(alone.standard_errors, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -340,12 +342,12 @@ def test_needs_numbers_to_plan_around(chain: lw.Structure) -> None:
 
 
 def test_asks_for_a_name_that_is_there(chain: lw.Structure) -> None:
-    found = lw.limit(chain, noise=20.0, unknown=("nes1.alpha",), **SHORT)
+    limit = lw.limit(chain, noise=20.0, unknown=("nes1.alpha",), **SHORT)
     with pytest.raises(
         lw.IdentificationError, match=r'"nes1\.gamma" is not an unknown of this test; choose from nes1\.alpha'
     ):
-        found.coefficient("nes1.gamma")
+        limit.coefficient("nes1.gamma")
     with pytest.raises(
         lw.IdentificationError, match='nothing is unknown in a link "spring1" of this test; choose from nes1'
     ):
-        found.link("spring1")
+        limit.link("spring1")

@@ -70,8 +70,8 @@ def test_circuit(circuit: lw.Record, two_links: bool) -> None:
     """Identified on the first four fifths: every coefficient within 3 % of the description, the mass 1/g, and a free run over
     the last fifth below 0.5 mV (2 mV is asked). The constant force may stand in the law or in a link of its own.
     """
-    one = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
-    structure = lw.parse_structure(CIRCUIT) if two_links else one
+    single = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
+    structure = lw.parse_structure(CIRCUIT) if two_links else single
     cut = len(circuit) * 4 // 5
     fit = lw.identify(circuit[:cut], structure, method="weak")
     mass = fit.masses[0].value
@@ -144,5 +144,5 @@ def test_from_the_command_line(
     known = lw.read_structure(tmp_path / "answer" / "structure.toml")
     assert known.parameters == ()
     for link in some(result["links"]):
-        values = {name: each["value"] for name, each in link["coefficients"].items()}
+        values = {name: coefficient["value"] for name, coefficient in link["coefficients"].items()}
         assert known.link(link["name"]).values == pytest.approx(values)

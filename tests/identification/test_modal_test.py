@@ -18,9 +18,9 @@ def errors(host: lw.Host) -> np.ndarray:
     for mode, true in zip(host.modes, beam().modes, strict=True):
         sign = np.sign(mode.shape["tip"] * true.shape["tip"])
         row = [
-            (each.value - was.value) / each.sigma
-            for each, was in ((mode.frequency, true.frequency), (mode.damping, true.damping))
-            if each.value is not None and was.value is not None
+            (estimate.value - was.value) / estimate.sigma
+            for estimate, was in ((mode.frequency, true.frequency), (mode.damping, true.damping))
+            if estimate.value is not None and was.value is not None
         ]
         row += [(sign * mode.shape[point] - true.shape[point]) / mode.shape_sigma[point] for point in SHAPES]
         rows.append(row)
@@ -28,38 +28,40 @@ def errors(host: lw.Host) -> np.ndarray:
 
 
 def test_modes_of_a_tapped_beam_are_within_their_intervals() -> None:
-    found = lw.identify_host(tapped().with_noise(40.0, seed=1))
-    assert found.trusted
-    assert found.host.name == "beam"
-    assert found.host.points == ("beam.tip", "beam.mid")
-    assert len(found.host.modes) == 3
-    assert np.abs(errors(found.host)).max() < 4.0  # twelve values: beyond 4 once in 1300
-    assert found.host.modes[1].frequency.sigma < 0.01 / 1.5  # Hz: noise of 1 % of the resolution of 1.5 s
-    assert found.chi_square_per_sample == pytest.approx(1.0, abs=0.08)  # where the verdict calls it off
-    assert "3 modes at 2 points, can be trusted" in str(found)
-    assert "beam.mode3" in str(found)
+    estimate = lw.identify_host(tapped().with_noise(40.0, seed=1))
+    assert estimate.trusted
+    assert estimate.host.name == "beam"
+    assert estimate.host.points == ("beam.tip", "beam.mid")
+    assert len(estimate.host.modes) == 3
+    assert np.abs(errors(estimate.host)).max() < 4.0  # twelve values: beyond 4 once in 1300
+    assert estimate.host.modes[1].frequency.sigma < 0.01 / 1.5  # Hz: noise of 1 % of the resolution of 1.5 s
+    assert estimate.chi_square_per_sample == pytest.approx(1.0, abs=0.08)  # where the verdict calls it off
+    assert "3 modes at 2 points, can be trusted" in str(estimate)
+    assert "beam.mode3" in str(estimate)
 
 
 def test_a_structure_that_moves_before_the_tap_is_identified_from_two_records_with_a_gap() -> None:
     records = [tapped(release=0.05).with_noise(40.0, seed=2), tapped("tip").with_noise(35.0, seed=3)]
     values = records[0].values.copy()
     values[100:130, 0] = np.nan
-    found = lw.identify_host([replace(records[0], values=values), records[1]], modes=3)
-    assert found.trusted
+    estimate = lw.identify_host([replace(records[0], values=values), records[1]], modes=3)
+    assert estimate.trusted
     # four standard errors: of twelve values beyond once in 1300
-    assert np.abs(errors(found.host)).max() < 4.0
+    assert np.abs(errors(estimate.host)).max() < 4.0
 
 
 def test_a_structure_that_is_not_linear_is_not_trusted() -> None:
-    found = lw.identify_host(tapped(cubic=1e6, level=2.0).with_noise(40.0, seed=4), modes=4)
-    assert not found.trusted
-    assert found.verdicts[0] in (lw.Verdict.NOISE_MISMATCH, lw.Verdict.COLOURED_RESIDUALS)
+    estimate = lw.identify_host(tapped(cubic=1e6, level=2.0).with_noise(40.0, seed=4), modes=4)
+    assert not estimate.trusted
+    assert estimate.verdicts[0] in (lw.Verdict.NOISE_MISMATCH, lw.Verdict.COLOURED_RESIDUALS)
 
 
 def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:
-    found = lw.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
-    third = found.host.modes[2]
-    assert found.faint == ("beam.mode3",) or any("beam.mode3 hardly moves" in text for text in found.remarks)
+    estimate = lw.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
+    third = estimate.host.modes[2]
+    assert estimate.faint == ("beam.mode3",) or any(
+        "beam.mode3 hardly moves" in text for text in estimate.remarks
+    )
     # from this part of the largest on a scale is called undetermined
     assert max(third.shape_sigma.values()) > 0.2 * max(map(abs, third.shape.values()))
 
@@ -87,7 +89,7 @@ def test_the_name_of_a_host_is_that_of_its_channels() -> None:
     record = tapped()
     with pytest.raises(lw.IdentificationError, match='is of the host "beam", not of "blade"'):
         lw.identify_host(record, name="blade")
-    own = [each.replace("beam.", "") for each in record.channels]
+    own = [channel.replace("beam.", "") for channel in record.channels]
     short = lw.Record(0.0, 400.0, tuple(own), record.values)
     assert ModalMeasurement.of([record], "beam").host == "beam"
     assert ModalMeasurement.of([short], "blade").host == "blade"

@@ -102,9 +102,9 @@ def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
     """It shows the base as well, which the relative coordinates do not hold; 4 standard deviations of the noise per sample."""
     record = measured("a", "a:base")
     record = changed(record, "a:m1", 1.02 * record.channel("a:m1"))
-    told = lw.identify(record, two_storeys().unknown("all"))
-    assert not told.trusted
-    assert (told.diagnosis[0].kind, told.diagnosis[0].where) == ("gain", "a:m1")
+    estimate = lw.identify(record, two_storeys().unknown("all"))
+    assert not estimate.trusted
+    assert (estimate.diagnosis[0].kind, estimate.diagnosis[0].where) == ("gain", "a:m1")
     fit = lw.identify(record, two_storeys().unknown("all"), gains=["a:m1"])
     assert fit.trusted
     assert distance(fit) < scipy.stats.chi2.ppf(QUANTILE, len(fit.values))
@@ -113,9 +113,9 @@ def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
 
 
 def test_discovery_offers_the_base_in_place_of_the_ground() -> None:
-    found = lw.discover(measured("rel:x", "a:base"), {"m1": 1.0, "m2": 0.5})
-    assert found.trusted
-    assert {link.name: link.law.text for link in found.structure.links} == {
+    discovery = lw.discover(measured("rel:x", "a:base"), {"m1": 1.0, "m2": 0.5})
+    assert discovery.trusted
+    assert {link.name: link.law.text for link in discovery.structure.links} == {
         "m1-base": "k*d + c*v",
         "m2-m1": "k*d + k3*d**3 + c*v",
     }

@@ -17,7 +17,7 @@ FARTHEST = 4.5  # standard errors: the largest of 30 normal errors is beyond onc
 @pytest.mark.parametrize("method", ["ml", "weak"])
 @pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS)
 def test_coefficients_lie_within_their_errors(problem: Problem, method: Literal["ml", "weak"]) -> None:
-    fit = lw.identify(problem.record(seed=11), problem.asked, method=method)
+    fit = lw.identify(problem.record(seed=11), problem.unknown_structure, method=method)
     assert fit.trusted, fit.explanation
     assert len(fit.values) >= 3 and np.max(np.abs(problem.errors(fit))) < FARTHEST
 
@@ -25,8 +25,8 @@ def test_coefficients_lie_within_their_errors(problem: Problem, method: Literal[
 @pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS)
 def test_both_methods_agree_and_likelihood_is_the_sharper(problem: Problem) -> None:
     """Their difference scatters by less than the error of the weak form, since the likelihood uses all that it uses."""
-    record, asked = problem.record(seed=12), problem.asked
-    likelihood, weak = lw.identify(record, asked), lw.identify(record, asked, method="weak")
+    record, unknown = problem.record(seed=12), problem.unknown_structure
+    likelihood, weak = lw.identify(record, unknown), lw.identify(record, unknown, method="weak")
     deviation = np.sqrt(weak.covariance.diagonal())
     assert np.all(np.abs(likelihood.values - weak.values) < FARTHEST * deviation)
     assert np.all(
@@ -41,14 +41,20 @@ def alone(problem: Problem) -> bool:
 
 
 @pytest.mark.parametrize(
-    "problem", [each for each in PROBLEMS.values() if alone(each)], ids=lambda problem: problem.name
+    "problem",
+    [coefficient for coefficient in PROBLEMS.values() if alone(coefficient)],
+    ids=lambda problem: problem.name,
 )
 def test_a_linear_law_in_place_of_the_last_one_is_refused(problem: Problem) -> None:
     """Beside what must be accepted, one that must not."""
-    asked = problem.asked
-    last = asked.links[-1]
+    unknown_structure = problem.unknown_structure
+    last = unknown_structure.links[-1]
     unknown = lw.Coefficient.unknown(start=1.0)
     linear = lw.Link(last.name, last.between, lw.Law.parse("k*d + c*v"), {"k": unknown, "c": unknown})
-    wrong = lw.Structure(asked.name, asked.masses, (*asked.links[:-1], linear))
+    wrong = lw.Structure(
+        unknown_structure.name, unknown_structure.masses, (*unknown_structure.links[:-1], linear)
+    )
     fit = lw.identify(problem.record(seed=13), wrong)
-    assert not fit.trusted and all(each.interval is None for each in some(fit.links[-1].coefficients))
+    assert not fit.trusted and all(
+        coefficient.interval is None for coefficient in some(fit.links[-1].coefficients)
+    )

@@ -47,10 +47,10 @@ def agreeing(answer: lw.Estimate) -> lw.Validation:
 def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
     """Errors are as large as the noise that was added: of 1100 samples, to 4 standard deviations of 1/sqrt(2 N)."""
     record = forced(duffing(), 3, sensors=sensors)[217:]
-    found = lw.validate(record, duffing())
-    assert found.free_run and found.trusted and found.windows == 1
+    validation = lw.validate(record, duffing())
+    assert validation.free_run and validation.trusted and validation.windows == 1
     clean = forced(duffing(), 3, 300.0, sensors)[217:]
-    for name, score in some(found.channels.items()):
+    for name, score in some(validation.channels.items()):
         noise = np.std(record.channel(name) - clean.channel(name))
         assert score.rmse == pytest.approx(noise, rel=4 / np.sqrt(2 * score.samples))
         assert score.expected >= score.noise
@@ -63,8 +63,12 @@ def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
 def test_an_estimate_predicts_another_record(agreeing: lw.Validation) -> None:
     """Three coefficients, estimated again from the other record, lie within the limits of their joint test."""
     assert agreeing.verdicts == (lw.Verdict.PREDICTION_AGREES,)
-    assert [each.name for each in agreeing.coefficients] == ["spring.k", "spring.k3", "spring.c"]
-    assert all(each.agrees for each in some(agreeing.coefficients))
+    assert [coefficient.name for coefficient in agreeing.coefficients] == [
+        "spring.k",
+        "spring.k3",
+        "spring.c",
+    ]
+    assert all(coefficient.agrees for coefficient in some(agreeing.coefficients))
     assert agreeing.findings == ()
     assert agreeing.burn == pytest.approx(60 / 500.0, rel=1e-12)  # 5 % of 1201 samples
     text = str(agreeing)
@@ -87,10 +91,10 @@ def test_what_allows_for_dropped_terms_is_no_part_of_a_prediction(answer: lw.Est
     record, plain = forced(duffing(), 2), lw.Posterior.of(answer)
     more = 99.0 * plain.covariance
     wide = replace(plain, covariance=plain.covariance + more, for_dropped_terms=more)
-    found, expected = lw.validate(record, wide), lw.validate(record, plain)
-    limits = [each.channels["x:m1"].limit for each in (found, expected)]
+    validation, expected = lw.validate(record, wide), lw.validate(record, plain)
+    limits = [result.channels["x:m1"].limit for result in (validation, expected)]
     assert limits[0] == pytest.approx(limits[1], rel=1e-6)
-    assert found.coefficients[0].standard_error == pytest.approx(
+    assert validation.coefficients[0].standard_error == pytest.approx(
         10.0 * expected.coefficients[0].standard_error
     )
 
@@ -100,9 +104,9 @@ def test_expected_errors_are_those_that_occur() -> None:
     truth = duffing()
     ratios = []
     for seed in range(10):
-        found = lw.validate(forced(truth, seed, 20.0)[:600], truth, burn=0.1)
-        deviation = found.deviation.values
-        error = found.record.channel("x:m1")[:, None] - found.predicted.values
+        validation = lw.validate(forced(truth, seed, 20.0)[:600], truth, burn=0.1)
+        deviation = validation.deviation.values
+        error = validation.record.channel("x:m1")[:, None] - validation.predicted.values
         ratios.append(np.nanmean((error / deviation) ** 2))
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios) / np.sqrt(len(ratios))
 
@@ -112,8 +116,8 @@ def test_a_stated_model_error_is_allowed_for() -> None:
     record = forced(duffing(), 2, 60.0)
     off = duffing(k=904.5)
     assert lw.validate(record, off).verdicts == (lw.Verdict.PREDICTION_DISAGREES,)
-    told = lw.validate(record, off, model_error=0.005)
-    assert told.trusted and told.model_error == 0.005
+    validation = lw.validate(record, off, model_error=0.005)
+    assert validation.trusted and validation.model_error == 0.005
 
 
 # --- what must be refused
@@ -121,22 +125,24 @@ def test_a_stated_model_error_is_allowed_for() -> None:
 
 def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
     """A record of a stiffer spring: the prediction is off, k is named, and the error is placed in the motion."""
-    found = lw.validate(forced(duffing(k=990.0), 2), answer)
-    assert not found.trusted and found.status == "prediction disagrees"
-    assert not found.channels["x:m1"].agrees
-    assert [each.name for each in found.coefficients if not each.agrees] == ["spring.k"]
-    assert any("spring.k: this record alone gives" in finding for finding in found.findings)
-    assert any("Over d of spring the error is largest" in finding for finding in found.findings)
+    validation = lw.validate(forced(duffing(k=990.0), 2), answer)
+    assert not validation.trusted and validation.status == "prediction disagrees"
+    assert not validation.channels["x:m1"].agrees
+    assert [coefficient.name for coefficient in validation.coefficients if not coefficient.agrees] == [
+        "spring.k"
+    ]
+    assert any("spring.k: this record alone gives" in finding for finding in validation.findings)
+    assert any("Over d of spring the error is largest" in finding for finding in validation.findings)
 
 
 def test_the_error_is_found_where_the_law_is_wrong() -> None:
     """Without its cubic term a spring fails at large d: the outer bins have more error than the inner ones."""
-    found = lw.validate(forced(duffing(k3=2e7), 2, 60.0), duffing(k3=1.9e7))
-    d = next(profile for profile in found.profiles if profile.quantity == "d of spring")
-    assert d.samples.sum() == found.channels["x:m1"].samples
+    validation = lw.validate(forced(duffing(k3=2e7), 2, 60.0), duffing(k3=1.9e7))
+    d = next(profile for profile in validation.profiles if profile.quantity == "d of spring")
+    assert d.samples.sum() == validation.channels["x:m1"].samples
     total = np.nansum(d.samples * (d.error_percent / 100) ** 2) / d.samples.sum()
     assert total == pytest.approx(
-        (found.channels["x:m1"].rmse / np.std(found.record.channel("x:m1"))) ** 2, rel=1e-9
+        (validation.channels["x:m1"].rmse / np.std(validation.record.channel("x:m1"))) ** 2, rel=1e-9
     )
 
 
@@ -145,11 +151,11 @@ def test_the_error_is_found_where_the_law_is_wrong() -> None:
 
 def test_a_chaotic_chain_is_predicted_in_windows() -> None:
     record = chain_record(4)[:1200].with_noise(30.0, seed=2)
-    found = lw.validate(record, lw.bnes_chain(4), burn=0.1)
-    assert not found.free_run and found.windows > 8 and found.trusted
-    assert found.window is not None and found.window < record.duration / 8
-    assert "is chaotic" in str(found)
-    for score in some(found.channels.values()):
+    validation = lw.validate(record, lw.bnes_chain(4), burn=0.1)
+    assert not validation.free_run and validation.windows > 8 and validation.trusted
+    assert validation.window is not None and validation.window < record.duration / 8
+    assert "is chaotic" in str(validation)
+    for score in some(validation.channels.values()):
         # four deviations below; above, the state at the start of a window has errors of its own, measured 1.23
         assert 1.0 - 4 / np.sqrt(2 * score.samples) < score.rmse / score.noise < 2.0
     wrong = lw.validate(record, lw.bnes_chain(4).with_values({"nes1.beta": 1.1e6}), burn=0.1)
@@ -167,9 +173,9 @@ def test_gaps_and_spare_channels_are_left_out() -> None:
     values[::7, column] = np.nan
     spare = np.column_stack([values, np.zeros(len(record))])
     messy = lw.Record(record.start, record.rate, (*record.channels, "x:m9"), spare)
-    found = lw.validate(messy, duffing())
-    assert found.trusted and list(found.channels) == ["x:m1"]
-    assert found.channels["x:m1"].samples == int(np.isfinite(values[75:, column]).sum())
+    validation = lw.validate(messy, duffing())
+    assert validation.trusted and list(validation.channels) == ["x:m1"]
+    assert validation.channels["x:m1"].samples == int(np.isfinite(values[75:, column]).sum())
 
 
 @pytest.mark.parametrize(
@@ -194,9 +200,9 @@ def test_records_that_do_not_fit_the_structure_are_refused() -> None:
     record = forced(duffing(), 2)
     with pytest.raises(lw.RecordError, match="no response of m1"):
         lw.validate(record.select(["force:m1"]), duffing())
-    other = lw.Record(0.0, 500.0, ("force:m7", "x:m1"), np.ones((400, 2)))
+    elsewhere = lw.Record(0.0, 500.0, ("force:m7", "x:m1"), np.ones((400, 2)))
     with pytest.raises(lw.RecordError, match="acts on no mass"):
-        lw.validate(other, duffing())
+        lw.validate(elsewhere, duffing())
     values = record.values.copy()
     values[5, record.channels.index("force:m1")] = np.nan
     with pytest.raises(lw.RecordError, match="an input drives the motion"):
@@ -210,9 +216,9 @@ def test_records_that_do_not_fit_the_structure_are_refused() -> None:
 def test_an_untrusted_estimate_is_taken_as_exact() -> None:
     estimate = lw.identify(forced(duffing(), 1), asked_oscillator("k*d", 1.0))
     assert not estimate.trusted
-    found = lw.validate(forced(duffing(), 2), estimate)
-    assert not found.trusted and not found.coefficients
-    assert any("taken as exact" in remark for remark in found.remarks)
+    validation = lw.validate(forced(duffing(), 2), estimate)
+    assert not validation.trusted and not validation.coefficients
+    assert any("taken as exact" in remark for remark in validation.remarks)
 
 
 # --- folders
@@ -221,9 +227,9 @@ def test_an_untrusted_estimate_is_taken_as_exact() -> None:
 def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validation, tmp_path: Path) -> None:
     """What was written and read gives the same scores, to the digits of the structure file."""
     folder = lw.write_result(answer, tmp_path / "answer")
-    found = lw.validate(forced(duffing(), 2)[300:], folder)
-    assert found.channels["x:m1"].rmse == pytest.approx(agreeing.channels["x:m1"].rmse, rel=1e-8)
-    assert len(found.coefficients) == 3
+    validation = lw.validate(forced(duffing(), 2)[300:], folder)
+    assert validation.channels["x:m1"].rmse == pytest.approx(agreeing.channels["x:m1"].rmse, rel=1e-8)
+    assert len(validation.coefficients) == 3
     (folder / "covariance.csv").unlink()
     bare = lw.validate(forced(duffing(), 2)[300:], folder)
     assert not bare.coefficients and "taken as exact" in bare.remarks[0]
@@ -281,19 +287,19 @@ def test_a_rig_on_a_moving_base_with_hidden_masses(sensors: tuple[str, ...]) -> 
 
 def test_an_exact_record_agrees() -> None:
     """Noise below what arithmetic in single precision resolves is not asked for."""
-    found = lw.validate(forced(duffing(), 1, 300.0), duffing())
+    validation = lw.validate(forced(duffing(), 1, 300.0), duffing())
     assert (
-        found.trusted and found.channels["x:m1"].fit_percent > 99.999
+        validation.trusted and validation.channels["x:m1"].fit_percent > 99.999
     )  # 1e-5: single precision, a hundred times
 
 
 def test_a_limit_beyond_the_motion_is_said_to_agree_with_anything() -> None:
     record = chain_record(2, duration=0.5).with_noise(35.0, seed=5)
-    found = lw.validate(record, lw.bnes_chain(2))
-    assert not any(channel.is_vacuous for channel in found.channels.values())
+    validation = lw.validate(record, lw.bnes_chain(2))
+    assert not any(channel.is_vacuous for channel in validation.channels.values())
     motion = float(np.std(record.channel("x:m2")))  # of which the part that is scored is more than a tenth
-    wide = {**found.channels, "x:m2": replace(found.channels["x:m2"], limit=10.0 * motion)}
-    said = replace(found, channels=wide).findings
+    wide = {**validation.channels, "x:m2": replace(validation.channels["x:m2"], limit=10.0 * motion)}
+    said = replace(validation, channels=wide).findings
     assert [finding for finding in said if "its agreement says nothing" in finding] == [
         f"x:m2: the limit of {10.0 * motion:.3g} m exceeds its motion, so its agreement says nothing."
     ]

@@ -57,10 +57,10 @@ def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
     record, clean = shaken(joint(), 5, sensors), lw.simulate(
         joint(), forces={"m1": "12*sin(31*t) + 7*cos(59*t)"}, duration=3.6, rate=400.0, sensors=sensors
     )[240:]  # fmt: skip
-    found = lw.validate(record, joint())
-    assert found.free_run and found.trusted
-    assert set(found.channels) == set(record.responses)
-    for name, score in some(found.channels.items()):
+    validation = lw.validate(record, joint())
+    assert validation.free_run and validation.trusted
+    assert set(validation.channels) == set(record.responses)
+    for name, score in some(validation.channels.items()):
         noise = np.std(record.channel(name) - clean.channel(name))
         # of about 1140 samples, to 4 standard deviations of 1/sqrt(2 N), and what the state at the start leaves
         assert score.rmse == pytest.approx(noise, rel=4 / np.sqrt(2 * score.samples) + 0.02)
@@ -71,16 +71,16 @@ def test_expected_errors_are_those_that_occur() -> None:
     """Over 5 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
     ratios = []
     for seed in range(5):
-        found = lw.validate(shaken(joint(), 30 + seed)[:400], joint(), burn=0.1)
-        error = found.record.select(found.record.responses).values - found.predicted.values
-        ratios.append(np.nanmean((error / found.deviation.values) ** 2))
+        validation = lw.validate(shaken(joint(), 30 + seed)[:400], joint(), burn=0.1)
+        error = validation.record.select(validation.record.responses).values - validation.predicted.values
+        ratios.append(np.nanmean((error / validation.deviation.values) ** 2))
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios, ddof=1) / np.sqrt(len(ratios))
 
 
 @pytest.mark.parametrize("changes", [{"F": 8.4}, {"s": 0.8}, {"x0": 0.013}])
 def test_a_wrong_law_of_the_state_disagrees(changes: dict[str, float]) -> None:
-    found = lw.validate(shaken(joint(**changes), 6), joint())
-    assert not found.trusted and not found.channels["f:joint"].agrees
+    validation = lw.validate(shaken(joint(**changes), 6), joint())
+    assert not validation.trusted and not validation.channels["f:joint"].agrees
 
 
 def test_an_answer_predicts_the_voltage_of_another_record() -> None:
@@ -90,9 +90,11 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
         record[:2400], harvester().unknown("piezo.alpha", "piezo.beta", "piezo.c", "piezo.theta")
     )
     assert answer.trusted and answer.noise["state:piezo.V"].unit == "V"
-    found = lw.validate(record[2400:], answer)
-    assert found.trusted and found.channels["state:piezo.V"].unit == "V"
-    assert len(found.coefficients) == 4 and all(each.agrees for each in some(found.coefficients))
+    validation = lw.validate(record[2400:], answer)
+    assert validation.trusted and validation.channels["state:piezo.V"].unit == "V"
+    assert len(validation.coefficients) == 4 and all(
+        coefficient.agrees for coefficient in some(validation.coefficients)
+    )
     weaker = lw.validate(record[2400:], harvester(theta=0.9e-3))
     assert not weaker.trusted and not weaker.channels["state:piezo.V"].agrees
     assert any("V; noise and intervals allow" in finding for finding in weaker.findings)
@@ -100,8 +102,8 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
 
 def test_chaotic_motion_is_predicted_in_windows() -> None:
     record = in_wells(harvester(c=0.02), 12.0, "0.005*sin(20*t)", 8)
-    found = lw.validate(record, harvester(c=0.02))
-    assert not found.free_run and found.windows > 1 and found.trusted
+    validation = lw.validate(record, harvester(c=0.02))
+    assert not validation.free_run and validation.windows > 1 and validation.trusted
     assert not lw.validate(record, harvester(c=0.02, alpha=-55.0)).trusted
 
 

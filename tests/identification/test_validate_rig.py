@@ -71,16 +71,16 @@ def test_from_files_to_a_prediction(tmp_path: Path, record: lw.Record) -> None:
     lw.write_structure(hysteretic().unknown("damper"), tmp_path / "rig.toml")
     runner = CliRunner()
     run_file, answer = str(tmp_path / "run.csv"), str(tmp_path / "answer")
-    found = runner.invoke(
+    identified = runner.invoke(
         command, ["identify", run_file, str(tmp_path / "rig.toml"), "--to", "5", "-o", answer]
     )
-    assert found.exit_code == 0, found.output
+    assert identified.exit_code == 0, identified.output
     assert {"report.html", "result.json", "structure.toml", "force_damper.csv", "force_damper.png"} <= {
         path.name for path in Path(answer).iterdir()
     }
-    told = runner.invoke(
+    validated = runner.invoke(
         command, ["validate", run_file, answer, "--from", "5", "-o", str(tmp_path / "validation")]
     )
-    assert told.exit_code == 0 and "The prediction agrees" in told.output
+    assert validated.exit_code == 0 and "The prediction agrees" in validated.output
     shown = runner.invoke(command, ["structure", "show", str(tmp_path / "answer" / "structure.toml")])
     assert shown.exit_code == 0 and "damper" in shown.output

@@ -63,9 +63,9 @@ def test_nmse_of_a_force_that_does_not_vary(forced: lw.Record) -> None:
     constant = oscillator("f0", name="spring", f0=3.0).links[0]
     with pytest.raises(lw.RecordError, match='true force of link "spring" does not vary'):
         lw.nmse(constant, constant, forced)
-    other = lw.Link("spring", ("m7", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(1.0)})
+    elsewhere = lw.Link("spring", ("m7", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(1.0)})
     with pytest.raises(lw.RecordError, match=r"x:m7.*is not in the record"):
-        lw.nmse(other, other, replace(forced, simulated=None))
+        lw.nmse(elsewhere, elsewhere, replace(forced, simulated=None))
 
 
 # --- free runs
@@ -144,8 +144,8 @@ def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) ->
     with pytest.raises(lw.RecordError, match=r"x:m1.*has no sample among the first 50"):
         lw.free_run(duffing, replace(forced, values=values))
     shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
-    seen = lw.Record(0.0, 500.0, ("x:m1", "a:base"), forced.values)
+    record = lw.Record(0.0, 500.0, ("x:m1", "a:base"), forced.values)
     with pytest.raises(
         lw.IdentificationError, match=r"a:base gives the displacement of the base only up to drift"
     ):
-        lw.free_run(shaken, seen)
+        lw.free_run(shaken, record)

@@ -50,8 +50,8 @@ FAULTS: dict[str, Fault] = {
 def test_a_fault_is_told_and_nothing_else(kind: str, name: str) -> None:
     record = RECORDS[name]()
     assert kinds(record) == set()
-    found = kinds(faulty(record, CHANNEL, FAULTS[kind]), CHANNEL)
-    assert kind in found
+    alerts = kinds(faulty(record, CHANNEL, FAULTS[kind]), CHANNEL)
+    assert kind in alerts
 
 
 def test_held_samples_are_told_as_doubled() -> None:

@@ -129,9 +129,9 @@ def test_worst_comes_first() -> None:
     values = record.values.copy()
     values[:, 0] = 0.0
     values[300, 1] = np.nan
-    found = lw.inspect(lw.Record(0.0, record.rate, record.channels, values)).alerts
-    assert [alert.kind for alert in found] == ["dead", "dropped"]
-    assert found[0].error > found[1].error > 0.0
+    alerts = lw.inspect(lw.Record(0.0, record.rate, record.channels, values)).alerts
+    assert [alert.kind for alert in alerts] == ["dead", "dropped"]
+    assert alerts[0].error > alerts[1].error > 0.0
 
 
 @pytest.mark.parametrize("name", BESIDE)
@@ -163,6 +163,6 @@ def test_nothing_in_a_record_stops_an_inspection() -> None:
         values = np.stack([shapes[shape] for shape in chosen], axis=1) * 10.0 ** rng.integers(
             -12, 12, len(names)
         )
-        found = lw.inspect(lw.Record(0.0, 10.0 ** rng.uniform(-2, 6), names, values))
-        assert len(found.channels) == len(names) and str(found)
-        assert set(found.to_dict()) == {"verdicts", "trusted", "channels", "alerts", "records"}
+        inspection = lw.inspect(lw.Record(0.0, 10.0 ** rng.uniform(-2, 6), names, values))
+        assert len(inspection.channels) == len(names) and str(inspection)
+        assert set(inspection.to_dict()) == {"verdicts", "trusted", "channels", "alerts", "records"}

@@ -40,43 +40,45 @@ def test_modes_of_a_linear_structure_stay() -> None:
         tap(size, 0.0).with_noise(snr, seed=seed)
         for seed, (size, snr) in enumerate(((0.1, 30.0), (1.0, 40.0), (10.0, 50.0)))
     ]
-    found = lw.compare_levels(records)
-    assert found.first_nonlinear is None
-    assert found.frequencies.shape == (3, 1)
+    comparison = lw.compare_levels(records)
+    assert comparison.first_nonlinear is None
+    assert comparison.frequencies.shape == (3, 1)
     true = np.sqrt(STIFFNESS / MASS) / (2.0 * np.pi)
     # four standard errors: 6e-5 of chance each
-    assert np.abs((found.frequencies - true) / found.frequency_errors).max() < 4.0
+    assert np.abs((comparison.frequencies - true) / comparison.frequency_errors).max() < 4.0
     ratio = DAMPER / (2.0 * np.sqrt(STIFFNESS * MASS))
-    assert np.abs((found.damping - ratio) / found.damping_errors).max() < 4.0
-    assert str(found).startswith("Linear up to")
-    loudest = found.responses[2].coherence
+    assert np.abs((comparison.damping - ratio) / comparison.damping_errors).max() < 4.0
+    assert str(comparison).startswith("Linear up to")
+    loudest = comparison.responses[2].coherence
     # eight blocks that overlap by half count as seven: unrelated signals show this much once in 10 000 records
     assert np.nanmax(loudest) > 1.0 - (1e-4 / loudest.size) ** (1.0 / 6.0)
-    assert found.distortions == (None, None, None)
-    assert found.verdicts == (lw.Verdict.LINEAR_IN_RANGE,)
+    assert comparison.distortions == (None, None, None)
+    assert comparison.verdicts == (lw.Verdict.LINEAR_IN_RANGE,)
 
 
 def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
     records = [tap(size, 4e9).with_noise(40.0, seed=1) for size in (2.0, 0.1, 0.2)]  # in any order
-    found = lw.compare_levels(records)
-    assert np.all(np.diff(found.levels) > 0.0)
-    assert found.first_nonlinear == 2
-    assert found.moved(2) == (1,)
-    assert found.frequency_changes[2, 0] > 0.01  # it hardens
-    assert str(found).startswith("Not linear from")
-    assert found.verdicts == (lw.Verdict.MODES_MOVE,) and found.trusted
-    document = found.to_dict()
-    assert document["first_nonlinear"] == found.labels[2]
-    assert document["levels"][0]["modes"][0]["frequency"] == found.frequencies[0, 0]
+    comparison = lw.compare_levels(records)
+    assert np.all(np.diff(comparison.levels) > 0.0)
+    assert comparison.first_nonlinear == 2
+    assert comparison.moved(2) == (1,)
+    assert comparison.frequency_changes[2, 0] > 0.01  # it hardens
+    assert str(comparison).startswith("Not linear from")
+    assert comparison.verdicts == (lw.Verdict.MODES_MOVE,) and comparison.trusted
+    document = comparison.to_dict()
+    assert document["first_nonlinear"] == comparison.labels[2]
+    assert document["levels"][0]["modes"][0]["frequency"] == comparison.frequencies[0, 0]
 
 
 def test_records_too_short_to_tell_are_not_trusted() -> None:
     # 0.5 s at 10 dB: the cubic spring moves the mode by 1.2 %, and the damping is uncertain by half
     records = [tap(size, 1e9).with_noise(10.0, seed=1)[:101] for size in (0.1, 1.0)]
-    found = lw.compare_levels(records)
-    assert found.first_nonlinear is None
-    assert found.verdicts == (lw.Verdict.MODES_NOT_DETERMINED,) and not found.trusted
-    assert str(found).startswith("Perhaps linear up to") and found.verdicts[0].value in str(found)
+    comparison = lw.compare_levels(records)
+    assert comparison.first_nonlinear is None
+    assert comparison.verdicts == (lw.Verdict.MODES_NOT_DETERMINED,) and not comparison.trusted
+    assert str(comparison).startswith("Perhaps linear up to") and comparison.verdicts[0].value in str(
+        comparison
+    )
 
 
 def test_distortion_that_moves_no_mode_is_not_called_linear() -> None:
@@ -91,10 +93,10 @@ def test_distortion_that_moves_no_mode_is_not_called_linear() -> None:
         ).with_noise(50.0, seed=seed)
         for seed, size in enumerate((0.05, 0.5))
     ]
-    found = lw.compare_levels(records, modes=1)
+    comparison = lw.compare_levels(records, modes=1)
     # the even term leaves 6.7 times the power of the noise at the higher level, and moves the mode by 1 in 10^5
-    assert found.first_nonlinear is None
-    assert found.verdicts == (lw.Verdict.RESIDUALS_GROW_WITH_LEVEL,) and not found.trusted
+    assert comparison.first_nonlinear is None
+    assert comparison.verdicts == (lw.Verdict.RESIDUALS_GROW_WITH_LEVEL,) and not comparison.trusted
 
 
 def test_a_ring_down_follows_the_backbone() -> None:
@@ -116,21 +118,21 @@ def test_a_ring_down_follows_the_backbone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("law", "kind", "other"), [({"cubic": 4e8}, "odd", "even"), ({"square": 2e6}, "even", "odd")]
+    ("law", "kind", "absent"), [({"cubic": 4e8}, "odd", "even"), ({"square": 2e6}, "even", "odd")]
 )
-def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, other: str) -> None:
+def test_distortion_tells_odd_from_even_terms(law: dict[str, float], kind: str, absent: str) -> None:
     force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"  # odd multiples of 4 Hz, 20 Hz left out
     record = lw.simulate(
         spring(**law), forces={"m1": f"0.5*({force})"}, duration=16.0, rate=400.0, sensors=["a:m1"]
     ).with_noise(70.0, seed=1)
-    found = distortion(record, "a:m1", "force:m1")
-    assert found is not None
-    assert found.period == pytest.approx(0.25)
-    assert found.odd is not None and found.even is not None
-    levels = {"odd": found.odd, "even": found.even}
+    measured = distortion(record, "a:m1", "force:m1")
+    assert measured is not None
+    assert measured.period == pytest.approx(0.25)
+    assert measured.odd is not None and measured.even is not None
+    levels = {"odd": measured.odd, "even": measured.even}
     # noise alone would have this ratio of powers once in a million records: sums over 22 odd and 24 even lines or more
     chance = 10.0 * np.log10(scipy.stats.f.ppf(1.0 - 1e-6, 2 * 22, 2 * 22))
-    assert levels[kind] > levels[other] + chance
+    assert levels[kind] > levels[absent] + chance
 
 
 def test_what_of_the_start_has_not_died_out_is_called_scatter() -> None:
@@ -140,12 +142,12 @@ def test_what_of_the_start_has_not_died_out_is_called_scatter() -> None:
         )
         for size in (1.0, 2.0)
     ]
-    found = lw.compare_levels(runs, modes=1)
-    own = found.distortions[0]
+    comparison = lw.compare_levels(runs, modes=1)
+    own = comparison.distortions[0]
     # without noise: the motion of the start decays by exp(-c t / (2 m)), to a third from 2 s to 4 s, and alone scatters
     assert own is not None and own.noise > -60.0
-    assert "scatter, dB" in str(found) and "noise, dB" not in str(found)
-    assert [line.get_label() for line in lw.plot.distortion(found).lines] == ["odd", "even", "scatter"]
+    assert "scatter, dB" in str(comparison) and "noise, dB" not in str(comparison)
+    assert [line.get_label() for line in lw.plot.distortion(comparison).lines] == ["odd", "even", "scatter"]
 
 
 def test_distortion_of_a_linear_structure_is_noise() -> None:
@@ -153,10 +155,10 @@ def test_distortion_of_a_linear_structure_is_noise() -> None:
     record = lw.simulate(
         spring(), forces={"m1": force}, duration=16.0, rate=400.0, sensors=["a:m1"]
     ).with_noise(50.0, seed=1)
-    found = distortion(record, "a:m1", "force:m1")
-    assert found is not None and found.odd is not None and found.even is not None
+    measured = distortion(record, "a:m1", "force:m1")
+    assert measured is not None and measured.odd is not None and measured.even is not None
     assert (
-        max(found.odd, found.even) < -40.0
+        max(measured.odd, measured.even) < -40.0
     )  # that of the noise, -50 dB, and what of the start has not died out
 
 
@@ -177,13 +179,13 @@ def test_records_that_differ_in_their_channels_are_refused() -> None:
 
 def test_the_order_of_levels_does_not_depend_on_the_length_of_records() -> None:
     weak, strong = tap(1.0, 0.0).with_noise(40.0, seed=1), tap(1.5, 0.0).with_noise(40.0, seed=2)
-    found = lw.compare_levels(
+    comparison = lw.compare_levels(
         [weak[:400], strong]
     )  # 2 s and 6 s: the strong one has the lower root mean square
-    assert found.levels == pytest.approx([1.0, 1.5], rel=1e-9)  # N, the peaks, on samples at 0.1 s
-    document = found.to_dict()
-    assert [each["force_peak"] for each in document["levels"]] == found.levels.tolist()
-    assert "peak force, N" in str(found)
+    assert comparison.levels == pytest.approx([1.0, 1.5], rel=1e-9)  # N, the peaks, on samples at 0.1 s
+    document = comparison.to_dict()
+    assert [level["force_peak"] for level in document["levels"]] == comparison.levels.tolist()
+    assert "peak force, N" in str(comparison)
 
 
 @pytest.mark.usefixtures("unrendered")

@@ -65,22 +65,22 @@ def with_load_cell(seed: int) -> lw.Record:
     return lw.Record(0.0, RATE, channels, np.column_stack(shown), interpolation={"force:m1": "held"})
 
 
-@pytest.mark.parametrize(("named", "other"), [("m1", "m2"), ("m2", "m1")])
+@pytest.mark.parametrize(("named", "unnamed"), [("m1", "m2"), ("m2", "m1")])
 @pytest.mark.parametrize("seed", [51, 52])
 def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told(
-    named: str, other: str, seed: int
+    named: str, unnamed: str, seed: int
 ) -> None:
     fit = lw.identify(shaken((1.0, 1.0), seed), chain(2).unknown("all"), ambient=[named])
     assert fit.fit_verdicts == (Verdict.MEASUREMENT_ERROR,)
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.where, cause.unit, cause.is_instrument) == (
         "ambient",
-        other,
+        unnamed,
         "N/sqrt(Hz)",
         True,
     )
     assert cause.description in fit.message
-    assert f"allow for an ambient force on {other}" in fit.message
+    assert f"allow for an ambient force on {unnamed}" in fit.message
     # one step of the score from a deviation of zero: to the first order
     assert cause.size == pytest.approx(DENSITY, rel=0.2)
 
@@ -106,8 +106,8 @@ def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit(
     assert last.upper_limit is not None and 0.0 < last.upper_limit < 0.1 * DENSITY
     assert f"No ambient force on {last.where} was found: it is below" in last.description
     assert last.description in fit.findings
-    told = {force["where"]: force["upper_limit"] for force in fit.to_dict()["random_forces"]}
-    assert told[last.where] == last.upper_limit
+    upper_limits = {force["where"]: force["upper_limit"] for force in fit.to_dict()["random_forces"]}
+    assert upper_limits[last.where] == last.upper_limit
     assert fit.random_forces[0].upper_limit is None
 
 
@@ -120,25 +120,25 @@ def test_forces_that_are_looked_for_in_a_free_decay_are_absent() -> None:
 
 
 def test_a_stated_ambient_force_may_be_too_small_and_not_right() -> None:
-    record, asked = shaken((1.0, 1.0), 54), chain(2).unknown("all")
-    small = lw.identify(record, asked, ambient={"m1": DENSITY, "m2": 0.3 * DENSITY})
+    record, unknown = shaken((1.0, 1.0), 54), chain(2).unknown("all")
+    small = lw.identify(record, unknown, ambient={"m1": DENSITY, "m2": 0.3 * DENSITY})
     assert not small.trusted
-    [cause] = [each for each in small.diagnosis if each.kind == "ambient"]
+    [cause] = [cause for cause in small.diagnosis if cause.kind == "ambient"]
     assert cause.where == "m2"
     assert cause.size == pytest.approx(DENSITY, rel=0.2)
     assert cause.description.endswith("(0.0424 was stated)")
-    assert lw.identify(record, asked, ambient={"m1": DENSITY, "m2": DENSITY}).trusted
+    assert lw.identify(record, unknown, ambient={"m1": DENSITY, "m2": DENSITY}).trusted
 
 
 @pytest.mark.parametrize("seed", [55, 56])
 def test_noise_of_an_input_that_is_stated_too_small_is_told(seed: int) -> None:
-    record, asked = with_load_cell(seed), chain(2).unknown("all")
-    fit = lw.identify(record, asked, input_noise={"force:m1": 0.07})
+    record, unknown = with_load_cell(seed), chain(2).unknown("all")
+    fit = lw.identify(record, unknown, input_noise={"force:m1": 0.07})
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("input noise", "force:m1")
     assert fit.diagnosis[0].size == pytest.approx(0.1, rel=0.2)
     assert "(0.07 was stated)" in fit.message
-    assert lw.identify(record, asked, input_noise={"force:m1": 0.1}).trusted
+    assert lw.identify(record, unknown, input_noise={"force:m1": 0.1}).trusted
 
 
 def test_noise_of_a_force_is_told_beside_an_ambient_one() -> None:
@@ -153,15 +153,15 @@ def test_the_efficient_score_is_that_of_a_regression_on_the_scores_of_what_was_f
     root = np.array([[1.0, 0.0], [0.8, 0.6]])  # of pairs of slopes: a correlation of 0.8
     K = 200
     pairs = rng.standard_normal((K, DRAWN, 2)) @ root.T
-    tested, found = (
-        SquareSum.of(np.sqrt(1.5) * each[:, 0], each[:, 1:]) for each in np.moveaxis(pairs, -1, 0)
+    tested, estimated = (
+        SquareSum.of(np.sqrt(1.5) * slopes[:, 0], slopes[:, 1:]) for slopes in np.moveaxis(pairs, -1, 0)
     )
-    score = VarianceScore.of(tested, [found])
+    score = VarianceScore.of(tested, [estimated])
     assert score is not None
     # traces: K of each, 0.64 K of both; excess and square of what is left after the regression
     assert 2.0 / score.error**2 == pytest.approx(K * (1.0 - 0.64**2), rel=0.05)
     assert score.excess == pytest.approx(
-        (tested.total - K) - 0.64 * (found.total - K), abs=0.2 * np.sqrt(2.0 * K)
+        (tested.total - K) - 0.64 * (estimated.total - K), abs=0.2 * np.sqrt(2.0 * K)
     )
     alone = VarianceScore.of(tested)
     assert alone is not None

@@ -18,9 +18,9 @@ def test_a_search_that_finds_no_lower_cost_has_not_converged(
     problem, theta, noise = _problem_beside_the_optimum()
     cost = problem.equations(theta, noise).cost
     monkeypatch.setattr(_OutputError, "cost", lambda *_: ratio * cost)
-    found, converged = _searched(problem, theta, noise)
+    searched, converged = _searched(problem, theta, noise)
     assert not converged
-    assert np.array_equal(found, theta)
+    assert np.array_equal(searched, theta)
 
 
 def test_a_search_that_starts_at_the_optimum_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,10 +52,10 @@ def test_the_derivatives_of_the_response_are_those_of_differences() -> None:
     start = PursuedModes(np.array([3.4, 20.0]), np.array([0.02, 0.01]), rng.standard_normal((2, 2, 1)))
     theta = problem.start(start) + 0.1
     for channel, (rows, numbers) in enumerate(problem._jacobian(theta, 0)):
-        for row, each in zip(rows, numbers, strict=True):
+        for row, number in zip(rows, numbers, strict=True):
             step = np.zeros(len(theta))
-            step[each] = 1e-5 * max(abs(theta[each]), 0.1)
+            step[number] = 1e-5 * max(abs(theta[number]), 0.1)
             ahead, behind = (problem.response(theta + sign * step, 0)[channel] for sign in (1.0, -1.0))
-            expected = (ahead - behind) / (2.0 * step[each])
+            expected = (ahead - behind) / (2.0 * step[number])
             # central differences over steps of 1e-5; measured 2e-9
             assert np.abs(row - expected).max() < 1e-5 * max(np.abs(expected).max(), 1e-9)

@@ -67,10 +67,10 @@ def test_pieces_are_the_interpolant(order: int) -> None:
 
 
 def test_a_spline_passes_through_its_samples_and_order_0_holds_them() -> None:
-    sampled, held = wave(100.0), wave(100.0, order=0)
+    sampled, stepped = wave(100.0), wave(100.0, order=0)
     time = np.arange(201) / 100.0
     assert sampled.value(time) == pytest.approx(sampled.values, abs=1e-12)
-    assert held.value(time[:-1] + 0.009) == pytest.approx(held.values[:-1], abs=1e-12)
+    assert stepped.value(time[:-1] + 0.009) == pytest.approx(stepped.values[:-1], abs=1e-12)
 
 
 def test_derivative_and_integral_are_those_of_the_interpolant() -> None:

@@ -80,7 +80,7 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("wing.tip", "wing.tp", 'unknown end "wing.tp", did you mean "wing.tip"'),
         (
@@ -109,15 +109,15 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
         ('name = "store"', 'name = "wing.tip"', "names must be unique"),
     ],
 )
-def test_a_wrong_host_is_told(old: str, new: str, told: str) -> None:
+def test_a_wrong_host_is_told(old: str, new: str, message: str) -> None:
     with pytest.raises(lw.StructureError) as error:
         lw.parse_structure(WING.replace(old, new), "wing.toml")
-    assert told.replace(", did", "").split(" you mean")[0] in str(error.value)
+    assert message.replace(", did", "").split(" you mean")[0] in str(error.value)
     assert "wing.toml" in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "message"),
     [
         ("frequency[Hz],damping\n", "expected a line of column names"),
         ("f,damping,tip\n5,0.01,1\n", "there is no column frequency[Hz]"),
@@ -131,11 +131,11 @@ def test_a_wrong_host_is_told(old: str, new: str, told: str) -> None:
         ("frequency[Hz],\n5,1\n", "a column has no name"),
     ],
 )
-def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, told: str) -> None:
+def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, message: str) -> None:
     (tmp_path / "modes.csv").write_text(table)
     with pytest.raises(lw.StructureError) as error:
         lw.read_modes(tmp_path / "modes.csv")
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert "modes.csv" in str(error.value)
 
 
@@ -195,8 +195,8 @@ def test_shapes_known_to_within_are_parameters_and_are_written() -> None:
         "tip = 1.0, joint = 0.62", 'tip = 1.0, joint = { start = 0.62, sigma = "5 %" }, root = 0.0'
     )
     wing = lw.parse_structure(text.replace("joint = 0.3", "joint = 0.3, root = 0.0"))
-    found = {parameter.name: (parameter.start, parameter.sigma) for parameter in wing.parameters}
-    assert found == {
+    priors = {parameter.name: (parameter.start, parameter.sigma) for parameter in wing.parameters}
+    assert priors == {
         "wing.mode1.frequency": (5.2, pytest.approx(0.052)),
         "wing.mode2.frequency": (21.0, 0.2),  # its own
         "wing.mode1.shape.tip": (1.0, pytest.approx(0.02)),
@@ -222,8 +222,8 @@ def test_a_shape_is_set_and_freed() -> None:
 
 
 def test_a_mode_has_no_mass_to_change() -> None:
-    wing, told = lw.parse_structure(WING), r'unknown coefficient "wing\.mode1\.mass"'
-    with pytest.raises(lw.StructureError, match=told):
+    wing, message = lw.parse_structure(WING), r'unknown coefficient "wing\.mode1\.mass"'
+    with pytest.raises(lw.StructureError, match=message):
         wing.with_values({"wing.mode1.mass": 2.0})
-    with pytest.raises(lw.StructureError, match=told):
+    with pytest.raises(lw.StructureError, match=message):
         wing.unknown("mass:wing.mode1")

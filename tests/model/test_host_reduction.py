@@ -56,8 +56,8 @@ def test_frequencies_are_those_of_a_cantilever() -> None:
     """The first two of an Euler-Bernoulli beam are (1.8751, 4.6941)^2 sqrt(EI/m)/(2 pi L^2)."""
     host = lw.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host
     expected = np.array([1.8751041, 4.6940911]) ** 2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
-    found = [mode.frequency.value or 0.0 for mode in host.modes[:2]]
-    np.testing.assert_allclose(found, expected, rtol=1e-6)  # 40 cubic elements are off by less
+    frequencies = [mode.frequency.value or 0.0 for mode in host.modes[:2]]
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-6)  # 40 cubic elements are off by less
 
 
 def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
@@ -87,10 +87,10 @@ def test_a_large_sparse_model_has_the_modes_of_a_small_one() -> None:
     """400 elements are past the size up to which matrices are dense; the rows of the same points agree."""
     small = lw.reduce_host("beam", *beam(40), {"tip": 79, "mid": 39}, keep=3).host
     large = lw.reduce_host("beam", *beam(400), {"tip": 799, "mid": 399}, keep=3).host
-    for one, other in zip(small.modes[:3], large.modes[:3], strict=True):
-        assert one.frequency.value == pytest.approx(other.frequency.value, rel=1e-5)
-        assert abs(one.shape["mid"] / one.shape["tip"]) == pytest.approx(
-            abs(other.shape["mid"] / other.shape["tip"]), rel=1e-3
+    for coarse, fine in zip(small.modes[:3], large.modes[:3], strict=True):
+        assert coarse.frequency.value == pytest.approx(fine.frequency.value, rel=1e-5)
+        assert abs(coarse.shape["mid"] / coarse.shape["tip"]) == pytest.approx(
+            abs(fine.shape["mid"] / fine.shape["tip"]), rel=1e-3
         )
 
 
@@ -123,7 +123,7 @@ def test_rayleigh_damping_follows_the_frequencies() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"points": {"tip": 81}}, "rows 1 to 80, counted from 1"),
         ({"points": {}}, "at least one point"),
@@ -137,12 +137,12 @@ def test_rayleigh_damping_follows_the_frequencies() -> None:
         ({"mass": beam(clamped=False)[1], "stiffness": beam(clamped=False)[0]}, "swapped"),
     ],
 )
-def test_matrices_that_are_no_host_are_refused(change: dict[str, object], told: str) -> None:
+def test_matrices_that_are_no_host_are_refused(change: dict[str, object], message: str) -> None:
     mass, stiffness = beam()
     given = {"mass": mass, "stiffness": stiffness, "points": {"tip": 79}, "keep": 3, **change}
     with pytest.raises(lw.StructureError) as error:
         lw.reduce_host("beam", **given)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("named", "told"),
+    ("named", "message"),
     [
         ("no.mat:M", "there is no such file"),
         ("beam.mat:Q", "holds no matrix 'Q'; choose from"),
@@ -168,7 +168,7 @@ def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
         ("bad.txt:M", "are read from .mat, .npz and .mtx files"),
     ],
 )
-def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, told: str) -> None:
+def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, message: str) -> None:
     scipy.io.savemat(tmp_path / "beam.mat", {"M": np.eye(3), "K": np.eye(3)})
     np.savez(tmp_path / "wide.npz", W=np.ones((2, 3)))
     np.savez(tmp_path / "complex.npz", K=np.eye(3) * (1.0 + 0.01j))
@@ -176,7 +176,7 @@ def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, told: str) -> N
         (tmp_path / name).write_bytes(b"MATLAB 5.0 MAT-file no more" * 20)
     with pytest.raises(lw.StructureError) as error:
         lw.read_matrix(named, tmp_path)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 def test_a_structure_file_names_matrices(tmp_path: Path) -> None:

@@ -181,10 +181,10 @@ def test_bounds_of_a_named_law_hold_for_what_is_given(given: str) -> None:
         '[[link]]\nname = "joint"\nbetween = ["m1", "ground"]\nlaw = "bouc-wen"\n'
         f"coefficients = {{ s = {given}, x0 = 0.02 }}"
     )
-    asked = lw.parse_structure(lw.format_structure(written)).unknown("all")
-    assert bounds(asked)["joint.s"] == (-1.0 if "lower" in given else 0.0, 1.0)
-    assert bounds(asked)["joint.x0"] == (0.0, np.inf)
-    assert bounds(asked)["joint.F"] == (-np.inf, np.inf)
+    unknown = lw.parse_structure(lw.format_structure(written)).unknown("all")
+    assert bounds(unknown)["joint.s"] == (-1.0 if "lower" in given else 0.0, 1.0)
+    assert bounds(unknown)["joint.x0"] == (0.0, np.inf)
+    assert bounds(unknown)["joint.F"] == (-np.inf, np.inf)
 
 
 def test_bounds_of_a_family_hold_for_any_number_of_branches() -> None:

@@ -95,13 +95,13 @@ def test_sharing_resolves_and_counts_once(mixed: Structure) -> None:
 
 
 def test_filling_in_unknowns_gives_plain_numbers(mixed: Structure) -> None:
-    found = mixed.with_values({"s1.k": 70.0, "s3.c": 0.5, "m3.mass": 0.4})
-    assert found.parameters == ()
-    assert [link.values["k"] for link in found.links] == [70.0, 70.0, 70.0, 100.0]
+    filled = mixed.with_values({"s1.k": 70.0, "s3.c": 0.5, "m3.mass": 0.4})
+    assert filled.parameters == ()
+    assert [link.values["k"] for link in filled.links] == [70.0, 70.0, 70.0, 100.0]
     assert all(
-        c == NUMBER(present(c.value)) for link in some(found.links) for c in link.coefficients.values()
+        c == NUMBER(present(c.value)) for link in some(filled.links) for c in link.coefficients.values()
     )
-    np.testing.assert_array_equal(found.mass_values, [1.0, 2.0, 0.4])
+    np.testing.assert_array_equal(filled.mass_values, [1.0, 2.0, 0.4])
     assert mixed.coefficient("s1.k").value == 50.0, "the structure itself must not change"
 
 
@@ -352,8 +352,8 @@ def test_a_thousand_masses_are_built_and_changed_with_work_linear_in_size() -> N
             spring(ComparedName(f"s{i}"), names[i], names[i - 1] if i else GROUND) for i in range(n)
         )
         chain = Structure("", masses, links).unknown("all")
-        found = chain.with_values({parameter.name: 1.0 for parameter in chain.parameters})
-        found.elongations(np.zeros((2, n)))
+        filled = chain.with_values({parameter.name: 1.0 for parameter in chain.parameters})
+        filled.elongations(np.zeros((2, n)))
 
     build(10)  # what is compiled and cached on first use
     assert function_calls(lambda: build(1000)) <= 10 * function_calls(lambda: build(100))

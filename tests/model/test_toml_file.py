@@ -98,12 +98,14 @@ def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
 
 
 def test_an_identified_structure_is_written_with_numbers_only() -> None:
-    found = parse_structure(EXAMPLE).with_values({"nes.alpha": -100.0, "nes.beta": 1e6, "nes.c": 0.1 + 0.2})
-    text = format_structure(found)
+    identified = parse_structure(EXAMPLE).with_values(
+        {"nes.alpha": -100.0, "nes.beta": 1e6, "nes.c": 0.1 + 0.2}
+    )
+    text = format_structure(identified)
     assert "unknown" not in text
     assert '"=' not in text
     assert "c = 0.30000000000000004" in text
-    assert parse_structure(text) == found
+    assert parse_structure(text) == identified
 
 
 names = st.text(
@@ -123,15 +125,15 @@ def test_round_trip_is_exact_for_any_name_and_number(
     mass: str, link: str, title: str, k: Coefficient, c: Coefficient
 ) -> None:
     """Quotes, control characters in the title, unicode, denormals, 1e308: all come back as they were."""
-    held = Link(link, (mass, "ground"), Law.parse("k*d + c*v"), {"k": k, "c": c})
-    structure = Structure(title, (Mass(mass, Coefficient.number(1e-3)),), (held,))
+    only_link = Link(link, (mass, "ground"), Law.parse("k*d + c*v"), {"k": k, "c": c})
+    structure = Structure(title, (Mass(mass, Coefficient.number(1e-3)),), (only_link,))
     assert parse_structure(format_structure(structure)) == structure
 
 
 def test_a_law_of_several_lines_and_a_unicode_coefficient_survive() -> None:
     law = Law.parse("k*d +\n\tc*v")
-    held = replace(bnes_chain(2).link("spring1"), law=law)
-    structure = Structure("", bnes_chain(2).masses, (held, bnes_chain(2).link("nes1")))
+    changed = replace(bnes_chain(2).link("spring1"), law=law)
+    structure = Structure("", bnes_chain(2).masses, (changed, bnes_chain(2).link("nes1")))
     assert parse_structure(format_structure(structure)) == structure
 
 

@@ -149,7 +149,7 @@ def test_the_printed_numbers_are_those_of_the_paper() -> None:
 
 
 @pytest.fixture(scope="module")
-def told() -> StudyReport:
+def report() -> StudyReport:
     """What made-up rows of the paper's study tell."""
     study = paper_study()
     return StudyReport.of(study, paper_rows(study))
@@ -160,8 +160,8 @@ def values(axes: Axes, label: str) -> np.ndarray:
     return np.asarray(next(line for line in axes.lines if line.get_label() == label).get_ydata())
 
 
-def test_figure_8_has_the_paper_beside_ours(told: StudyReport) -> None:
-    figure = figure_8(told.table, told.paper, BEST)
+def test_figure_8_has_the_paper_beside_ours(report: StudyReport) -> None:
+    figure = figure_8(report.table, report.paper, BEST)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         *("a  40 dB", "b  30 dB", "c  20 dB", "d  time of one estimate, 20 dB")
     ]
@@ -178,8 +178,8 @@ def test_figure_8_has_the_paper_beside_ours(told: StudyReport) -> None:
     assert sorted(names) == sorted({*names}) and "physics-informed" not in names
 
 
-def test_figure_9_has_the_paper_beside_ours(told: StudyReport) -> None:
-    errors, times = figure_9(told.table, told.paper).axes
+def test_figure_9_has_the_paper_beside_ours(report: StudyReport) -> None:
+    errors, times = figure_9(report.table, report.paper).axes
     np.testing.assert_array_equal(values(errors, "paper, physics-informed"), [0.5] * 5)
     np.testing.assert_array_equal(values(errors, "physics-informed"), [0.4] * 5)
     np.testing.assert_array_equal(values(times, "paper, physics-informed"), [*INFORMED_SECONDS.values()])
@@ -188,10 +188,10 @@ def test_figure_9_has_the_paper_beside_ours(told: StudyReport) -> None:
 
 @pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])
 def test_forces_stand_beside_the_theory(
-    told: StudyReport, draw: Callable[..., Figure], shown: list[float]
+    report: StudyReport, draw: Callable[..., Figure], shown: list[float]
 ) -> None:
     """The made-up coefficients are all off by one factor, so the error is that factor's wherever the force is largest."""
-    forces, errors = draw(told.study, told.table, told.paper, BEST).axes
+    forces, errors = draw(report.study, report.table, report.paper, BEST).axes
     labels = [line.get_label() for line in forces.lines]
     assert labels == ["theory", *(f"SINDy, {level:g} dB" for level in shown), "ml, 20 dB"]
     theory = values(forces, "theory")
@@ -204,36 +204,36 @@ def test_forces_stand_beside_the_theory(
     assert d[0] < -20.0 and d[-1] > 20.0 and forces.get_xlabel() == "elongation d, mm"  # wells at 10 mm
 
 
-def test_forces_that_nobody_found_are_not_drawn(told: StudyReport) -> None:
-    empty = StudyReport.of(told.study, [])
+def test_forces_that_nobody_found_are_not_drawn(report: StudyReport) -> None:
+    empty = StudyReport.of(report.study, [])
     assert figure_6(empty.study, empty.table, empty.paper, BEST) is None
-    two = StudyReport.of(told.study, [row for row in paper_rows(told.study) if row.masses == 2])
+    two = StudyReport.of(report.study, [row for row in paper_rows(report.study) if row.masses == 2])
     assert figure_7(two.study, two.table, two.paper, BEST) is None
     assert figure_6(two.study, two.table, two.paper, BEST) is not None
 
 
-def test_cells_without_a_number_leave_gaps(told: StudyReport) -> None:
-    part = StudyReport.of(told.study, [row for row in paper_rows(told.study) if row.masses != 6])
+def test_cells_without_a_number_leave_gaps(report: StudyReport) -> None:
+    part = StudyReport.of(report.study, [row for row in paper_rows(report.study) if row.masses != 6])
     axes = figure_8(part.table, part.paper, BEST).axes[0]
     assert np.flatnonzero(np.isnan(values(axes, "ml"))).tolist() == [2]
 
 
-def test_only_the_papers_own_chains_count(told: StudyReport) -> None:
+def test_only_the_papers_own_chains_count(report: StudyReport) -> None:
     """Another damper, another start or another length, and the paper's numbers have no place beside it."""
-    subject = told.study.subject("2 masses")
+    subject = report.study.subject("2 masses")
     for changed in (
         replace(subject, structure=lw.bnes_chain(2, sink_c=0.03)),
         replace(subject, release={"v:m1": 2.0}),
         replace(subject, duration=5.0),
     ):
-        found = PaperStudy.of(replace(told.study, subjects=(changed,))).masses
-        assert dict(found) == {}
-    assert dict(PaperStudy.of(told.study).masses) == {f"{masses} masses": masses for masses in MASSES}
+        own_masses = PaperStudy.of(replace(report.study, subjects=(changed,))).masses
+        assert dict(own_masses) == {}
+    assert dict(PaperStudy.of(report.study).masses) == {f"{masses} masses": masses for masses in MASSES}
 
 
-def test_a_study_of_ones_own_has_a_panel_for_each_noise_level(told: StudyReport) -> None:
-    figure = accuracy_figure(told.table)
+def test_a_study_of_ones_own_has_a_panel_for_each_noise_level(report: StudyReport) -> None:
+    figure = accuracy_figure(report.table)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         *("a  40 dB", "b  30 dB", "c  20 dB", "d  time of one estimate, 20 dB")
     ]
-    assert {line.get_label() for line in figure.axes[0].lines} == set(told.table.methods)
+    assert {line.get_label() for line in figure.axes[0].lines} == set(report.table.methods)

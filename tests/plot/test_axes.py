@@ -156,11 +156,11 @@ def test_table_of_homes_equals_what_type_checkers_see() -> None:
     tree = ast.parse(Path(str(lw.plot.__file__)).read_text(encoding="utf-8"))
     block = next(node for node in tree.body if isinstance(node, ast.If))
     nodes = [node for node in block.body if isinstance(node, ast.ImportFrom)]
-    seen = {(node.module, alias.name) for node in nodes for alias in node.names}
-    assert seen == {
+    imported = {(node.module, alias.name) for node in nodes for alias in node.names}
+    assert imported == {
         (f"linkwise.plot.{home}", name) for home, names in lw.plot._HOMES.items() for name in names
     }
-    assert sorted(lw.plot.__all__) == dir(lw.plot) == sorted(name for _, name in seen)
+    assert sorted(lw.plot.__all__) == dir(lw.plot) == sorted(name for _, name in imported)
 
 
 def test_no_module_bears_the_name_of_a_public_function() -> None:

@@ -21,10 +21,10 @@ from linkwise.plot.graph_layout import crossings, node_positions
 from linkwise.plot.palette import MEASURED
 
 
-def in_doubt(found: lw.Discovery, name: str, **changes: Any) -> lw.Discovery:
+def in_doubt(discovery: lw.Discovery, name: str, **changes: Any) -> lw.Discovery:
     """The same with one decision that is hardly one."""
-    terms = tuple(replace(t, margin=1.5, **changes) if t.name == name else t for t in found.terms)
-    return replace(found, terms=terms)
+    terms = tuple(replace(t, margin=1.5, **changes) if t.name == name else t for t in discovery.terms)
+    return replace(discovery, terms=terms)
 
 
 def test_verdict_comes_first_then_links_by_certainty(discovered: lw.Discovery) -> None:
@@ -50,16 +50,20 @@ def test_one_doubt_is_marked_and_the_others_are_not(discovered: lw.Discovery) ->
 
 def test_z_is_that_of_the_numbers_beside_it(discovered: lw.Discovery) -> None:
     """A model error widens the standard errors after the terms were judged."""
-    sink = next(each for each in discovered.estimate.links if each.link.name == "m2-m1")
+    sink = next(link for link in discovered.estimate.links if link.link.name == "m2-m1")
     wide = replace(
-        sink, coefficients=tuple(replace(each, standard_error=abs(each.value)) for each in sink.coefficients)
+        sink,
+        coefficients=tuple(
+            replace(coefficient, standard_error=abs(coefficient.value)) for coefficient in sink.coefficients
+        ),
     )
     assert {row[3] for row in term_rows(discovered, wide)} == {
         "1",
         "-1",
     }  # the stiffness of a bistable law is negative
     blind = replace(
-        sink, coefficients=tuple(replace(each, standard_error=None) for each in sink.coefficients)
+        sink,
+        coefficients=tuple(replace(coefficient, standard_error=None) for coefficient in sink.coefficients),
     )
     assert {row[2:4] for row in term_rows(discovered, blind)} == {("none", "")}
 
@@ -178,7 +182,7 @@ def test_path_marks_the_chosen_point(discovered: lw.Discovery) -> None:
     heights = np.asarray(criterion.get_ydata())
     assert heights.min() == 0.0 and len(heights) == len(discovered.path)
     assert [label.get_text() for label in runners.get_yticklabels()] == [
-        each.change for each in discovered.runners_up
+        runner_up.change for runner_up in discovered.runners_up
     ]
 
 
@@ -251,8 +255,8 @@ def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: P
     page = re.sub(r"<script.*?</script>", "", (folder / "report.html").read_text(), flags=re.DOTALL)
     wanted = ["5 terms: can be trusted", "Discovered links", "5 terms are right", "How certain it is", "Why these terms",
               "<h2>Links</h2>", "<h3>m1-ground", "<h2>Record</h2>"]  # fmt: skip
-    found = [page.index(text) for text in wanted]
-    assert found == sorted(found) and page.count("data:image/svg+xml;base64,") == 3
+    places = [page.index(text) for text in wanted]
+    assert places == sorted(places) and page.count("data:image/svg+xml;base64,") == 3
     assert re.findall(r'<(?:script|link|img|iframe)[^>]*\b(?:src|href)="(?!data:)', page) == []
 
 

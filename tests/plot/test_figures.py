@@ -72,8 +72,8 @@ def test_a_short_trace_is_left_alone() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 2999, 3000, 3001, 100_000])
 def test_scattered_bounds_the_number_of_points(count: int) -> None:
-    kept = len(np.arange(count)[scattered(count)])
-    assert min(count, 1500) <= kept <= 3000
+    count_drawn = len(np.arange(count)[scattered(count)])
+    assert min(count, 1500) <= count_drawn <= 3000
 
 
 def labels(figure: object) -> list[str]:

@@ -138,7 +138,7 @@ def test_a_logarithmic_axis_of_less_than_a_decade_has_labels() -> None:
 )
 def test_labels_of_a_horizontal_logarithmic_axis_do_not_overlap(low: float, high: float) -> None:
     """On panels side by side, as those of a ring-down."""
-    with sheet(1, 2) as (figure, [axes, other]):
+    with sheet(1, 2) as (figure, [axes, unused]):
         axes.plot([low, high], [0.0, 1.0])
         log_scale(axes, "x")
         axes.set_xlim(low, high)
@@ -146,5 +146,5 @@ def test_labels_of_a_horizontal_logarithmic_axis_do_not_overlap(low: float, high
     shown = [text for text in axes.get_xticklabels(which="both") if text.get_text()]
     boxes = [text.get_window_extent() for text in shown if 0.999 * low < text.get_position()[0] < high]
     boxes.sort(key=lambda box: box.x0)
-    assert len(boxes) >= 2 and other.get_visible()
+    assert len(boxes) >= 2 and unused.get_visible()
     assert all(left.x1 < right.x0 for left, right in pairwise(boxes))

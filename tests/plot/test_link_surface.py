@@ -11,7 +11,7 @@ import linkwise as lw
 
 def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
     axes = lw.plot.surface(fitted, "nes1")
-    [mesh] = [each for each in axes.collections if isinstance(each, QuadMesh)]
+    [mesh] = [collection for collection in axes.collections if isinstance(collection, QuadMesh)]
     corners = np.asarray(mesh.get_coordinates())
     shown = np.asarray(mesh.get_array()).ravel()
     link = fitted.link("nes1")

@@ -22,9 +22,9 @@ def record() -> lw.Record:
 
 
 def test_channels_of_both_up_to_the_end_of_the_shorter(record: lw.Record) -> None:
-    one = replace(record.select(["x:m1"]), noise={"x:m1": 1e-3}, notes=("One.", "Both."))
-    other = replace(record.select(["a:base"])[:300], noise={"a:base": 2e-3}, notes=("Both.", "Other."))
-    joined = lw.beside(one, other)
+    first = replace(record.select(["x:m1"]), noise={"x:m1": 1e-3}, notes=("One.", "Both."))
+    second = replace(record.select(["a:base"])[:300], noise={"a:base": 2e-3}, notes=("Both.", "Other."))
+    joined = lw.beside(first, second)
     assert joined.channels == ("x:m1", "a:base")
     assert (joined.values == record.values[:300]).all()
     assert dict(joined.noise) == {"x:m1": 1e-3, "a:base": 2e-3}
@@ -32,23 +32,23 @@ def test_channels_of_both_up_to_the_end_of_the_shorter(record: lw.Record) -> Non
 
 
 def test_other_rates_and_the_same_channel_are_refused(record: lw.Record) -> None:
-    one = record.select(["x:m1"])
+    single = record.select(["x:m1"])
     with pytest.raises(lw.RecordError, match="need one sampling rate, got 200 and 201 Hz"):
-        lw.beside(one, replace(record.select(["a:base"]), rate=201.0))
+        lw.beside(single, replace(record.select(["a:base"]), rate=201.0))
     with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
-        lw.beside(one, record)
+        lw.beside(single, record)
 
 
 @pytest.mark.parametrize("late", [0.0123, -0.0123])
 def test_a_delay_is_taken_out(record: lw.Record, late: float) -> None:
     """To the pass band of the interpolating sinc, away from the ends that it continues: 1e-4."""
     shown = replace(record, values=np.stack([tone(), tone(late)], axis=1))
-    found = lw.without_delays(shown, {"a:base": late})
-    assert len(found) == len(record) - 3  # 2.46 samples
-    assert found.start == pytest.approx(0.0 if late > 0 else 3 / 200.0, abs=1e-12)
+    shifted = lw.without_delays(shown, {"a:base": late})
+    assert len(shifted) == len(record) - 3  # 2.46 samples
+    assert shifted.start == pytest.approx(0.0 if late > 0 else 3 / 200.0, abs=1e-12)
     middle = slice(40, -40)
-    assert found.channel("a:base")[middle] == pytest.approx(found.channel("x:m1")[middle], abs=1e-4)
-    assert found.notes == (f"Delays were taken out: {late:g} s in a:base.",)
+    assert shifted.channel("a:base")[middle] == pytest.approx(shifted.channel("x:m1")[middle], abs=1e-4)
+    assert shifted.notes == (f"Delays were taken out: {late:g} s in a:base.",)
 
 
 def test_delays_that_cannot_be_are_refused(record: lw.Record) -> None:
@@ -73,16 +73,16 @@ def test_records_of_one_clock_are_joined_by_time() -> None:
         return np.sin(40.0 * at) + 0.3 * np.cos(110.0 * at)
 
     long = np.arange(800) / 200.0
-    one = lw.Record(0.0, 200.0, ("x:m1",), motion(long)[:, None], notes=("One.",))
-    other = lw.Record(0.7321, 600.0, ("a:base",), motion(time)[:, None], noise={"a:base": 3e-3})
-    joined = lw.joined_by_time(one, other)
+    first = lw.Record(0.0, 200.0, ("x:m1",), motion(long)[:, None], notes=("One.",))
+    second = lw.Record(0.7321, 600.0, ("a:base",), motion(time)[:, None], noise={"a:base": 3e-3})
+    joined = lw.joined_by_time(first, second)
     assert joined.rate == 200.0 and joined.channels == ("x:m1", "a:base")
     middle = slice(40, -40)
     # to the pass band of the interpolating sinc
     assert joined.channel("a:base")[middle] == pytest.approx(joined.channel("x:m1")[middle], abs=2e-4)
     # the root of the factor, as white noise shrinks
     assert joined.noise["a:base"] == pytest.approx(3e-3 / np.sqrt(3.0), rel=1e-3)
-    again = lw.joined_by_time(other, one)
+    again = lw.joined_by_time(second, first)
     assert again.rate == 200.0 and abs(len(again) - len(joined)) <= 1
     assert "a:base were joined by time." in joined.notes
 
@@ -93,15 +93,15 @@ def test_samples_at_the_same_times_are_not_changed(record: lw.Record) -> None:
 
 
 def test_records_that_cannot_be_joined_by_time_are_refused(record: lw.Record) -> None:
-    one, other = record.select(["x:m1"]), record.select(["a:base"])
+    first, base_part = record.select(["x:m1"]), record.select(["a:base"])
     with pytest.raises(lw.RecordError, match=r"does not overlap in time .*: 0 to 1\.995 s and 7 to 8\.995 s"):
-        lw.joined_by_time(one, replace(other, start=7.0))
+        lw.joined_by_time(first, replace(base_part, start=7.0))
     with pytest.raises(
         lw.RecordError, match="rates of which one is a multiple of the other, got 200 and 333 Hz"
     ):
-        lw.joined_by_time(one, replace(other, rate=333.0))
+        lw.joined_by_time(first, replace(base_part, rate=333.0))
     with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
-        lw.joined_by_time(one, record)
+        lw.joined_by_time(first, record)
 
 
 def test_parts_of_a_record_are_joined(record: lw.Record) -> None:
@@ -143,6 +143,6 @@ def test_parts_that_state_different_noise_are_refused(record: lw.Record) -> None
     ):
         lw.continued(first, replace(second, noise={"x:m1": 2e-4}))
     known = (replace(first, uncertainty={"x:m1": lw.SensorUncertainty(gain=size)}) for size in (0.01, 0.02))
-    one, other = known
+    first_statement, second_statement = known
     with pytest.raises(lw.RecordError, match="channel x:m1: states another uncertainty of its sensor"):
-        lw.continued(one, replace(second, uncertainty=other.uncertainty))
+        lw.continued(first_statement, replace(second, uncertainty=second_statement.uncertainty))

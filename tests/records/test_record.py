@@ -66,9 +66,9 @@ def test_a_record_knows_its_shape_and_its_kinds(record: Record) -> None:
 
 def test_a_record_cannot_be_changed(record: Record, wave: dict[str, Floats]) -> None:
     values = np.column_stack(list(wave.values()))
-    kept = Record(0.0, RATE, tuple(wave), values)
+    protected = Record(0.0, RATE, tuple(wave), values)
     values[0, 0] = 7.0
-    assert kept.values[0, 0] == 0.0
+    assert protected.values[0, 0] == 0.0
     for array in (record.values, record.channel("x:m1"), record.time, record.missing, record[5:50].values):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
@@ -125,16 +125,16 @@ def test_an_unknown_channel_lists_what_there_is(record: Record) -> None:
 
 def test_arrays_become_a_record_and_gaps_become_missing_samples(wave: dict[str, Floats]) -> None:
     time = np.arange(N) / RATE
-    kept = np.delete(np.arange(N), [10, 11, 12, 200])
+    rows = np.delete(np.arange(N), [10, 11, 12, 200])
     wave["x:m1"][0] = np.nan
     record = Record.from_arrays(
-        time[kept], {name: values[kept] for name, values in wave.items()}, source="bench"
+        time[rows], {name: values[rows] for name, values in wave.items()}, source="bench"
     )
     assert len(record) == N
     assert record.rate == RATE
     assert np.flatnonzero(record.missing[:, 0]).tolist() == [0, 10, 11, 12, 200]
     assert np.flatnonzero(record.missing[:, 1]).tolist() == [10, 11, 12, 200]
-    assert np.array_equal(record.channel("a:m2")[kept], wave["a:m2"][kept])
+    assert np.array_equal(record.channel("a:m2")[rows], wave["a:m2"][rows])
     assert record.source == "bench"
     assert record.notes == (
         "Gaps in time: 2, the first after 0.009 s; 4 rows were added as missing samples.",
@@ -194,9 +194,9 @@ def test_a_slice_is_a_record_that_starts_later(record: Record) -> None:
     assert len(part) == N - 150
     assert np.array_equal(part.values, record.values[100:-50])
     assert np.shares_memory(part.values, record.values)
-    same = record.between(0.1, 0.349)
-    assert same.start == part.start
-    assert np.array_equal(same.values, part.values)
+    by_time = record.between(0.1, 0.349)
+    assert by_time.start == part.start
+    assert np.array_equal(by_time.values, part.values)
     assert len(record.between(-1.0, 9.0)) == N
 
 

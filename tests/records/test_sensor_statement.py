@@ -92,5 +92,5 @@ def test_channels_keep_what_is_known_of_them() -> None:
     both = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, MOTION**2], axis=1), uncertainty=known)
     assert both.select(["x:m2"]).uncertainty == {"common": known["common"]}
     assert both.select(["x:m1"])[10:].decimate(1).uncertainty == known
-    other = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.SensorUncertainty(delay=1e-3)})
-    assert set(lw.beside(both.select(["x:m1"]), other).uncertainty) == {"x:m1", "x:m2", "common"}
+    second = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.SensorUncertainty(delay=1e-3)})
+    assert set(lw.beside(both.select(["x:m1"]), second).uncertainty) == {"x:m1", "x:m2", "common"}

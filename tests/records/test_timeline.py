@@ -16,17 +16,17 @@ RATES = [1000.0, 610.3515625, 333.3, 100.0 * np.pi, 44100.0, 51200.0, 1.0 / 0.00
 @pytest.mark.parametrize("start", [0.0, 1.234, -3.3, np.e])
 def test_a_grid_in_full_precision_comes_back_to_the_bit(rate: float, start: float) -> None:
     time = start + np.arange(3000) / rate
-    found = Timeline.fit(time)
-    assert np.array_equal(found.start + np.arange(found.count) / found.rate, time)
-    assert found.rate == rate
-    assert found.notes == ()
+    timeline = Timeline.fit(time)
+    assert np.array_equal(timeline.start + np.arange(timeline.count) / timeline.rate, time)
+    assert timeline.rate == rate
+    assert timeline.notes == ()
 
 
 @given(strategies.floats(0.1, 1e6), strategies.floats(-1e3, 1e3), strategies.integers(32, 3000))
 def test_any_grid_comes_back(rate: float, start: float, count: int) -> None:
     time = start + np.arange(count) / rate
-    found = Timeline.fit(time)
-    again = found.start + np.arange(found.count) / found.rate
+    timeline = Timeline.fit(time)
+    again = timeline.start + np.arange(timeline.count) / timeline.rate
     # Where steps are no longer resolved against the start, the last bits are not determined.
     assert np.max(np.abs(again - time)) <= 4.0 * np.spacing(np.max(np.abs(time)))
 
@@ -36,16 +36,16 @@ def test_any_grid_comes_back(rate: float, start: float, count: int) -> None:
 )
 def test_a_rounded_time_gives_the_rate_that_was_meant(rate: float, digits: int) -> None:
     time = np.round(7.0 + np.arange(20_000) / rate, digits)
-    found = Timeline.fit(time)
-    assert found.rate == rate
-    assert found.count == 20_000
+    timeline = Timeline.fit(time)
+    assert timeline.rate == rate
+    assert timeline.count == 20_000
 
 
 def test_single_precision_times_are_even() -> None:
     time = (np.arange(20_000) / 1000.0).astype(np.float32)
-    found = Timeline.fit(time)
-    assert found.rate == 1000.0
-    assert np.array_equal(found.index, np.arange(20_000))
+    timeline = Timeline.fit(time)
+    assert timeline.rate == 1000.0
+    assert np.array_equal(timeline.index, np.arange(20_000))
 
 
 def test_a_clock_that_jitters_within_bounds_is_even_and_beyond_them_is_not() -> None:
@@ -76,10 +76,10 @@ def test_times_printed_too_coarsely_are_refused() -> None:
 
 def test_gaps_keep_every_sample_at_its_place() -> None:
     index = np.delete(np.arange(5000), np.r_[100:103, 700, 4000:4400])
-    found = Timeline.fit(np.round(index / 51200.0, 7))
-    assert np.array_equal(found.index, index)
-    assert found.rate == 51200.0
-    assert found.notes[-1].startswith("Gaps in time: 3, the first after 0.0019336 s; 404 rows were added")
+    timeline = Timeline.fit(np.round(index / 51200.0, 7))
+    assert np.array_equal(timeline.index, index)
+    assert timeline.rate == 51200.0
+    assert timeline.notes[-1].startswith("Gaps in time: 3, the first after 0.0019336 s; 404 rows were added")
 
 
 def test_a_gap_that_dwarfs_the_record_is_refused() -> None:

@@ -54,8 +54,8 @@ def test_study_page_has_its_figures_at_their_size(studied: Shown) -> None:
 def test_absorption_page_renders_with_its_figures(
     chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    found = lw.absorb(chain, duration=1.0, release={"v:m1": 1.0})
-    folder = lw.write_absorption(found, tmp_path_factory.mktemp("absorbed") / "answer")
+    absorption = lw.absorb(chain, duration=1.0, release={"v:m1": 1.0})
+    folder = lw.write_absorption(absorption, tmp_path_factory.mktemp("absorbed") / "answer")
     shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
     assert shown.console == () and shown.shades > 50
     assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400
@@ -90,8 +90,8 @@ def test_a_broken_picture_and_faults_would_be_seen(tmp_path: Path) -> None:
     shown = show(page, tmp_path)
     assert shown.pictures == {"broken": 0}
     assert len(shown.console) == len(FAULTS)
-    for told in FAULTS.values():
-        assert sum(told in line for line in shown.console) == 1, told
+    for message in FAULTS.values():
+        assert sum(message in line for line in shown.console) == 1, message
 
 
 def test_an_empty_page_would_be_seen(tmp_path: Path) -> None:

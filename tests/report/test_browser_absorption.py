@@ -15,13 +15,13 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 
 @pytest.mark.parametrize("kind", ["comparison", "map"])
 def test_page_renders_without_a_word_on_the_console(kind: str, tmp_path: Path) -> None:
-    asked: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
+    options: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
     chain = lw.bnes_chain(2)
     if kind == "map":
         over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
-        folder = lw.write_absorption_map(lw.absorption_map(chain, over, **asked), tmp_path / "map")
+        folder = lw.write_absorption_map(lw.absorption_map(chain, over, **options), tmp_path / "map")
     else:
-        folder = lw.write_absorption(lw.absorb(chain, **asked), tmp_path / "absorbed")
+        folder = lw.write_absorption(lw.absorb(chain, **options), tmp_path / "absorbed")
     page = show(folder / "report.html", tmp_path)
     assert page.console == ()
     assert page.shades > 50  # an empty page has one

@@ -101,8 +101,8 @@ def test_the_second_process_draws_what_the_first_then_writes(
         process.draw(log)
         assert set(process.pictures()) == NAMES
         written = files(folder.write(log, tmp_path / "both", process=process))
-    assert written == alone and {f"{each}.svg" for each in NAMES} < set(written)
-    assert sorted(log.read_text().splitlines()) == sorted(f"second {each}" for each in NAMES)
+    assert written == alone and {f"{name}.svg" for name in NAMES} < set(written)
+    assert sorted(log.read_text().splitlines()) == sorted(f"second {name}" for name in NAMES)
     assert process._process.poll() is not None
 
 
@@ -121,7 +121,7 @@ def test_few_figures_are_left_to_the_second_process(kind: Callable[..., str], tm
     with closing(DrawingProcess(name)) as process:
         process.draw(log)
         folder_of(name).write(log, tmp_path / "both", process=process)
-    assert sorted(log.read_text().splitlines()) == sorted(f"second {each}" for each in FEW)
+    assert sorted(log.read_text().splitlines()) == sorted(f"second {name}" for name in FEW)
 
 
 @pytest.mark.parametrize("failure", FAILURES)
@@ -134,7 +134,7 @@ def test_what_the_second_process_does_not_deliver_is_drawn_by_the_first(
         process.draw(log)
         process.pictures()  # wait for what there is
         written = files(folder_of(name).write(log, tmp_path / "both", process=process))
-    assert {f"{each}.{suffix}" for each in NAMES for suffix in ("png", "svg")} < set(written)
+    assert {f"{name}.{suffix}" for name in NAMES for suffix in ("png", "svg")} < set(written)
     assert written["report.html"].count(b"<img") == len(NAMES)
 
 
@@ -147,7 +147,7 @@ def test_a_second_process_that_hangs_is_not_waited_for(
     with closing(DrawingProcess(name)) as process:
         process.draw(log)
         folder_of(name).write(log, tmp_path / "both", process=process)
-    assert sorted(log.read_text().splitlines()) == sorted(f"first {each}" for each in NAMES)
+    assert sorted(log.read_text().splitlines()) == sorted(f"first {name}" for name in NAMES)
 
 
 @pytest.mark.usefixtures("copied")
@@ -164,7 +164,7 @@ def test_a_result_that_cannot_be_sent_is_drawn_by_the_first_process(
     with closing(DrawingProcess(name)) as process:
         process.draw(Log())
         folder_of(name).write(Log(), tmp_path / "both", process=process)
-    assert sorted((tmp_path / "log").read_text().splitlines()) == sorted(f"first {each}" for each in NAMES)
+    assert sorted((tmp_path / "log").read_text().splitlines()) == sorted(f"first {name}" for name in NAMES)
 
 
 @pytest.mark.usefixtures("copied")

@@ -105,8 +105,8 @@ def test_the_matlab_function_has_the_forces_of_the_structure(tmp_path: Path) -> 
                 names[variable] = z
             elif variable == "rates":
                 expected = link.law.state_rates(d, v, {**MEMORY, "z": z})[0]
-                found = matlab_value(line.replace("{", "(").replace("}", ")"), names)
-                assert found == pytest.approx(expected, rel=1e-12, abs=1e-12)
+                value = matlab_value(line.replace("{", "(").replace("}", ")"), names)
+                assert value == pytest.approx(expected, rel=1e-12, abs=1e-12)
             else:
                 names[variable] = matlab_value(line, names)
         expected = link.force(d, v, {"z": z} if link.law.states else None)

@@ -25,15 +25,15 @@ def clipped() -> lw.Record:
 
 
 def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Path) -> None:
-    found = lw.inspect([clipped, chain(2, 30.0)])
-    folder = lw.write_inspection(found, tmp_path / "looked")
+    inspection = lw.inspect([clipped, chain(2, 30.0)])
+    folder = lw.write_inspection(inspection, tmp_path / "looked")
     names = {path.name for path in folder.iterdir()}
     assert {"inspection.json", "report.html"} <= names
     assert {
         f"{kind}_{n}.{end}" for kind in ("histories", "spectra") for n in (1, 2) for end in ("png", "svg")
     } <= names
-    told = json.loads((folder / "inspection.json").read_text())
-    assert told["alerts"] == [alert.to_dict() for alert in found.alerts]
+    document = json.loads((folder / "inspection.json").read_text())
+    assert document["alerts"] == [alert.to_dict() for alert in inspection.alerts]
     page = (folder / "report.html").read_text(encoding="utf-8")
     body = page[page.index("<body>") :]
     assert body.index("clipped x:m1") < body.index("samples at 1000 Hz")  # alerts first

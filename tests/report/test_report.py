@@ -110,8 +110,8 @@ def test_result_json_is_that_of_the_interface(folder: Path, fitted: lw.Estimate)
 
 
 def test_structure_is_the_identified_one(folder: Path, fitted: lw.Estimate) -> None:
-    found = lw.read_structure(folder / "structure.toml")
-    assert found.parameters == () and found == fitted.structure
+    identified = lw.read_structure(folder / "structure.toml")
+    assert identified.parameters == () and identified == fitted.structure
 
 
 def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate) -> None:
@@ -124,10 +124,10 @@ def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate
 
 
 def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_path: Path) -> None:
-    told: list[float] = []
-    lw.write_result(fitted, tmp_path / "answer", progress=lambda report: told.append(report.fraction))
+    fractions: list[float] = []
+    lw.write_result(fitted, tmp_path / "answer", progress=lambda report: fractions.append(report.fraction))
     # four files are written, the last report is before the last of them
-    assert told == sorted(told) and told[0] >= 0.0 and 0.8 < told[-1] <= 1.0
+    assert fractions == sorted(fractions) and fractions[0] >= 0.0 and 0.8 < fractions[-1] <= 1.0
 
 
 def test_what_was_found_stands_before_what_was_known(fitted: lw.Estimate) -> None:

@@ -118,8 +118,8 @@ def test_figures_are_drawn_once_and_still_ones_are_pictures(fitted: lw.Estimate,
         return lw.plot.force_figure(fitted, "spring1")
 
     sections = sections_of({"force": figure_section('A <b>"force"</b>', draw)}, Reported("once"))
-    told: list[float] = []
-    shown = write_figures(sections, tmp_path, lambda report: told.append(report.fraction))
-    assert drawn == ["once"] and told == [0.0]
+    fractions: list[float] = []
+    shown = write_figures(sections, tmp_path, lambda report: fractions.append(report.fraction))
+    assert drawn == ["once"] and fractions == [0.0]
     assert shown["force"].startswith('<img src="data:image/svg+xml;base64,')
     assert 'alt="A &lt;b&gt;&#34;force&#34;&lt;/b&gt;"' in shown["force"]

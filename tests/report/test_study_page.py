@@ -37,14 +37,14 @@ FIGURES = {f"figure_{number}" for number in range(2, 10)}
 
 def judged(rows: list[Row]) -> tuple[Table2, dict[str, bool | None]]:
     """The comparison of rows with the paper, and their claims."""
-    told = StudyReport.of(STUDY, rows)
-    return told.comparison, {claim.text: claim.met for claim in told.claims}
+    report = StudyReport.of(STUDY, rows)
+    return report.comparison, {claim.text: claim.met for claim in report.claims}
 
 
-def claim(found: dict[str, bool | None], start: str) -> tuple[str, bool | None]:
+def claim(claims: dict[str, bool | None], start: str) -> tuple[str, bool | None]:
     """The one claim that begins so."""
-    (text,) = [text for text in found if text.startswith(start)]
-    return text, found[text]
+    (text,) = [text for text in claims if text.startswith(start)]
+    return text, claims[text]
 
 
 def body(text: str) -> str:
@@ -54,11 +54,11 @@ def body(text: str) -> str:
 
 
 def test_the_best_convention_is_found_and_its_closeness_told() -> None:
-    comparison, found = judged(paper_rows(STUDY))
+    comparison, claims = judged(paper_rows(STUDY))
     assert len(comparison.cells) == 15 and comparison.best == BEST
     assert comparison.within(BEST) == 15 and comparison.within("classical, states") == 0
     assert comparison.typical_factor(BEST) == pytest.approx(1.1, rel=1e-12)
-    text, met = claim(found, "Table 2")
+    text, met = claim(claims, "Table 2")
     assert (
         met is True
         and f'"{BEST}" (of 4 ways to run SINDy): 15 of 15 cells within a factor 3' in text
@@ -68,16 +68,16 @@ def test_the_best_convention_is_found_and_its_closeness_told() -> None:
 
 def test_too_few_cells_are_no_reproduction() -> None:
     few = paper_rows(STUDY, lambda case, masses: error(case, masses) * (10.0 if masses > 6 else 1.0))
-    comparison, found = judged(few)
-    text, met = claim(found, "Table 2")
+    comparison, claims = judged(few)
+    text, met = claim(claims, "Table 2")
     assert met is False and "9 of 15 cells" in text and "12 were asked for" in text
     off = [cell for cell in comparison.cells if explanation(cell, BEST, comparison.classical)]
     assert {cell.masses for cell in off} == {8, 10}
 
 
 def test_likelihood_is_held_to_five_hundred_times_below_the_paper() -> None:
-    _, found = judged(paper_rows(STUDY))
-    assert claim(found, "ml at 20 dB") == (
+    _, claims = judged(paper_rows(STUDY))
+    assert claim(claims, "ml at 20 dB") == (
         "ml at 20 dB: at most 0.0001 % (2 masses), 5000 times below the paper's physics-informed 0.5 % in every cell; "
         "500 times was asked for.",
         True,
@@ -94,7 +94,7 @@ def test_likelihood_is_held_to_five_hundred_times_below_the_paper() -> None:
 
 
 def test_a_cell_without_answer_is_no_success() -> None:
-    gone = [one for one in paper_rows(STUDY) if (one.method, one.masses) != ("ml", 10)]
+    gone = [row for row in paper_rows(STUDY) if (row.method, row.masses) != ("ml", 10)]
     text, met = claim(judged(gone)[1], "ml at 20 dB")
     assert met is None and "no results yet for 10 masses" in text
     assert claim(judged([])[1], "ml at 20 dB")[1] is None
@@ -116,8 +116,8 @@ def test_physics_informed_stands_beside_the_half_percent() -> None:
 def test_answers_that_doubt_themselves_are_counted() -> None:
     rows = paper_rows(STUDY)
     rows = [
-        replace(one, status="chi-square off") if one.method == "ml" and one.seed == 1000 else one
-        for one in rows
+        replace(row, status="chi-square off") if row.method == "ml" and row.seed == 1000 else row
+        for row in rows
     ]
     text, met = claim(judged(rows)[1], "ml stands by")
     assert met is False and "30 of its 45 answers" in text
@@ -132,17 +132,21 @@ def test_explanations_say_what_else_would_fit() -> None:
         return TABLE_2[masses, case.snr_db] * 10.0 if case.method == BEST else 1e4
 
     rows = paper_rows(STUDY, median)
-    for place, one in enumerate(rows):
-        if (one.method, one.masses, one.snr_db) == (BEST, 8, 20.0):
-            rows[place] = replace(one, links={**one.links, "nes1": TABLE_2[8, 20.0]})
+    for place, row in enumerate(rows):
+        if (row.method, row.masses, row.snr_db) == (BEST, 8, 20.0):
+            rows[place] = replace(row, links={**row.links, "nes1": TABLE_2[8, 20.0]})
     comparison, _ = judged(rows)
-    told = {cell.where: explanation(cell, BEST, comparison.classical) for cell in comparison.cells}
+    explanations = {cell.where: explanation(cell, BEST, comparison.classical) for cell in comparison.cells}
     assert all(
-        text.startswith("10 times above the paper; 100 % of single cycles") for text in some(told.values())
+        text.startswith("10 times above the paper; 100 % of single cycles")
+        for text in some(explanations.values())
     )
-    assert "would be classical, states (0.472 %)" in told["6 masses, 30 dB"]
-    assert "would be the first sink alone (30.3 %), the best sink (30.3 %)" in told["8 masses, 20 dB"]
-    assert "no mean, no other choice of sink and no other convention comes within" in told["2 masses, 40 dB"]
+    assert "would be classical, states (0.472 %)" in explanations["6 masses, 30 dB"]
+    assert "would be the first sink alone (30.3 %), the best sink (30.3 %)" in explanations["8 masses, 20 dB"]
+    assert (
+        "no mean, no other choice of sink and no other convention comes within"
+        in explanations["2 masses, 40 dB"]
+    )
 
 
 def test_figures_and_table_are_written(paper_report: Path) -> None:
@@ -176,16 +180,18 @@ def test_the_page_tells_the_story_verdict_first(paper_report: Path) -> None:
 def test_the_page_needs_nothing_else(paper_report: Path) -> None:
     text = (paper_report / "report.html").read_text(encoding="utf-8")
     addresses = re.findall(r'(?:src|href)="([^"]{0,30})', text)
-    assert len(addresses) == 8 and all(one.startswith("data:image/svg+xml;base64,") for one in addresses)
+    assert len(addresses) == 8 and all(
+        address.startswith("data:image/svg+xml;base64,") for address in addresses
+    )
     # characters, most of them pictures; 1.7e6 here
     assert "<script" not in text and len(text) < 3e6
 
 
 def test_a_partial_study_says_what_is_missing() -> None:
     rows = [
-        one
-        for one in paper_rows(STUDY)
-        if one.structure == "2 masses" and one.seed < 1002 and one.method != "weak"
+        row
+        for row in paper_rows(STUDY)
+        if row.structure == "2 masses" and row.seed < 1002 and row.method != "weak"
     ]
     rows[0] = replace(
         rows[0], status=FAILED, links={}, coefficients={}, reason="a step <size> became too small"
@@ -203,10 +209,10 @@ def test_a_partial_study_says_what_is_missing() -> None:
 
 
 def test_an_empty_study_has_a_report(tmp_path: Path) -> None:
-    told: list[float] = []
+    reports: list[float] = []
     folder = stored(tmp_path / "empty", STUDY, [])
-    page = lw.write_study_report(folder, progress=lambda report: told.append(report.fraction))
-    assert told == sorted(told) and told[0] == 0.0 and told[-1] == 1.0
+    page = lw.write_study_report(folder, progress=lambda report: reports.append(report.fraction))
+    assert reports == sorted(reports) and reports[0] == 0.0 and reports[-1] == 1.0
     text = body(page.read_text(encoding="utf-8"))
     assert "0 of 315 cases were run" in text and "Figure 2" in text and "Figure 6" not in text
     assert {path.stem for path in (folder / "figures").iterdir()} == FIGURES - {"figure_6", "figure_7"}
@@ -233,10 +239,10 @@ def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_pa
     structure = [{ name = "two", bnes = 2, duration = 6.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
     method = [{ kind = "ml" }]
     """
-    told = StudyReport.of(parse_study(text, "other.toml", Path()), [])
-    assert dict(told.paper.masses) == {"two": 2} and told.comparison.cells == ()
-    assert told.beyond == [("two", 50.0)] and told.trusted is False
-    page = body(study_page(told, {}, version="1.2.3"))
+    report = StudyReport.of(parse_study(text, "other.toml", Path()), [])
+    assert dict(report.paper.masses) == {"two": 2} and report.comparison.cells == ()
+    assert report.beyond == [("two", 50.0)] and report.trusted is False
+    page = body(study_page(report, {}, version="1.2.3"))
     assert (
         "0 of 2 cases were run" in page
         and "Table 2" not in page

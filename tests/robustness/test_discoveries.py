@@ -35,11 +35,11 @@ def random_chain(rng: np.random.Generator) -> tuple[lw.Structure, float]:
 def attempt(record: lw.Record, masses: dict[str, float]) -> None:
     """An answer, or an error with a reason; any warning is an error of the test."""
     try:
-        found = lw.discover(record, masses)
+        discovery = lw.discover(record, masses)
     except lw.IdentificationError as error:
         assert "m" in str(error)
         return
-    assert str(found) and found.path and found.terms
+    assert str(discovery) and discovery.path and discovery.terms
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -27,7 +27,7 @@ X, Y = np.sin(20.0 * TIME), np.cos(23.0 * TIME)
 
 
 @pytest.mark.parametrize(
-    ("value", "what"),
+    ("value", "message"),
     [
         (np.zeros((0, 0)), "empty"),
         (np.arange(64.0).reshape(4, 4, 4), "an array of 4 x 4 x 4"),
@@ -36,9 +36,9 @@ X, Y = np.sin(20.0 * TIME), np.cos(23.0 * TIME)
         (scipy.sparse.csc_array((100_000, 100_000)), "a sparse matrix of 100000 x 100000"),
     ],
 )
-def test_mat_variable_that_is_no_row_of_numbers(value: Any, what: str, tmp_path: Path) -> None:
+def test_mat_variable_that_is_no_row_of_numbers(value: Any, message: str, tmp_path: Path) -> None:
     savemat(tmp_path / "run.mat", {"time": TIME, "x_m1": X, "x_m2": value})
-    with pytest.raises(lw.RecordError, match=what) as error:
+    with pytest.raises(lw.RecordError, match=message) as error:
         lw.read_record(tmp_path / "run.mat", known_masses=["m1", "m2"])
     assert error.value.channel == "x:m2"
 
@@ -75,7 +75,7 @@ COMPOUND = np.array(list(zip(X, Y, strict=True)), dtype=[("a", "f8"), ("b", "f8"
 
 
 @pytest.mark.parametrize(
-    ("value", "what"),
+    ("value", "message"),
     [
         (np.zeros(0), "is empty"),
         (np.float64(3.0), "is a single value"),
@@ -87,10 +87,10 @@ COMPOUND = np.array(list(zip(X, Y, strict=True)), dtype=[("a", "f8"), ("b", "f8"
         (h5py.Empty("f8"), "is empty"),
     ],
 )
-def test_hdf5_data_set_that_is_no_row_of_numbers(value: Any, what: str, tmp_path: Path) -> None:
+def test_hdf5_data_set_that_is_no_row_of_numbers(value: Any, message: str, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "run.h5", "w") as file:
         file["time"], file["x:m1"], file["x:m2"] = TIME, X, value
-    with pytest.raises(lw.RecordError, match=what) as error:
+    with pytest.raises(lw.RecordError, match=message) as error:
         lw.read_record(tmp_path / "run.h5")
     assert error.value.channel == "x:m2"
 

@@ -34,9 +34,9 @@ main()
 )  # fmt: skip
 def test_ctrl_c_during_an_import_ends_in_one_line(module: str, tmp_path: Path) -> None:
     lw.write_structure(lw.bnes_chain(2), tmp_path / "chain.toml")
-    asked = ["simulate", "chain.toml", "--duration", "1", "--rate", "100", "-o", "run.csv"]
+    arguments = ["simulate", "chain.toml", "--duration", "1", "--rate", "100", "-o", "run.csv"]
     done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, module, *asked],
+        [sys.executable, "-c", INTERRUPTED, module, *arguments],
         cwd=tmp_path,
         capture_output=True,
         text=True,

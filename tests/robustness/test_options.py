@@ -97,8 +97,17 @@ def test_a_force_may_be_a_long_expression(
     is compiled in no time."""
     monkeypatch.chdir(files)
     force = " + ".join(["20*sin(20*t)"] * 99)
-    asked = ["simulate", "chain.toml", "--duration", "0.5", "--rate", "100", "-o", str(tmp_path / "o.csv")]
-    assert run([*asked, "--force", f"m1={force}"]) == 0
+    arguments = [
+        "simulate",
+        "chain.toml",
+        "--duration",
+        "0.5",
+        "--rate",
+        "100",
+        "-o",
+        str(tmp_path / "o.csv"),
+    ]
+    assert run([*arguments, "--force", f"m1={force}"]) == 0
     assert lw.read_record(tmp_path / "o.csv").inputs == ("force:m1",)
 
 
@@ -107,8 +116,8 @@ def test_a_force_that_is_neither_file_nor_expression_is_refused(
     force: str, files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(files)
-    asked = ["simulate", "chain.toml", "--duration", "0.1", "--rate", "100", "-o", "o.csv"]
-    assert run([*asked, "--force", f"m1={force}"]) == 2
+    arguments = ["simulate", "chain.toml", "--duration", "0.1", "--rate", "100", "-o", "o.csv"]
+    assert run([*arguments, "--force", f"m1={force}"]) == 2
     assert "internal error" not in capsys.readouterr().err
 
 

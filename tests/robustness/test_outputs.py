@@ -200,12 +200,12 @@ def test_a_result_that_was_left_while_its_files_were_replaced_is_still_one(tmp_p
 
 def test_folders_of_others_are_not_swept_away(tmp_path: Path) -> None:
     """Nor is one that is being written to: only those that nobody has touched for a day."""
-    kept = [".answer.old", ".answer.backup.old", ".answer.0123abcd.partial", ".answer2.0123abcd.old"]
-    for name in [*kept, ".answer.76543210.partial"]:
+    leftovers = [".answer.old", ".answer.backup.old", ".answer.0123abcd.partial", ".answer2.0123abcd.old"]
+    for name in [*leftovers, ".answer.76543210.partial"]:
         (tmp_path / name).mkdir()
     os.utime(tmp_path / ".answer.76543210.partial", (0, 0))
     write(tmp_path / "answer", "new")
-    assert {entry.name for entry in tmp_path.iterdir()} == {"answer", *kept}
+    assert {entry.name for entry in tmp_path.iterdir()} == {"answer", *leftovers}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such places")
@@ -238,7 +238,7 @@ def test_a_file_behind_a_link_is_replaced_and_a_device_is_not(tmp_path: Path) ->
 
 
 @pytest.fixture(scope="module")
-def asked(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def arguments(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """A quick identification: the arguments, without a folder for the result."""
     folder = tmp_path_factory.mktemp("files")
     chain = lw.bnes_chain(2)
@@ -253,7 +253,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
     moment: int,
     elsewhere: bool,
-    asked: list[str],
+    arguments: list[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -276,16 +276,16 @@ def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
     monkeypatch.setattr("builtins.open", full)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "kept"))
     (tmp_path / "kept").mkdir()
-    assert run([*asked, "-o", str(folder)]) == 1
+    assert run([*arguments, "-o", str(folder)]) == 1
     said = capsys.readouterr()
     assert "nes1.alpha" in said.out or "alpha" in said.out
     note, error = said.err.strip().splitlines()
     assert error == f"linkwise: {folder}: the result could not be written: No space left on device"
     assert whole(folder) == "old" and {entry.name for entry in tmp_path.iterdir()} == {"answer", "kept"}
     if elsewhere:
-        kept = Path(note.removeprefix("note: the result was kept in "))
-        assert kept.parent.parent == tmp_path / "kept" and lw.read_posterior(kept).names
-        assert set(json.loads((kept / "result.json").read_text())["files"]) < set(os.listdir(kept))
+        rescued = Path(note.removeprefix("note: the result was kept in "))
+        assert rescued.parent.parent == tmp_path / "kept" and lw.read_posterior(rescued).names
+        assert set(json.loads((rescued / "result.json").read_text())["files"]) < set(os.listdir(rescued))
     else:
         assert note == "note: nothing was kept of the result but what is printed"
         assert os.listdir(tmp_path / "kept") == []
@@ -294,7 +294,7 @@ def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
 @pytest.mark.parametrize("fault", [RuntimeError("no such symbol"), MemoryError()])
 def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
     fault: Exception,
-    asked: list[str],
+    arguments: list[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -305,22 +305,22 @@ def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
     monkeypatch.setattr("linkwise.report.section._picture", undrawn)
     monkeypatch.setattr("linkwise.report.drawing_process.processors", lambda: 1)  # nobody else draws it
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert run([*asked, "-o", str(tmp_path / "answer")]) == 1
+    assert run([*arguments, "-o", str(tmp_path / "answer")]) == 1
     note, error = capsys.readouterr().err.strip().splitlines()
-    place, _, what = note.removeprefix("note: the result was kept in ").partition(", ")
-    assert what == "without figures and page" and error.startswith("linkwise: ")
+    place, _, lacking = note.removeprefix("note: the result was kept in ").partition(", ")
+    assert lacking == "without figures and page" and error.startswith("linkwise: ")
     assert not (tmp_path / "answer").exists() and lw.read_posterior(place).names
     files = json.loads((Path(place) / "result.json").read_text())["files"]
     assert {*files, "result.json"} == set(os.listdir(place)) and "structure.toml" in files
 
 
 def test_an_answer_is_written_where_nobody_reads_what_is_printed(
-    asked: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def unheard(*_: object, **__: object) -> None:
         raise BrokenPipeError
 
     monkeypatch.setattr("click.echo", unheard)
     monkeypatch.setattr("os.dup2", lambda *_: None)
-    assert run([*asked, "-o", str(tmp_path / "answer")]) == 1
+    assert run([*arguments, "-o", str(tmp_path / "answer")]) == 1
     assert (tmp_path / "answer" / "result.json").is_file()

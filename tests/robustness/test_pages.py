@@ -84,14 +84,16 @@ def test_the_name_of_a_link_adds_nothing_that_runs(
     assert len(page.scripts) == len(usual.scripts) and page.attributes == usual.attributes
     for script in some(page.scripts):
         assert 'document.write("mine")' not in script
-    assert set(lw.read_posterior(tmp_path / "answer").names) == {each.name for each in fit.parameters}
+    assert set(lw.read_posterior(tmp_path / "answer").names) == {
+        parameter.name for parameter in fit.parameters
+    }
 
 
 @pytest.mark.usefixtures("unrendered")
 def test_no_cell_of_an_absorption_is_a_formula(tmp_path: Path) -> None:
     subject = link_names(NAMES["formula"])
-    found = lw.absorb(subject, duration=1.0, release={"v:m1": 1.0})
-    lw.write_absorption(found, tmp_path / "absorbed")
+    absorption = lw.absorb(subject, duration=1.0, release={"v:m1": 1.0})
+    lw.write_absorption(absorption, tmp_path / "absorbed")
     for name in ("decay.csv", "energy.csv", "crossings.csv"):
         with (tmp_path / "absorbed" / name).open(newline="") as file:
             header, *rows = csv.reader(file)
@@ -99,7 +101,7 @@ def test_no_cell_of_an_absorption_is_a_formula(tmp_path: Path) -> None:
         assert {len(row) for row in rows} == {len(header)}
         assert not any(row[0].startswith(("=", "+", "@")) for row in some(rows))
     names = np.genfromtxt(tmp_path / "absorbed" / "decay.csv", delimiter=",", names=True)
-    assert len(names) == len(found.time)
+    assert len(names) == len(absorption.time)
 
 
 @pytest.mark.parametrize("text", ["nes1", "=1+1", "'=1+1", "''", "+a", "-a", "@a", "\ta", "", "a'b"])

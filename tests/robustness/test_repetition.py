@@ -38,11 +38,11 @@ def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
 
 def test_two_measurements_of_one_test_are_taken(record: lw.Record) -> None:
     clean = chain_record(2, duration=1.0, rate=500.0)
-    one = lw.identify(record, CHAIN.unknown("nes"))
+    single = lw.identify(record, CHAIN.unknown("nes"))
     both = lw.identify([record, clean.with_noise(30.0, seed=2)], CHAIN.unknown("nes"))
-    assert both.samples == 2 * one.samples
+    assert both.samples == 2 * single.samples
     pieces = lw.identify([record[:250], record[250:]], CHAIN.unknown("nes"))
-    assert pieces.samples == one.samples
+    assert pieces.samples == single.samples
 
 
 def test_the_same_file_with_with_is_refused(
@@ -61,8 +61,8 @@ def test_the_notes_of_all_records_are_in_the_result(record: lw.Record, tmp_path:
     gap = record.channel("x:m2").copy()
     gap[10:20] = np.nan
     clean = chain_record(2, duration=1.0, rate=500.0, speed=0.8).with_noise(30.0, seed=3)
-    other = lw.Record.from_arrays(record.time, {"x:m1": record.channel("x:m1"), "x:m2": gap})
-    fit = lw.identify([clean, other], CHAIN.unknown("nes"))
+    with_gap = lw.Record.from_arrays(record.time, {"x:m1": record.channel("x:m1"), "x:m2": gap})
+    fit = lw.identify([clean, with_gap], CHAIN.unknown("nes"))
     lw.write_result(fit, tmp_path / "answer")
     notes = json.loads((tmp_path / "answer" / "result.json").read_text())["notes"]
     assert notes == ["Noise of 30 dB per channel was added (seed 3).", "x:m2: 10 of 501 samples are missing."]

@@ -28,8 +28,8 @@ def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path
     with database:
         outcomes = ((WORKER_DIED, "its worker process died 3 times"), (FAILED, "it diverged"))
         for row, (status, reason) in zip(rows[:2], outcomes, strict=True):
-            asked = (status, reason, row.structure, row.snr_db, row.method, row.seed)
-            database.execute(f"UPDATE rows SET status = ?, reason = ? WHERE {key}", asked)
+            values = (status, reason, row.structure, row.snr_db, row.method, row.seed)
+            database.execute(f"UPDATE rows SET status = ?, reason = ? WHERE {key}", values)
     database.close()
     with studies_here():
         again = lw.run_study(study, tmp_path / "out", workers=1)

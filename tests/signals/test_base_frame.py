@@ -60,9 +60,9 @@ def test_velocity_of_the_base_gives_its_acceleration() -> None:
     """To the pass band of the interpolating sinc, 5e-4 at a sixth of the sampling rate."""
     record = measured("rel:x:m1", "v:base")
     exact = lw.TimeFunction(BASE).derivative(record.time, 2)
-    found = framed(record, storey()).acceleration
-    assert found is not None
-    assert found[100:-100] == pytest.approx(exact[100:-100], abs=5e-4 * np.abs(exact).max())
+    acceleration = framed(record, storey()).acceleration
+    assert acceleration is not None
+    assert acceleration[100:-100] == pytest.approx(exact[100:-100], abs=5e-4 * np.abs(exact).max())
 
 
 REFUSED = {

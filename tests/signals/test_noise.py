@@ -86,18 +86,18 @@ def test_one_gap_costs_only_its_blocks() -> None:
 
 def test_a_channel_without_data_has_no_noise_to_tell() -> None:
     values = np.column_stack([np.random.default_rng(0).normal(size=200), np.full(200, np.nan)])
-    found = noise_sigma(values)
+    sigma = noise_sigma(values)
     # the estimate from 200 samples has a deviation of 7 %: nearly three of them
-    assert 0.8 < found[0] < 1.2
-    assert np.isnan(found[1])
+    assert 0.8 < sigma[0] < 1.2
+    assert np.isnan(sigma[1])
 
 
 def test_the_bandwidth_is_where_the_motion_sinks_into_the_noise() -> None:
     random = np.random.default_rng(1)
     tones = sum(np.sin(2 * np.pi * f * TIME + f) for f in (20.0, 75.0, 140.0))
-    found = bandwidth(tones + 0.05 * random.normal(size=TIME.size), RATE)
+    width = bandwidth(tones + 0.05 * random.normal(size=TIME.size), RATE)
     # Bins are rate / 256 = 3.9 Hz wide and the Hann window is two bins wide to each side.
-    assert 140.0 - 4.0 < found[0] < 140.0 + 3 * 4.0
+    assert 140.0 - 4.0 < width[0] < 140.0 + 3 * 4.0
 
 
 def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() -> None:
@@ -105,10 +105,10 @@ def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() ->
     impulses = np.zeros(TIME.size)
     impulses[::512] = 1.0
     both = np.column_stack([random.normal(size=TIME.size), impulses + 1e-6 * random.normal(size=TIME.size)])
-    found = bandwidth(both, RATE)
-    assert found[0] == pytest.approx(RATE / 256)
+    width = bandwidth(both, RATE)
+    assert width[0] == pytest.approx(RATE / 256)
     # half the rate to within five bins, the width of the Hann window
-    assert found[1] > 0.48 * RATE
+    assert width[1] > 0.48 * RATE
 
 
 def test_the_bandwidth_takes_the_noise_where_it_is_known() -> None:

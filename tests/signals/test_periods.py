@@ -23,29 +23,29 @@ def repeated(sigma: float = 0.0, seed: int = 1) -> lw.Record:
 
 
 def test_noise_follows_from_the_scatter() -> None:
-    one = lw.average_periods(repeated(0.1), PERIOD)
-    assert len(one) == SIZE and one.start == pytest.approx((COUNT - 1) * PERIOD, rel=1e-12)
+    averaged = lw.average_periods(repeated(0.1), PERIOD)
+    assert len(averaged) == SIZE and averaged.start == pytest.approx((COUNT - 1) * PERIOD, rel=1e-12)
     # a variance from (COUNT - 1) SIZE squares; four of its standard deviations
-    assert one.noise["x:m1"] == pytest.approx(
+    assert averaged.noise["x:m1"] == pytest.approx(
         0.1 / np.sqrt(COUNT), rel=4.0 / np.sqrt(2.0 * (COUNT - 1) * SIZE)
     )
-    left = one.channel("x:m1") - repeated().channel("x:m1")[:SIZE]
-    assert np.std(left) == pytest.approx(one.noise["x:m1"], rel=4.0 / np.sqrt(2.0 * SIZE))
-    assert "force:m1" not in one.noise and "Averaged over 8 periods of 2 s" in one.notes[-1]
+    left = averaged.channel("x:m1") - repeated().channel("x:m1")[:SIZE]
+    assert np.std(left) == pytest.approx(averaged.noise["x:m1"], rel=4.0 / np.sqrt(2.0 * SIZE))
+    assert "force:m1" not in averaged.noise and "Averaged over 8 periods of 2 s" in averaged.notes[-1]
 
 
 def test_stated_noise_is_that_of_a_sample() -> None:
-    one = lw.average_periods(replace(repeated(0.1), noise={"x:m1": 0.08}), PERIOD)
-    assert one.noise["x:m1"] == pytest.approx(0.08 / np.sqrt(COUNT), rel=1e-12)
+    averaged = lw.average_periods(replace(repeated(0.1), noise={"x:m1": 0.08}), PERIOD)
+    assert averaged.noise["x:m1"] == pytest.approx(0.08 / np.sqrt(COUNT), rel=1e-12)
 
 
 def test_periods_that_have_not_settled_are_left_out() -> None:
     record = repeated(0.01)
     values = record.values.copy()
     values[:, 0] += 0.5 * np.exp(-T / 0.7)  # 3 % of that are left after one period, 0.2 % after two
-    one = lw.average_periods(replace(record, values=values), PERIOD)
-    assert "Averaged over 6 periods of 2 s" in one.notes[-1]
-    assert "the first 2 were left out, in which the motion had not settled" in one.notes[-1]
+    averaged = lw.average_periods(replace(record, values=values), PERIOD)
+    assert "Averaged over 6 periods of 2 s" in averaged.notes[-1]
+    assert "the first 2 were left out, in which the motion had not settled" in averaged.notes[-1]
 
 
 def test_a_missing_sample_is_averaged_over_the_other_periods() -> None:
@@ -53,16 +53,16 @@ def test_a_missing_sample_is_averaged_over_the_other_periods() -> None:
     values = record.values.copy()
     values[5, 0] = np.nan
     values[SIZE - 1 :: SIZE, 0] = np.nan
-    one = lw.average_periods(replace(record, values=values), PERIOD)
-    assert one.missing.sum() == 1 and one.missing[-1, 0]
+    averaged = lw.average_periods(replace(record, values=values), PERIOD)
+    assert averaged.missing.sum() == 1 and averaged.missing[-1, 0]
 
 
 def test_motion_that_does_not_repeat_is_told() -> None:
     record = repeated(0.01)
     values = record.values.copy()
     values[:, 0] += 0.1 * np.sin(2.0 * np.pi * 3.3 / PERIOD * T)  # the force repeats, the motion does not
-    one = lw.average_periods(replace(record, values=values), PERIOD)
-    assert "x:m1: the last two periods differ by more than white noise" in one.notes[-1]
+    averaged = lw.average_periods(replace(record, values=values), PERIOD)
+    assert "x:m1: the last two periods differ by more than white noise" in averaged.notes[-1]
     assert not any("differ" in note for note in lw.average_periods(record, PERIOD).notes)
 
 
@@ -100,9 +100,9 @@ def test_an_average_is_identified_as_all_periods_are() -> None:
     clean = lw.simulate(hardening, forces={"m1": " + ".join(lines)}, duration=40.0 - 1.0 / RATE, rate=RATE)
     record = clean.with_noise(20.0, seed=2).between(8.0, 40.0)
     whole = lw.identify(record, hardening.unknown("all"))
-    one = lw.identify(lw.average_periods(record, 4.0), hardening.unknown("all"))
+    of_average = lw.identify(lw.average_periods(record, 4.0), hardening.unknown("all"))
     for name, true in (("k", 900.0), ("k3", 2e5), ("c", 3.0)):
-        averaged, every = (fit.coefficient(f"spring.{name}") for fit in (one, whole))
+        averaged, every = (fit.coefficient(f"spring.{name}") for fit in (of_average, whole))
         assert averaged.standard_error is not None and every.standard_error is not None
         # the free start of each segment costs a little more of one period than of eight
         assert every.standard_error < averaged.standard_error < 1.5 * every.standard_error

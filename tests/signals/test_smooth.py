@@ -22,8 +22,8 @@ def _motion(frequency: float = 11.0) -> tuple[np.ndarray, np.ndarray, np.ndarray
 @pytest.mark.parametrize(("half", "degree"), [(3, 2), (6, 3), (10, 5)])
 def test_savitzky_golay_reproduces_polynomials_of_its_degree_up_to_both_ends(half: int, degree: int) -> None:
     polynomial = np.polynomial.Polynomial(np.random.default_rng(0).normal(size=degree + 1))
-    found = savitzky_golay(polynomial(TIME), RATE, half=half, degree=degree)
-    for order, values in enumerate(found):
+    smoothed = savitzky_golay(polynomial(TIME), RATE, half=half, degree=degree)
+    for order, values in enumerate(smoothed):
         exact = polynomial.deriv(order)(TIME) if order else polynomial(TIME)
         # Identity; each derivative multiplies rounding by the rate over the half window.
         np.testing.assert_allclose(values[:, 0], exact, atol=1e-11 * RATE**order)
@@ -34,9 +34,11 @@ def test_savitzky_golay_converges_with_its_declared_order() -> None:
     exact = _motion(2.0)
     errors = []
     for half in (16, 32):
-        found = savitzky_golay(exact[0], RATE, half=half, degree=5)
+        smoothed = savitzky_golay(exact[0], RATE, half=half, degree=5)
         inner = slice(half, -half)
-        errors.append([np.max(np.abs(a[inner, 0] - b[inner, 0])) for a, b in zip(found, exact, strict=True)])
+        errors.append(
+            [np.max(np.abs(a[inner, 0] - b[inner, 0])) for a, b in zip(smoothed, exact, strict=True)]
+        )
     orders = np.log2(np.array(errors[1]) / np.array(errors[0]))
     # the declared orders, which differ by two; measured to 0.12
     np.testing.assert_allclose(orders, [6, 6, 4], atol=0.3)
@@ -95,7 +97,7 @@ def test_cross_validation_finds_a_smoothing_near_the_best(decibel: float) -> Non
     noisy = value + np.random.default_rng(3).normal(size=value.shape) * sigma
     chosen = smoothing_spline(noisy, RATE)
     others = [smoothing_spline(noisy, RATE, smoothing=weight) for weight in np.logspace(-8, 12, 41)]
-    best = np.min([np.mean((other.value() - value) ** 2, axis=0) for other in others], axis=0)
+    best = np.min([np.mean((shorter.value() - value) ** 2, axis=0) for shorter in others], axis=0)
     # Cross-validation is efficient but not exact; a factor 2 in mean square is its usual loss on single channels.
     assert np.all(np.mean((chosen.value() - value) ** 2, axis=0) < 2 * best)
     assert chosen.smoothing[1] > chosen.smoothing[0]  # the slower channel is smoothed more

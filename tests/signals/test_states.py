@@ -24,8 +24,8 @@ def _record(**channels: np.ndarray) -> Record:
     return Record(0.5, RATE, names, np.column_stack(list(channels.values())))
 
 
-def _share(found: np.ndarray, exact: np.ndarray) -> float:
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+def _share(computed: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.linalg.norm(computed - exact) / np.linalg.norm(exact))
 
 
 @pytest.mark.parametrize("order", [2, 4, 6])
@@ -48,9 +48,9 @@ def test_differences_are_exact_for_polynomials_of_their_order() -> None:
     polynomial = np.polynomial.Polynomial([1.0, 2.0, -1.0, 0.5, 0.3])
     time = np.linspace(0, 1, 40)
     for derivative in (1, 2):
-        found = finite_differences(polynomial(time), 39.0, derivative, order=4)
+        computed = finite_differences(polynomial(time), 39.0, derivative, order=4)
         # identity, and each derivative multiplies rounding by the rate
-        np.testing.assert_allclose(found, polynomial.deriv(derivative)(time), atol=1e-12 * 39**derivative)
+        np.testing.assert_allclose(computed, polynomial.deriv(derivative)(time), atol=1e-12 * 39**derivative)
 
 
 def test_another_order_is_refused() -> None:

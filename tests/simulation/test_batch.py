@@ -25,7 +25,7 @@ def schedules(betas: list[float], excitation: Excitation = RELEASE) -> list[RunS
 
 
 def tops(runs: int) -> list[np.ndarray]:
-    return [each[:runs] for each in TOPS]
+    return [top[:runs] for top in TOPS]
 
 
 def agree(batch: BatchResult, run: int, schedule: RunSchedule) -> None:
@@ -40,11 +40,11 @@ def agree(batch: BatchResult, run: int, schedule: RunSchedule) -> None:
     scale = np.abs(energy.supplied).max()
     np.testing.assert_allclose(batch.dissipated[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
     np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * scale)
-    found = distinct(batch.crossings[run][1], 0.5)
+    times = distinct(batch.crossings[run][1], 0.5)
     np.testing.assert_allclose(
-        found, crossings(schedule, motion.run, [np.empty(0), np.zeros(1)])[1], atol=1e-8
+        times, crossings(schedule, motion.run, [np.empty(0), np.zeros(1)])[1], atol=1e-8
     )
-    assert len(found) > 3  # or the line above would compare nothing
+    assert len(times) > 3  # or the line above would compare nothing
 
 
 @pytest.mark.parametrize("betas", [[1e6, 3e5, 5e5, 2e6], [8e5]])
@@ -78,10 +78,10 @@ def test_a_moving_base_does_work() -> None:
         Link("s", ("m2", "m1"), lw.Law.parse("p*d + q*d**3 + c*v"),
              {"p": Coefficient.number(-10.0), "q": Coefficient.number(1e5), "c": Coefficient.number(0.01)}),
     )  # fmt: skip
-    held = Structure(
+    anchored = Structure(
         "held", (Mass("m1", Coefficient.number(1.0)), Mass("m2", Coefficient.number(0.02))), links
     )
-    schedule = RunSchedule(held, Excitation.of(base="0.02*sin(28*t)"), TIMES)
+    schedule = RunSchedule(anchored, Excitation.of(base="0.02*sin(28*t)"), TIMES)
     batch = run_batch([schedule], tops(1))
     agree(batch, 0, schedule)
 

@@ -155,8 +155,10 @@ def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it() -> None:
         schedule, more, lambda first, states: fine.append(states.copy()), RunOptions(repeated=run)
     )
     assert again.steps == run.steps and run.interruptions
-    same = np.isin(more, schedule.times)
-    assert np.array_equal(np.concatenate(fine)[same], np.concatenate(coarse))  # 6 s: chaos would show one bit
+    is_common = np.isin(more, schedule.times)
+    assert np.array_equal(
+        np.concatenate(fine)[is_common], np.concatenate(coarse)
+    )  # 6 s: chaos would show one bit
 
 
 def contact(time: Floats, speed: float, gap: float, frequency: float) -> Floats:

@@ -165,16 +165,18 @@ def by_sliders(stiffness: Floats, slips: Floats, grid: Floats) -> Floats:
         return [y[1], drive(t) - stiffness @ y[2:] - 40.0 * y[0] - 0.5 * y[1], *rates]
 
     def events(modes: tuple[int, ...]) -> list[Event]:
-        found: list[Event] = []
+        events: list[Event] = []
         for k, mode in enumerate(modes):
             if mode:  # all sliders that slide this way stick again
-                found.append((_velocity, -mode, tuple(0 if each == mode else each for each in modes)))
+                events.append(
+                    (_velocity, -mode, tuple(0 if other_mode == mode else other_mode for other_mode in modes))
+                )
                 continue
             for way in (1, -1):
-                found.append(
+                events.append(
                     (partial(_beyond, 2 + k, way * slips[k]), way, (*modes[:k], way, *modes[k + 1 :]))
                 )
-        return found
+        return events
 
     return stopped(slope, events, (0,) * count, np.array([0.0, VELOCITY, *np.zeros(count)]), grid)
 
@@ -243,10 +245,10 @@ def test_named_laws_follow_an_independent_integrator(name: str) -> None:
     record, states = simulated(name), reference(name)
     truth = record.simulated
     assert truth is not None
-    found = np.column_stack([truth.displacement, truth.velocity, *truth.states.values()])
+    exact_states = np.column_stack([truth.displacement, truth.velocity, *truth.states.values()])
     largest = np.abs(states).max(axis=0)
-    assert found.shape == states.shape and np.all(largest > 0.0)
-    assert np.all(np.abs(found - states).max(axis=0) < 1e-8 * largest)
+    assert exact_states.shape == states.shape and np.all(largest > 0.0)
+    assert np.all(np.abs(exact_states - states).max(axis=0) < 1e-8 * largest)
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -294,10 +296,10 @@ def test_a_voltage_may_be_written_in_millivolts(tmp_path: Path) -> None:
 
 def test_the_release_of_a_state_takes_the_place_of_its_initial_value() -> None:
     structure = oscillator("maxwell")
-    held = lw.simulate(
+    released = lw.simulate(
         structure, duration=1.0, rate=RATE, sensors=["state:link.q"], release={"state:link.q": 2.0}
     )
-    assert held.channel("state:link.q")[0] == 2.0
+    assert released.channel("state:link.q")[0] == 2.0
     for release, message in (
         ({"state:link.w": 1.0}, "unknown state 'link.w'"),
         ({"f:link": 1.0}, "unknown release"),

@@ -101,8 +101,8 @@ def test_samples_drive_as_their_expression_does(spring: Structure) -> None:
 
 
 def test_held_samples_push_as_steps(spring: Structure) -> None:
-    held = Sampled(0.0, 1.0, np.array([2.0, 0.0, 0.0]), order=0)
-    record = simulate(spring, forces={"m1": held}, duration=2.0, rate=40.0)
+    stepped = Sampled(0.0, 1.0, np.array([2.0, 0.0, 0.0]), order=0)
+    record = simulate(spring, forces={"m1": stepped}, duration=2.0, rate=40.0)
     time, fine = record.time, np.linspace(0.0, 1.0, 4001)
     push = np.array([np.trapezoid(np.where(t >= fine, response(t - fine), 0.0), fine) for t in time])
     assert record.values[:, 0] == pytest.approx(push, abs=1e-7)  # trapezoidal rule at 0.25 ms
@@ -169,9 +169,9 @@ def test_the_sampling_grid_is_free(spring: Structure) -> None:
 def test_a_long_run_reports_its_progress(spring: Structure) -> None:
     reports: list[ProgressReport] = []
     record = simulate(spring, release={"v:m1": 1.0}, duration=30.0, rate=1000.0, progress=reports.append)
-    seen = [report.fraction for report in reports]
+    fractions = [report.fraction for report in reports]
     assert {report.activity for report in reports} == {"simulating"}
-    assert seen == sorted(seen) and seen[-1] == 1.0 and len(seen) > 3
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0 and len(fractions) > 3
     assert record.values[:, 0] == pytest.approx(response(record.time), abs=1e-13)
 
 

@@ -78,10 +78,10 @@ def test_noisy_velocities_are_differenced(record: Record) -> None:
 
 
 def test_a_seed_means_the_same_noise_in_every_convention(record: Record) -> None:
-    one = noisy_states(record, "states", 30.0, seed=1001)
-    other = noisy_states(record, "displacement", 30.0, seed=1001, derivative="differences")
-    np.testing.assert_array_equal(one.x, other.x)
-    assert not np.array_equal(one.x, noisy_states(record, "states", 30.0, seed=1002).x)
+    by_states = noisy_states(record, "states", 30.0, seed=1001)
+    by_differences = noisy_states(record, "displacement", 30.0, seed=1001, derivative="differences")
+    np.testing.assert_array_equal(by_states.x, by_differences.x)
+    assert not np.array_equal(by_states.x, noisy_states(record, "states", 30.0, seed=1002).x)
 
 
 def test_forces_stay_with_the_states() -> None:
@@ -134,7 +134,9 @@ def test_an_exact_fit_gives_the_exact_force(
 
 
 def test_a_link_may_begin_at_either_end(record: Record, exact: RegressionFit) -> None:
-    links = [replace(one, between=one.between[::-1]) if one.name == "nes1" else one for one in CHAIN.links]
+    links = [
+        replace(link, between=link.between[::-1]) if link.name == "nes1" else link for link in CHAIN.links
+    ]
     turned = Structure("turned", CHAIN.masses, tuple(links))
     for reading in READINGS:
         d, force = monomial_force(exact, turned, "nes1", record, reading=reading)

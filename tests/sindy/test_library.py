@@ -40,7 +40,7 @@ def _states(structure: Structure, *, forces: bool = False, base: bool = False, s
     ground = 0.01 * random.normal(size=COUNT) if base else None
     rate = random.normal(size=COUNT) if base else None
     d, d_rate = structure.elongations(x, ground), structure.elongations(v, rate)
-    force = np.column_stack([one.force(d[:, k], d_rate[:, k]) for k, one in enumerate(structure.links)])
+    force = np.column_stack([link.force(d[:, k], d_rate[:, k]) for k, link in enumerate(structure.links)])
     a = (push - (structure.incidence @ force.T).T) / structure.mass_values
     driven = structure.mass_names if forces else ()
     return States(np.arange(COUNT) / 1000, structure.mass_names, x, v, a, push, driven, ground, rate)
@@ -88,12 +88,12 @@ def test_every_monomial_is_the_product_of_its_variables(order: int) -> None:
 def test_a_limit_on_mixing_leaves_out_what_mixes_more(order: int, mixing: int | None) -> None:
     values = np.random.default_rng(2).normal(size=(20, 4))
     everything, limited = Monomials(tuple("abcd"), order), Monomials(tuple("abcd"), order, mixing)
-    kept = [j for j, name in enumerate(everything.names) if len(set(name) & set("abcd")) <= (mixing or 4)]
-    assert limited.names == tuple(everything.names[j] for j in kept)
+    unmixed = [j for j, name in enumerate(everything.names) if len(set(name) & set("abcd")) <= (mixing or 4)]
+    assert limited.names == tuple(everything.names[j] for j in unmixed)
     assert len(limited) == len(limited.names)
     columns = limited.evaluate(values)
     assert columns.flags.f_contiguous
-    np.testing.assert_array_equal(columns, everything.evaluate(values)[:, kept])
+    np.testing.assert_array_equal(columns, everything.evaluate(values)[:, unmixed])
 
 
 def test_a_library_that_cannot_be_is_refused() -> None:
@@ -277,9 +277,9 @@ def test_forces_base_motion_and_an_unknown_mass_take_their_places() -> None:
     truth = _oscillator("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 4e5, "c": 0.3}, "base")
     states = _states(truth, forces=True, base=True)
     fit = LeastSquares().fit(link_columns(states, truth.unknown("all", "mass:m1")))
-    found = fit.terms("force")
+    terms = fit.terms("force")
     for name, value in {"spring.k": 900.0, "spring.k3": 4e5, "spring.c": 0.3, "m1.mass": 0.5}.items():
-        assert found[name] == pytest.approx(value, rel=SAME)
+        assert terms[name] == pytest.approx(value, rel=SAME)
 
 
 def test_a_known_nonlinear_coefficient_is_no_obstacle_and_an_unknown_one_is() -> None:

@@ -60,8 +60,10 @@ def test_cells_stand_in_order_and_carry_medians(study: Study) -> None:
 
 def test_a_failed_case_counts_as_worse_than_any_answer(study: Study) -> None:
     given = [
-        replace(one, status=FAILED, links={}, reason="it diverged") if one.seed > 1000 + 1 else one
-        for one in rows(study, [4.0, 1.0, 0.0, 0.0])
+        replace(study_row, status=FAILED, links={}, reason="it diverged")
+        if study_row.seed > 1000 + 1
+        else study_row
+        for study_row in rows(study, [4.0, 1.0, 0.0, 0.0])
     ]
     cell = present(StudyTable.of(study, given).cell("two", 20.0, "ml"))
     assert (cell.nmse, cell.low, cell.high) == (None, 1.0, None)  # half of them failed
@@ -77,7 +79,7 @@ def test_an_error_that_is_no_number_is_a_failure(study: Study) -> None:
 
 
 def test_missing_cells_are_counted_and_strangers_left_out(study: Study) -> None:
-    given = [one for one in rows(study, [1.0] * 4) if one.structure == "two"]
+    given = [study_row for study_row in rows(study, [1.0] * 4) if study_row.structure == "two"]
     stranger = row(Case("two", 20.0, "ml", 7), 1e9)
     table = StudyTable.of(study, [*given, stranger])
     assert table.missing == 16 and present(table.cell("two", 20.0, "ml")).nmse == 1.0

@@ -43,10 +43,10 @@ def cluster(distributed: ModuleType) -> Iterator[object]:
 
 def test_a_cluster_gives_the_same_rows(tmp_path: Path, cluster: object) -> None:
     file = small(tmp_path, cycles=1)
-    there = lw.run_study(file, tmp_path / "there", scheduler=cluster.scheduler_address)  # type: ignore[attr-defined]
+    by_cluster = lw.run_study(file, tmp_path / "there", scheduler=cluster.scheduler_address)  # type: ignore[attr-defined]
     with studies_here():
-        assert there == lw.run_study(file, tmp_path / "here", workers=1)
-    assert len(there) == 12 and not any(row.failed for row in there)
+        assert by_cluster == lw.run_study(file, tmp_path / "here", workers=1)
+    assert len(by_cluster) == 12 and not any(row.failed for row in by_cluster)
 
 
 def test_a_killed_worker_of_a_cluster_is_no_loss(

@@ -24,7 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = lw.read_study(small(folder, cycles=2, more=DIVERGING))
     with open_store(folder / "out", study) as store:
         done = run_batch(CaseBatch(study.text(), tuple(study.cases())[: len(study) // 2]))
-        store.add(each.row for each in done)
+        store.add(result.row for result in done)
     return folder / "out"
 
 

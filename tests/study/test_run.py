@@ -74,13 +74,13 @@ def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     folder: Path, tmp_path: Path
 ) -> None:
     study = lw.stored_study(folder)
-    told: list[StudyProgress] = []
+    reports: list[StudyProgress] = []
     rows = lw.run_study(
-        study, tmp_path / "out", workers=2, progress=lambda report: told.append(report.detail)
+        study, tmp_path / "out", workers=2, progress=lambda report: reports.append(report.detail)
     )
     assert rows == lw.read_rows(folder)
-    assert told[0].done == 0 and told[0].left is None
-    assert told[-1].done == told[-1].total == len(rows) == len(study) and told[-1].left == 0.0
+    assert reports[0].done == 0 and reports[0].left is None
+    assert reports[-1].done == reports[-1].total == len(rows) == len(study) and reports[-1].left == 0.0
     seconds = [row.seconds for row in rows]
     again = lw.run_study(study, tmp_path / "out", workers=2)
     assert [row.seconds for row in again] == seconds
@@ -203,12 +203,12 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     assert len(faulty) == len(study) * 2 // 3 and {row.case for row in before if row.failed} == faulty
     (died,) = (row for row in before if row.case == pushed)
     assert died.reason.startswith("its worker process died 3 times")
-    told: list[StudyProgress] = []
+    reports: list[StudyProgress] = []
     with open_store(tmp_path / "out", study) as store, Here() as executor:
         assert store.done() == set(study.cases()) - faulty
-        run(study, store, executor, lambda report: told.append(report.detail))
+        run(study, store, executor, lambda report: reports.append(report.detail))
         assert store.done() == set(study.cases())
-    assert told[0].done == len(study) - len(faulty) and told[-1].done == len(study)
+    assert reports[0].done == len(study) - len(faulty) and reports[-1].done == len(study)
     assert {case for batch in executor.batches for case in batch} == faulty
     assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
 

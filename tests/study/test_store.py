@@ -60,10 +60,10 @@ def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.Study) -> None
     with open_store(folder, study) as store:
         store.add(rows[:5])
         assert store.done() == set(study.cases())
-    found = lw.read_rows(folder)
-    assert sorted(found, key=lambda row: row.case) == sorted(rows, key=lambda row: row.case)
-    assert {row.seconds for row in found} == {1 / 7}
-    keys = [(row.structure, row.snr_db, row.method, row.seed) for row in found]
+    stored = lw.read_rows(folder)
+    assert sorted(stored, key=lambda row: row.case) == sorted(rows, key=lambda row: row.case)
+    assert {row.seconds for row in stored} == {1 / 7}
+    keys = [(row.structure, row.snr_db, row.method, row.seed) for row in stored]
     assert keys[:3] == [
         ("bnes2", 40, "weak", 1000),
         ("bnes2", 40, "weak", 1001),
@@ -97,17 +97,17 @@ def test_a_study_that_runs_can_be_read_but_not_opened(tmp_path: Path, study: lw.
 
 def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.Study) -> None:
     folder = tmp_path / "out"
-    other = subprocess.Popen(
+    holder = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(folder), str(small(tmp_path))], stdout=subprocess.PIPE, text=True
     )
-    with other:
-        assert other.stdout is not None and other.stdout.readline() == "open\n"
+    with holder:
+        assert holder.stdout is not None and holder.stdout.readline() == "open\n"
         with (
             pytest.raises(lw.StudyError, match="wait for it, stop it, or choose another folder"),
             open_store(folder, study),
         ):
             pass
-        other.send_signal(signal.SIGKILL)
+        holder.send_signal(signal.SIGKILL)
     with open_store(folder, study) as store:
         assert store.done() == set()
 
@@ -195,9 +195,9 @@ def test_a_damaged_store_is_said_to_be_one(tmp_path: Path, study: lw.Study) -> N
         folder = tmp_path / str(number)
         folder.mkdir()
         if content is None:
-            other = sqlite3.connect(folder / DATABASE)
-            other.execute("CREATE TABLE mine (x)")
-            other.close()
+            database = sqlite3.connect(folder / DATABASE)
+            database.execute("CREATE TABLE mine (x)")
+            database.close()
         else:
             (folder / DATABASE).write_bytes(content)
         with pytest.raises(lw.StudyError, match=r"study\.sqlite: not a study of linkwise, or damaged"):

@@ -39,11 +39,11 @@ def test_ctrl_c_leaves_what_can_be_gone_on_with(tmp_path: Path) -> None:
         os.kill(process, signal.SIGINT)
     out, err = coordinator.communicate(timeout=PATIENCE)
     assert coordinator.returncode == 130 and out == ""
-    told = [line for line in err.splitlines() if line]
-    assert told[0].endswith(f"of 2400 cases are in {folder}; the same command goes on from there.")
-    assert told[1] == "linkwise: interrupted; nothing was left half written" and len(told) == 2
+    lines = [line for line in err.splitlines() if line]
+    assert lines[0].endswith(f"of 2400 cases are in {folder}; the same command goes on from there.")
+    assert lines[1] == "linkwise: interrupted; nothing was left half written" and len(lines) == 2
     assert not any(map(alive, team))
-    assert 0 < int(told[0].split()[0]) <= len(rows(folder)) < 2400
+    assert 0 < int(lines[0].split()[0]) <= len(rows(folder)) < 2400
 
 
 def test_a_second_process_is_refused_while_the_first_runs(tmp_path: Path) -> None:

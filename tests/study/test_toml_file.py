@@ -23,7 +23,9 @@ def test_the_paper_ships_with_linkwise() -> None:
     assert [subject.structure.size for subject in paper.subjects] == [2, 4, 6, 8, 10]
     assert paper.snr_db == (40.0, 30.0, 20.0) and paper.first_seed == 1000 and paper.cycles == 100
     assert {"physics-informed", "weak", "ml"} < {method.name for method in paper.methods}
-    conventions = {f"classical, {one}" for one in ("displacement", "states", "differenced", "derivatives")}
+    conventions = {
+        f"classical, {convention}" for convention in ("displacement", "states", "differenced", "derivatives")
+    }
     assert conventions < {method.name for method in paper.methods}
     assert len(paper) == len(list(paper.cases())) == 5 * 3 * len(paper.methods) * 100
     assert paper.quickly().cycles == paper.quick == 5
@@ -42,8 +44,8 @@ def test_a_study_is_the_same_from_its_document(tmp_path: Path) -> None:
     for study in (lw.read_study("paper"), lw.read_study(small(tmp_path))):
         again = build_study(json.loads(study.text()), "again", Path())
         assert again.text() == study.text()
-        for one, other in zip(some(study.subjects), again.subjects, strict=True):
-            assert one.structure == other.structure
+        for subject, subject_again in zip(some(study.subjects), again.subjects, strict=True):
+            assert subject.structure == subject_again.structure
 
 
 def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
@@ -65,7 +67,7 @@ def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
         "nes1.c",
     }
     clean = subject.simulate(cycle=2)
-    same = lw.simulate(
+    expected = lw.simulate(
         lw.bnes_chain(4),
         duration=0.2,
         rate=1000.0,
@@ -73,7 +75,7 @@ def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
         impulses=[lw.Impulse("m1", 0.3, 0.1)],
         forces={"m2": "sin(9*t)"},
     )
-    assert (clean.channel("x:m4") == same.channel("x:m4")).all()
+    assert (clean.channel("x:m4") == expected.channel("x:m4")).all()
     assert subject.measured(clean).channels == ("v:m1", "v:m2", "v:m3", "v:m4", "x:m2", "force:m2")
     assert subject.judged_links == ("nes1",)
 

@@ -53,8 +53,8 @@ def test_the_force_that_makes_a_motion_leaves_nothing(law: str, values: dict[str
     x, v, a = two_tones(time)
     force = 2.0 * a + structure.links[0].force(x, v)
     record = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.stack([x, force], axis=1))
-    found = equations(record, structure, Window.of_deviation(3.0, 1.0 / RATE))
-    left = weak_residual(found, np.zeros(0))[:, 0]
+    system = equations(record, structure, Window.of_deviation(3.0, 1.0 / RATE))
+    left = weak_residual(system, np.zeros(0))[:, 0]
     exact = "abs" not in law and "tanh" not in law
     assert np.nanmax(np.abs(left)) < (1e-6 if exact else 1e-5) * np.abs(force).max()
     wrong = replace(record, values=record.values * [1.0, 1.01])
@@ -69,10 +69,10 @@ def test_the_motion_of_the_base_counts() -> None:
     structure = oscillator("k*d", mass=2.0, to="base", name="spring", k=800.0)
     base = x + 2.0 * a / 800.0
     record = lw.Record(0.0, RATE, ("x:m1", "x:base"), np.stack([x, base], axis=1))
-    found = equations(record, structure)
-    assert np.abs(weak_residual(found, np.zeros(0))).max() < 1e-6 * 2.0 * np.abs(a).max()
+    system = equations(record, structure)
+    assert np.abs(weak_residual(system, np.zeros(0))).max() < 1e-6 * 2.0 * np.abs(a).max()
     # straight lines between samples are off by (77 1e-3)^2/8 = 7e-4
-    assert found.d[0] == pytest.approx(np.interp(found.time, time, x - base), abs=2e-3 * np.ptp(x - base))
+    assert system.d[0] == pytest.approx(np.interp(system.time, time, x - base), abs=2e-3 * np.ptp(x - base))
 
 
 def test_windows_see_elongations_and_rates() -> None:
@@ -80,13 +80,13 @@ def test_windows_see_elongations_and_rates() -> None:
     time = np.arange(SAMPLES) / RATE
     x, v, _ = two_tones(time)
     record = lw.Record(0.0, RATE, ("x:m1",), x[:, None])
-    found = equations(
+    system = equations(
         record, oscillator("k*d", mass=2.0, name="spring", k=1.0), Window.of_deviation(3.0, 1.0 / RATE)
     )
-    centres = np.rint(found.time * RATE).astype(int)
-    assert found.d[0] == pytest.approx(x[centres], abs=(77 * 3e-3) ** 4 * np.abs(x).max())
-    assert found.v[0] == pytest.approx(v[centres], abs=(77 * 3e-3) ** 2 * np.abs(v).max())
-    assert np.isnan(found.acceleration).sum() == 0
+    centres = np.rint(system.time * RATE).astype(int)
+    assert system.d[0] == pytest.approx(x[centres], abs=(77 * 3e-3) ** 4 * np.abs(x).max())
+    assert system.v[0] == pytest.approx(v[centres], abs=(77 * 3e-3) ** 2 * np.abs(v).max())
+    assert np.isnan(system.acceleration).sum() == 0
 
 
 def test_windows_that_miss_a_sample_are_left_out() -> None:
@@ -96,15 +96,15 @@ def test_windows_that_miss_a_sample_are_left_out() -> None:
     values[500:520, 1] = np.nan
     broken = replace(whole, values=values, noise=present(whole.simulated).noise)
     window = Window.of_deviation(2.5, 1.0 / RATE)
-    [one], [other] = (
-        equations(each, chain, window).patches
-        for each in (replace(whole, noise=present(whole.simulated).noise), broken)
+    [complete], [with_gaps] = (
+        equations(subject, chain, window).patches
+        for subject in (replace(whole, noise=present(whole.simulated).noise), broken)
     )
     starts = window.stride * np.arange(window.rows(len(whole)))
     touched = (starts < 520) & (starts + window.length > 500)
-    assert (other.valid == np.where(touched, 0.0, 1.0)).all() and one.valid.all()
-    assert not other.rows[:, touched].any()
-    assert other.rows[:, ~touched] == pytest.approx(one.rows[:, ~touched], rel=1e-12)
+    assert (with_gaps.valid == np.where(touched, 0.0, 1.0)).all() and complete.valid.all()
+    assert not with_gaps.rows[:, touched].any()
+    assert with_gaps.rows[:, ~touched] == pytest.approx(complete.rows[:, ~touched], rel=1e-12)
 
 
 def test_where_a_rate_is_not_known_nothing_is_asked() -> None:
@@ -119,16 +119,16 @@ def test_where_a_rate_is_not_known_nothing_is_asked() -> None:
     first = window.stride * np.arange(window.rows(SAMPLES))
     last = first + window.length - 1
     reach = window.half
-    kept = (first >= reach) & (last < SAMPLES - reach) & ((last < 600 - reach) | (first > 600 + reach))
-    assert (patch.valid == kept).all()
+    is_complete = (first >= reach) & (last < SAMPLES - reach) & ((last < 600 - reach) | (first > 600 + reach))
+    assert (patch.valid == is_complete).all()
 
 
 def test_a_mass_is_asked_where_its_neighbours_were_seen() -> None:
     """Of the 6-chain m1 - m3 - m5 with sinks m2, m4, m6: without x:m4 neither m3 nor m4 can be asked."""
     chain = lw.bnes_chain(6)
     record = chain_record(6, duration=1.0)
-    found = equations(record.select([f"x:m{i}" for i in (1, 2, 3, 5, 6)]), chain)
-    assert sorted(mass for patch in found.patches for mass in patch.masses.tolist()) == [0, 1, 4, 5]
+    system = equations(record.select([f"x:m{i}" for i in (1, 2, 3, 5, 6)]), chain)
+    assert sorted(mass for patch in system.patches for mass in patch.masses.tolist()) == [0, 1, 4, 5]
 
 
 def test_a_record_that_is_too_short_says_how_long_it_must_be() -> None:
@@ -158,7 +158,9 @@ def test_single_missing_samples_everywhere_leave_a_band() -> None:
     record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     values = record.values.copy()
     values[100::150] = np.nan
-    whole, broken = (read_displacements(each, chain) for each in (record, replace(record, values=values)))
+    whole, broken = (
+        read_displacements(subject, chain) for subject in (record, replace(record, values=values))
+    )
     # seeds 2000 to 2009: 0 to 3.3 % of the band, which moves by bins of a spectrum, and 0.1 to 7.9 % of the variance
     assert broken.bandwidth == pytest.approx(whole.bandwidth, rel=0.07)
     assert broken.variance == pytest.approx(whole.variance, rel=0.12)

@@ -42,16 +42,16 @@ def test_standard_errors_of_a_linear_oscillator(decibel: float) -> None:
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=4.0, rate=1000.0)
     z = []
     for seed in range(60):
-        found = fit(record.with_noise(decibel, seed=seed), true.unknown("all"))
-        z.append((found.values - [1000.0, 2.0]) / np.sqrt(np.diag(found.covariance)))
+        estimate = fit(record.with_noise(decibel, seed=seed), true.unknown("all"))
+        z.append((estimate.values - [1000.0, 2.0]) / np.sqrt(np.diag(estimate.covariance)))
     assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
     assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(60)
 
 
 def test_excess_is_one_for_a_law_that_fits(chain: lw.Structure, clean: lw.Record) -> None:
     """Over 12 records within 2 %: it is a mean over 4000 windows."""
-    found = [fit(clean.with_noise(25.0, seed=seed), chain.unknown("all")).excess for seed in range(12)]
-    assert np.mean(found) == pytest.approx(1.0, abs=0.02)
+    excesses = [fit(clean.with_noise(25.0, seed=seed), chain.unknown("all")).excess for seed in range(12)]
+    assert np.mean(excesses) == pytest.approx(1.0, abs=0.02)
 
 
 def test_large_and_small_structures_are_solved_alike(
@@ -64,11 +64,11 @@ def test_large_and_small_structures_are_solved_alike(
     sparse = fit(record, chain.unknown("all"))
     assert sparse.values == pytest.approx(dense.values, rel=1e-8)
     links = [parameter.name.partition(".")[0] for parameter in chain.unknown("all").parameters]
-    same = np.equal.outer(links, links)
+    same_link = np.equal.outer(links, links)
     covariance: Any = sparse.covariance  # a sparse matrix here, an array above
     # same numerics: an inverse loses more digits than a solution
-    assert covariance.toarray()[same] == pytest.approx(dense.covariance[same], rel=1e-6)
-    assert not covariance.toarray()[~same].any()
+    assert covariance.toarray()[same_link] == pytest.approx(dense.covariance[same_link], rel=1e-6)
+    assert not covariance.toarray()[~same_link].any()
 
 
 def test_a_parameter_at_its_bound_leaves_the_others_free(clean: lw.Record, chain: lw.Structure) -> None:
@@ -104,9 +104,9 @@ def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.
             replace(link, coefficients=followed) if link.name == "nes2" else link for link in alone.links
         ),
     )
-    one, both = fit(record, alone), fit(record, shared)
+    single, both = fit(record, alone), fit(record, shared)
     assert len(both.values) == 3
-    errors = np.sqrt(np.diag(one.covariance))
+    errors = np.sqrt(np.diag(single.covariance))
     pooled = 1.0 / np.sqrt(1.0 / errors[:3] ** 2 + 1.0 / errors[3:] ** 2)
     assert np.sqrt(np.diag(both.covariance)) == pytest.approx(
         pooled, rel=0.06

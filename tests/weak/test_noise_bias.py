@@ -42,15 +42,15 @@ def record(masses: int, sigma: Sequence[float], rng: np.random.Generator | None)
     return lw.Record(0.0, 1000.0, tuple(names), x, dict(zip(names, sigma, strict=True)))
 
 
-def patch(asked: lw.Structure, seen: lw.Record) -> Patch:
-    [found] = weak_equations(seen, asked, read_displacements(seen, asked), window=WINDOW).patches
-    return found
+def patch(subject: lw.Structure, measured: lw.Record) -> Patch:
+    [only] = weak_equations(measured, subject, read_displacements(measured, subject), window=WINDOW).patches
+    return only
 
 
 def test_bias_of_a_spring_in_closed_form() -> None:
     """(int phi d)^2 gains s^2 sum phi^2 in every window, and (int phi d)(int phi'' x) gains s^2 sum phi phi''."""
-    found = patch(structure("k*d"), record(1, [0.2], np.random.default_rng(1)))
-    bias = (found.products - found.moments) / found.windows
+    only_patch = patch(structure("k*d"), record(1, [0.2], np.random.default_rng(1)))
+    bias = (only_patch.products - only_patch.moments) / only_patch.windows
     assert bias == pytest.approx(
         0.04 * (WINDOW.kernels @ WINDOW.kernels.T)[np.ix_([0, 2], [0, 2])], rel=1e-12
     )
@@ -69,29 +69,29 @@ def test_products_lose_their_bias(laws: list[str], sigma: list[float]) -> None:
     """The mean of the moments over many records is the products without noise; 4.5 standard errors bound each of < 60
     elements. The products themselves are off by far more.
     """
-    asked, rng = structure(*laws), np.random.default_rng(7)
+    subject, rng = structure(*laws), np.random.default_rng(7)
     clean = record(len(laws), sigma, None)
-    truth = patch(asked, replace(clean, noise=dict.fromkeys(clean.channels, 0.0))).products
-    patches = [patch(asked, record(len(laws), sigma, rng)) for _ in range(SEEDS)]
+    truth = patch(subject, replace(clean, noise=dict.fromkeys(clean.channels, 0.0))).products
+    patches = [patch(subject, record(len(laws), sigma, rng)) for _ in range(SEEDS)]
     shared = np.abs(patches[0].signs.T) @ np.abs(patches[0].signs) > 0.0  # terms that meet in an equation
     off = {}
-    for what in ("moments", "products"):
-        samples = np.array([getattr(each, what) for each in patches])
+    for name in ("moments", "products"):
+        samples = np.array([getattr(sample_patch, name) for sample_patch in patches])
         error = samples.std(axis=0, ddof=1) / np.sqrt(SEEDS) + 1e-12 * np.abs(truth)  # constants only round
-        off[what] = np.abs((samples.mean(axis=0) - truth)[shared] / error[shared])
+        off[name] = np.abs((samples.mean(axis=0) - truth)[shared] / error[shared])
     assert np.max(off["moments"]) < 4.5
     assert np.max(off["products"]) > 40.0  # nine times what the moments may be off
 
 
 def test_terms_of_a_nonlinear_coefficient_lose_their_bias_to_second_order() -> None:
     """tanh has no finite series: what is left falls with the fourth power of the noise, the bias with the second."""
-    asked = structure("F*tanh(d/s)")
+    subject = structure("F*tanh(d/s)")
     left = []
     for sigma in (0.1, 0.05):
         rng = np.random.default_rng(3)
         clean = record(1, [sigma], None)
-        asked_at = asked.with_values({"l1.s": 1.0})
+        asked_at = subject.with_values({"l1.s": 1.0})
         truth = patch(asked_at, replace(clean, noise={"x:m1": 0.0})).products[0, 0]
-        found = np.mean([patch(asked_at, record(1, [sigma], rng)).moments[0, 0] for _ in range(SEEDS)])
-        left.append(abs(found / truth - 1.0))
+        moment = np.mean([patch(asked_at, record(1, [sigma], rng)).moments[0, 0] for _ in range(SEEDS)])
+        left.append(abs(moment / truth - 1.0))
     assert left[0] < 0.1**2 / 10 and left[1] < 0.05**2 / 4

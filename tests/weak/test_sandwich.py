@@ -13,8 +13,8 @@ def symmetric(pairs: list[tuple[int, int]], count: int, seed: int) -> np.ndarray
     """(count, count) symmetric with random entries at `pairs`, and a diagonal that makes it positive definite."""
     random = np.random.default_rng(seed)
     matrix = np.zeros((count, count))
-    for one, two in pairs:
-        matrix[one, two] = matrix[two, one] = random.normal()
+    for first, second in pairs:
+        matrix[first, second] = matrix[second, first] = random.normal()
     return matrix + np.diag(1.0 + np.abs(matrix).sum(axis=1))
 
 
@@ -35,9 +35,9 @@ def test_entries_near_the_diagonal_are_those_of_the_whole_covariance(pairs: list
     rows, columns = np.nonzero(h)
     inverse = np.linalg.inv(symmetric(pairs, 41, 2))
     whole = (inverse @ symmetric(pairs, 41, 3) @ inverse) / np.outer(units, units)
-    found = sandwich(csc_array(h), csc_array(j), rows, columns)
+    entries = sandwich(csc_array(h), csc_array(j), rows, columns)
     deviation = np.sqrt(whole.diagonal())
-    assert found / (deviation[rows] * deviation[columns]) == pytest.approx(
+    assert entries / (deviation[rows] * deviation[columns]) == pytest.approx(
         (whole / np.outer(deviation, deviation))[rows, columns], abs=1e-12
     )
 

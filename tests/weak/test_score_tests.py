@@ -98,8 +98,8 @@ def test_a_law_of_numbers_alone_is_tested_too() -> None:
     """A known law beside an unknown one: what it lacks shows in the equation of its mass."""
     spring = oscillator("k*d + c*v + k3*d**3", k=900.0, k3=2e6, c=1.5)
     record = lw.simulate(spring, release={"v:m1": 0.5}, duration=4.0, rate=500.0).with_noise(40.0, seed=3)
-    asked = oscillator("k*d + c*v + 1.9e6*d**3", k=900.0, c=1.5).unknown("all")
-    fit = lw.identify(record, asked, method="weak")
+    unknown = oscillator("k*d + c*v + 1.9e6*d**3", k=900.0, c=1.5).unknown("all")
+    fit = lw.identify(record, unknown, method="weak")
     assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT and "d**3" in fit.message
     right = oscillator("k*d + c*v + 2e6*d**3", k=900.0, c=1.5).unknown("all")
     assert lw.identify(record, right, method="weak").trusted

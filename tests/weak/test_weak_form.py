@@ -16,23 +16,23 @@ S = 0.3
 def chains(weak: WeakLaw, d: np.ndarray, variance: float, **values: float) -> list[list[np.ndarray]]:
     """h, h', h'', ... of every part at `d` (N,)."""
     given = {name: np.array([[values.get(name, np.nan)]]) for name in weak.law.coefficients}
-    found = weak.evaluate(d[None], 0.0, np.array([[variance]]), given)
-    return [[np.broadcast_to(each, (1, len(d)))[0] for each in chain] for chain in found]
+    evaluated = weak.evaluate(d[None], 0.0, np.array([[variance]]), given)
+    return [[np.broadcast_to(array, (1, len(d)))[0] for array in chain] for chain in evaluated]
 
 
 def test_rates_are_integrated_by_parts_where_that_is_possible() -> None:
     """v g(d) meets phi' as -G(d); what is curved in v stays under phi."""
     law = Law.parse("k*d + c*v + c3*v*d**2 + q*v**2 + p*v*exp(-d**2)")
-    found = {part.coefficient: part for part in weak_law(law, frozenset()).parts}
-    assert {name: part.kernel for name, part in found.items()} == {
+    parts = {part.coefficient: part for part in weak_law(law, frozenset()).parts}
+    assert {name: part.kernel for name, part in parts.items()} == {
         "k": PHI,
         "c": PHI_1,
         "c3": PHI_1,
         "q": PHI,
         "p": PHI,
     }
-    assert found["c"].sign == found["c3"].sign == -1.0
-    assert [found[name].needs_rate for name in ("k", "c", "c3", "q", "p")] == [
+    assert parts["c"].sign == parts["c3"].sign == -1.0
+    assert [parts[name].needs_rate for name in ("k", "c", "c3", "q", "p")] == [
         False,
         False,
         False,
@@ -71,8 +71,8 @@ def test_powers_without_bias_are_hermite_polynomials(
     power: int, hermite: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     d = np.linspace(-2.0, 2.0, 9)
-    [[found, slope, *_]] = chains(weak_law(Law.parse(f"k*d**{power}"), frozenset()), d, S**2)
-    assert found == pytest.approx(hermite(d), abs=1e-12)
+    [[unbiased, slope, *_]] = chains(weak_law(Law.parse(f"k*d**{power}"), frozenset()), d, S**2)
+    assert unbiased == pytest.approx(hermite(d), abs=1e-12)
     step = 1e-5  # central difference of a polynomial with third derivatives up to 240: 4e-9, and some twenty times
     assert slope == pytest.approx((hermite(d + step) - hermite(d - step)) / (2 * step), abs=1e-7)
 
@@ -81,15 +81,15 @@ def test_other_functions_lose_their_bias_to_second_order() -> None:
     """E h(d + e) = g(d) to s^4: for cos both sides are known, exp(-s^2/2) (1 + s^2/2) cos d = (1 - s^4/8 + ...) cos d."""
     d = np.linspace(-1.0, 1.0, 5)
     for s in (0.2, 0.1):
-        [[found, *_]] = chains(weak_law(Law.parse("F*cos(d)"), frozenset()), d, s**2)
-        expectation = np.exp(-(s**2) / 2) * found
+        [[unbiased, *_]] = chains(weak_law(Law.parse("F*cos(d)"), frozenset()), d, s**2)
+        expectation = np.exp(-(s**2) / 2) * unbiased
         assert expectation == pytest.approx(np.cos(d), rel=s**4 / 8 * 1.1)
 
 
 def test_without_correction_the_cube_is_biased() -> None:
     """The check that the check above can fail: over noise the plain cube is off by 3 s^2 d, the corrected one is not."""
     noisy = 1.0 + S * np.random.default_rng(0).normal(size=400_000)
-    [[found, *_]] = chains(weak_law(Law.parse("k*d**3"), frozenset()), noisy, S**2)
-    standard = np.std(found) / np.sqrt(len(noisy))
-    assert abs(found.mean() - 1.0) < 4 * standard
+    [[unbiased, *_]] = chains(weak_law(Law.parse("k*d**3"), frozenset()), noisy, S**2)
+    standard = np.std(unbiased) / np.sqrt(len(noisy))
+    assert abs(unbiased.mean() - 1.0) < 4 * standard
     assert np.mean(noisy**3) - 1.0 > 50 * standard

@@ -50,12 +50,12 @@ def test_slope_differentiates_the_sixth_degree(window: Window) -> None:
 def test_blocked_filter_equals_a_loop(samples: int, length: int, stride: int) -> None:
     rng = np.random.default_rng(5)
     signals, kernels = rng.normal(size=(2, samples)), rng.normal(size=(3, length))
-    found = strided_filter(signals, kernels, stride)
+    filtered = strided_filter(signals, kernels, stride)
     rows = (samples - length) // stride + 1
-    assert found.shape == (3, 2, rows)
+    assert filtered.shape == (3, 2, rows)
     for row in range(rows):
         piece = signals[:, row * stride : row * stride + length]
-        assert found[:, :, row] == pytest.approx(kernels @ piece.T, abs=1e-12 * length)
+        assert filtered[:, :, row] == pytest.approx(kernels @ piece.T, abs=1e-12 * length)
 
 
 @pytest.mark.parametrize("window", WINDOWS[1:], ids=lambda window: f"half {window.half}")
@@ -78,13 +78,13 @@ def test_places_stand_for_all_samples(thin: int) -> None:
     rows = np.sin(1.0 * np.arange(windows) + np.array([[0.0], [1.0]]))
     everywhere = np.zeros((2, 3, (windows - 1) * window.stride + window.length))
     for row in range(windows):
-        here = slice(row * window.stride, row * window.stride + window.length)
-        everywhere[:, :, here] += rows[:, row, None, None] * window.kernels
-    found = window.adjoint(rows, thin)
-    assert len(window.adjoint_windows(windows, thin)) == found.shape[2]
+        own = slice(row * window.stride, row * window.stride + window.length)
+        everywhere[:, :, own] += rows[:, row, None, None] * window.kernels
+    adjoint = window.adjoint(rows, thin)
+    assert len(window.adjoint_windows(windows, thin)) == adjoint.shape[2]
     edges = np.concatenate([everywhere[:, :, : window.half], everywhere[:, :, -window.half :]], axis=2)
-    assert found[:, :, -2 * window.half :] == pytest.approx(edges, abs=1e-13)
-    energy = np.sum(found**2, axis=2), np.sum(everywhere**2, axis=2)
+    assert adjoint[:, :, -2 * window.half :] == pytest.approx(edges, abs=1e-13)
+    energy = np.sum(adjoint**2, axis=2), np.sum(everywhere**2, axis=2)
     assert energy[0] == pytest.approx(energy[1], rel=0.01)
 
 

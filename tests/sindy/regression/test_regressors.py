@@ -63,11 +63,11 @@ def _problem(
 def test_the_default_finds_the_true_terms_of_the_chain_and_nothing_else(chain: StreamedSystem) -> None:
     fit = Stlsq().fit(chain)
     for target, terms in TRUE.items():
-        found = fit.terms(target)
-        assert set(found) == set(terms)
+        named_terms = fit.terms(target)
+        assert set(named_terms) == set(terms)
         for name, value in some(terms.items()):
             # Identity: the data satisfy the equations to rounding; 1e-11 leaves room for the weak dampers' share of 5e-4.
-            assert found[name] == pytest.approx(value, rel=1e-11), (target, name)
+            assert named_terms[name] == pytest.approx(value, rel=1e-11), (target, name)
     assert np.all(fit.residual < 1e-12)
 
 
@@ -91,21 +91,23 @@ def test_the_threshold_means_the_same_in_every_unit(chain: StreamedSystem) -> No
     factors = np.logspace(-9, 9, len(stored.names))
     scaled = DenseSystem(stored.matrix * factors, 1e-6 * stored.target, stored.names, targets=stored.targets)
     for regressor in (Stlsq(), Stlsq(0.02)):
-        one, other = regressor.fit(stored), regressor.fit(scaled)
-        np.testing.assert_array_equal(one.support, other.support)
-        shared = one.support
-        changed = (other.coefficients * factors[:, None] * 1e6)[shared]
+        plain, rescaled = regressor.fit(stored), regressor.fit(scaled)
+        np.testing.assert_array_equal(plain.support, rescaled.support)
+        shared = plain.support
+        changed = (rescaled.coefficients * factors[:, None] * 1e6)[shared]
         # the same numerics in other units: 1e-15 of what cancels, whose weakest share is 1e-4; measured 7e-14
-        np.testing.assert_allclose(changed, one.coefficients[shared], rtol=1e-9)
+        np.testing.assert_allclose(changed, plain.coefficients[shared], rtol=1e-9)
 
 
 def test_the_whole_path_of_thresholds_is_kept(chain: StreamedSystem) -> None:
     fit = Stlsq().fit(chain)
     path = fit.paths[fit.targets.index("x1''")]
-    terms = [one.terms for one in path]
+    terms = [candidate.terms for candidate in path]
     assert terms[0] == 35 and 8 in terms and terms == sorted(terms, reverse=True)
-    assert [one.residual for one in path][2:] == sorted(one.residual for one in path[2:])
-    assert min(path, key=lambda one: one.bic).terms == 8
+    assert [candidate.residual for candidate in path][2:] == sorted(
+        candidate.residual for candidate in path[2:]
+    )
+    assert min(path, key=lambda candidate: candidate.bic).terms == 8
 
 
 def test_a_threshold_given_is_kept_by_every_term(chain: StreamedSystem) -> None:
@@ -159,10 +161,12 @@ def test_a_full_cubic_library_on_exact_data_gives_what_qr_gives() -> None:
     largest = np.abs(direct).max(axis=0)
     # same numerics; measured 2e-15
     assert np.max(np.abs(fit.coefficients * scale[:, None] - direct) / largest) < 1e-10
-    found = Stlsq(1e-5).fit(stored)
-    kept = found.support
+    selected_fit = Stlsq(1e-5).fit(stored)
+    selected = selected_fit.support
     # A damper contributes 1e-4 of its equation, so its own digits are four fewer.
-    np.testing.assert_allclose((found.coefficients * scale[:, None])[kept], direct[kept], rtol=1e-6)
+    np.testing.assert_allclose(
+        (selected_fit.coefficients * scale[:, None])[selected], direct[selected], rtol=1e-6
+    )
 
 
 def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
@@ -183,28 +187,31 @@ def test_dropping_columns_gives_what_qr_gives_on_the_rest(dropped: int) -> None:
     scale = np.linalg.norm(equations.matrix, axis=0)
     for whole, rows in ((gram, slice(None)), (gram.training, ~held_out_rows(equations.rows))):
         for target in range(2):
-            kept = np.ones(12, dtype=bool)
-            kept[np.random.default_rng(dropped).permutation(12)[:dropped]] = False
-            matrix, right = (equations.matrix[:, kept] / scale[kept])[rows], equations.target[rows, target]
+            support = np.ones(12, dtype=bool)
+            support[np.random.default_rng(dropped).permutation(12)[:dropped]] = False
+            matrix, right = (
+                (equations.matrix[:, support] / scale[support])[rows],
+                equations.target[rows, target],
+            )
             direct = np.linalg.lstsq(matrix, right)[0]
-            scaled, squares = whole.project(kept, target)
+            scaled, squares = whole.project(support, target)
             # Same numerics: the condition number of these columns is about 20.
-            np.testing.assert_allclose(scaled[kept], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max())
-            assert not scaled[~kept].any()
+            np.testing.assert_allclose(scaled[support], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max())
+            assert not scaled[~support].any()
             assert squares == pytest.approx(np.sum((right - matrix @ direct) ** 2), rel=1e-8)
-            small = whole.restricted(kept, target)
+            small = whole.restricted(support, target)
             np.testing.assert_allclose(
                 small.anchor[:, 0], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max()
             )
-            answer = gram.unscaled(np.sqrt(whole.variances(kept)) * gram.scale**2)[kept]
+            answer = gram.unscaled(np.sqrt(whole.variances(support)) * gram.scale**2)[support]
             covariance = np.linalg.inv(matrix.T @ matrix)
             # the inverse of the same Gram matrix
             np.testing.assert_allclose(answer, np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
 def test_rows_held_out_are_every_fifth_of_a_hundred_runs() -> None:
-    held = held_out_rows(6001)
-    edges = np.flatnonzero(np.diff(held.astype(int)))
+    is_held_out = held_out_rows(6001)
+    edges = np.flatnonzero(np.diff(is_held_out.astype(int)))
     assert len(edges) == 40  # twenty runs, none at an end of the record
     assert set(np.diff(edges)[::2]) <= {59, 60, 61}
     assert held_out_rows(60).sum() == 12 and held_out_rows(25).sum() == 5 and not held_out_rows(24).any()
@@ -212,19 +219,21 @@ def test_rows_held_out_are_every_fifth_of_a_hundred_runs() -> None:
 
 def test_what_is_held_out_is_judged_by_its_own_rows() -> None:
     equations, _ = _problem(0.3)
-    held = held_out_rows(equations.rows)
+    is_held_out = held_out_rows(equations.rows)
     path = Stlsq().fit(equations).paths[0]
-    assert [one.terms for one in path] == list(range(12, -1, -1))
-    for one in path[:-1]:
-        kept = one.support
-        found = np.linalg.lstsq(equations.matrix[~held][:, kept], equations.target[~held, 0])[0]
-        missed = equations.target[held, 0] - equations.matrix[held][:, kept] @ found
-        share = np.linalg.norm(missed) / np.linalg.norm(equations.target[held, 0])
+    assert [candidate.terms for candidate in path] == list(range(12, -1, -1))
+    for candidate in path[:-1]:
+        support = candidate.support
+        solution = np.linalg.lstsq(
+            equations.matrix[~is_held_out][:, support], equations.target[~is_held_out, 0]
+        )[0]
+        missed = equations.target[is_held_out, 0] - equations.matrix[is_held_out][:, support] @ solution
+        share = np.linalg.norm(missed) / np.linalg.norm(equations.target[is_held_out, 0])
         # squares by difference of sums lose what QR keeps: measured 2e-9
-        assert one.held_out == pytest.approx(share, rel=1e-6)
-        count = held.sum()
-        expected = count * np.log(np.sum(missed**2) / count) + one.terms * np.log(count)
-        assert one.bic == pytest.approx(expected, rel=1e-6)
+        assert candidate.held_out == pytest.approx(share, rel=1e-6)
+        count = is_held_out.sum()
+        expected = count * np.log(np.sum(missed**2) / count) + candidate.terms * np.log(count)
+        assert candidate.bic == pytest.approx(expected, rel=1e-6)
 
 
 def test_too_few_rows_to_hold_any_out_are_refused() -> None:
@@ -313,10 +322,10 @@ def test_l1_by_default_keeps_the_true_terms_and_debias_undoes_the_shrinkage() ->
     equations, truth = _problem(0.01)
     fit = L1().fit(equations)
     assert np.all(fit.support[truth != 0])
-    kept = fit.support[:, 0]
-    scale = np.linalg.norm(equations.matrix[:, kept], axis=0)
-    refit = np.linalg.lstsq(equations.matrix[:, kept] / scale, equations.target[:, 0])[0] / scale
-    np.testing.assert_allclose(fit.coefficients[kept, 0], refit, rtol=1e-8)
+    support = fit.support[:, 0]
+    scale = np.linalg.norm(equations.matrix[:, support], axis=0)
+    refit = np.linalg.lstsq(equations.matrix[:, support] / scale, equations.target[:, 0])[0] / scale
+    np.testing.assert_allclose(fit.coefficients[support, 0], refit, rtol=1e-8)
     shrunk = L1(debias=False).fit(equations)
     assert np.sum(shrunk.contribution) < np.sum(fit.contribution)
     assert len(fit.paths[0]) > 3
