@@ -229,15 +229,8 @@ def test_iwan_sliders_add_up_to_its_force_and_stiffness() -> None:
 REFUSED: dict[str, Callable[[lw.Structure, lw.Record], object]] = {
     "weak": lambda structure, record: lw.identify(record, structure.unknown("joint.k"), method="weak"),
     "sindy": lambda structure, record: lw.identify(record, structure.unknown("joint.k"), method="sindy"),
-    "comparisons": lambda structure, record: lw.absorb(structure, duration=1.0, release={"v:m1": 1.0}),
-    "limits": lambda structure, record: lw.limit(
-        structure, duration=1.0, rate=100.0, noise=40.0, unknown=["joint"], release={"v:m1": 1.0}
-    ),
     "discovery": lambda structure, record: lw.discover(record, structure),
     "studies": lambda structure, record: lw.Subject("s", structure, duration=1.0, rate=100.0),
-    "validation": lambda structure, record: lw.validate(record, structure),
-    "equilibria": lambda structure, record: lw.equilibria(structure),
-    "modes": lambda structure, record: lw.modes(structure),
 }
 
 
