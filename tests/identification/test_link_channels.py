@@ -32,10 +32,16 @@ def test_methods_that_do_not_use_a_load_cell_say_so(method: str, record: lw.Reco
     assert not lw.identify(record, OSCILLATOR.unknown("all")).trusted
 
 
-def test_discovery_and_validation_say_so(record: lw.Record) -> None:
+def test_discovery_says_so(record: lw.Record) -> None:
     assert any("f:spring were not used" in line for line in lw.check_discovery(record, {"m1": 1.0}))
+
+
+def test_validation_scores_a_load_cell(record: lw.Record) -> None:
+    """Its force is not that of the spring; without it the record agrees."""
     validation = lw.validate(record, OSCILLATOR)
-    assert any("f:spring were not scored" in line for line in validation.findings)
+    assert not validation.channels["f:spring"].agrees
+    assert not validation.trusted
+    assert lw.validate(record.select(["x:m1"]), OSCILLATOR).trusted
 
 
 def test_a_unit_of_a_state_must_be_of_its_kind(tmp_path: Path) -> None:
