@@ -16,6 +16,7 @@ from linkwise.absorption.result import Absorption
 from linkwise.absorption.result_parts import AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.runs import Runs, single_run
 from linkwise.absorption.vibration import Vibration
+from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
@@ -58,6 +59,8 @@ def absorb(
         If a link does not exist, a coefficient is unknown and has no start, or there are no sinks.
     SimulationError
         If nothing moves without the sinks, and as `simulate`.
+    TypeError
+        If `structure` is no `Structure`.
 
     See Also
     --------
@@ -71,6 +74,7 @@ def absorb(
     >>> found.masses[0].name, len(found.sinks[0].crossings)
     ('m1', 109)
     """
+    check_type("absorb(structure)", "structure", structure, Structure)
     return compare(Comparison.of(structure, AbsorptionOptions.given(options, keywords)), progress)
 
 

@@ -15,6 +15,7 @@ from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import Absorption, closure_verdict
 from linkwise.absorption.variants import Variants
+from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import LinkwiseError
@@ -211,6 +212,8 @@ def absorption_intervals(
         If there are fewer than 2 draws, or the motion of more than a tenth of them diverges.
     StructureError, SimulationError
         As `absorb`.
+    TypeError
+        If `identified` has another type.
 
     Examples
     --------
@@ -223,6 +226,7 @@ def absorption_intervals(
     >>> share.lower < share.value < share.upper
     True
     """
+    check_type("absorption_intervals(identified)", "identified", identified, Estimate, Posterior)
     posterior = identified if isinstance(identified, Posterior) else Posterior.of(identified)
     if draws < 2:
         raise LinkwiseError(

@@ -18,6 +18,7 @@ from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.variants import Variants
+from linkwise.argument_types import check_type
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
@@ -67,6 +68,8 @@ def absorption_map(
         If the runs need more memory than there is, and as `absorb`.
     LinkwiseError
         If no run comes to its end.
+    TypeError
+        If `structure` is no `Structure`.
 
     Examples
     --------
@@ -78,6 +81,7 @@ def absorption_map(
     >>> found.best("sinks_share")
     {'nes1.alpha': -150.0}
     """
+    check_type("absorption_map(structure, over)", "structure", structure, Structure)
     chosen = AbsorptionOptions.given(options, keywords)
     equipped = with_harvesters(structure, chosen.harvesters or {})
     axes = _axes(equipped, over)

@@ -33,6 +33,7 @@ from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import BASE, Channel, of_links
 from linkwise.records.record import Record
 from linkwise.records.repetition import joined_notes
+from linkwise.records.sequence import record_list
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.verdict import Verdict
@@ -87,6 +88,8 @@ def discover(
         If a mass is listed twice or unknown, or a stated link ends at something that is not a mass.
     LawError
         If a term is not a valid expression.
+    TypeError
+        If the records or masses have another type.
 
     See Also
     --------
@@ -106,7 +109,7 @@ def discover(
     """
     started = perf_counter()
     chosen = DiscoveryOptions.given(options, keywords)
-    records = [record] if isinstance(record, Record) else list(record)
+    records = record_list("discover(record, masses)", record)
     candidates = candidates_for(records, masses, chosen.terms)
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
@@ -243,7 +246,7 @@ def check_discovery(
     ('102 samples for 12 candidates are few: weak terms will be missed; record for longer.',)
     """
     chosen = DiscoveryOptions.given(options, keywords)
-    records = [record] if isinstance(record, Record) else list(record)
+    records = record_list("check_discovery(record, masses)", record)
     candidates = candidates_for(records, masses, chosen.terms)
     errors_to_find(records, calibration=chosen.calibration)  # refuses those of other channels
     return _checked(records, candidates).remarks

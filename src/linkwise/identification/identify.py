@@ -9,6 +9,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from linkwise.argument_types import check_type
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
@@ -20,10 +21,12 @@ from linkwise.progress import Progress, silent
 from linkwise.records.channel import of_links
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
+from linkwise.records.sequence import record_list
 from linkwise.records.stated_noise import check_stated_noise
 from linkwise.text import near_miss
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
+_CALL = "identify(record, structure)"
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is found not to be finite, and refused
@@ -65,6 +68,8 @@ def identify(
         have.
     RecordError
         If two records hold the same samples, or the noise stated of a channel is far more than its samples.
+    TypeError
+        If an argument has another type, or a keyword is unknown.
 
     Examples
     --------
@@ -82,7 +87,8 @@ def identify(
         hint = near_miss(unknown[0], known)
         raise TypeError(f"identify() got an unexpected keyword argument {unknown[0]!r}{hint}")
     estimator = _estimator(method, {name: value for name, value in options.items() if value})
-    records = [record] if isinstance(record, Record) else list(record)
+    records = record_list(_CALL, record)
+    check_type(_CALL, "structure", structure, Structure)
     if not records:
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
@@ -111,6 +117,7 @@ def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:
                 f"{', '.join(options)} were given beside {type(method).__name__}(...); give options to that object"
             )
         return method
+    check_type(_CALL, "method", method, str, Estimator)
     kind = METHODS.lookup(method)
     if not options:
         return kind()

@@ -13,6 +13,7 @@ from linkwise.inspection.record_signals import RecordSignals
 from linkwise.inspection.result import ChannelSummary, Inspection, labels
 from linkwise.inspection.summary import summary
 from linkwise.records.record import Record
+from linkwise.records.sequence import record_list
 
 
 def inspect(records: Record | Sequence[Record]) -> Inspection:
@@ -32,6 +33,8 @@ def inspect(records: Record | Sequence[Record]) -> Inspection:
     ------
     RecordError
         If there is no record.
+    TypeError
+        If something else is given.
 
     Notes
     -----
@@ -49,7 +52,7 @@ def inspect(records: Record | Sequence[Record]) -> Inspection:
     >>> [(alert.kind, alert.channel) for alert in found.alerts]
     [('clipped', 'x:m1')]
     """
-    given = (records,) if isinstance(records, Record) else tuple(records)
+    given = tuple(record_list("inspect(records)", records, "records"))
     if not given:
         raise RecordError("there is no record to inspect")
     alerts: list[Alert] = []

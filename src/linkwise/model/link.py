@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -45,6 +46,8 @@ class Mass:
     ------
     StructureError
         If the name is reserved or invalid, or the mass is not positive.
+    TypeError
+        If the mass is no `Coefficient`.
 
     Examples
     --------
@@ -58,6 +61,7 @@ class Mass:
 
     def __post_init__(self) -> None:
         check_name(self.name, "mass")
+        check_type(f'mass "{self.name}"', "mass", self.mass, Coefficient)
         if self.name in (GROUND, BASE):
             raise StructureError(
                 f'"{self.name}" is reserved as an end of links; choose another name',
@@ -97,6 +101,8 @@ class Link:
         If coefficients are missing or unknown to the law, or the ends are equal or no masses.
     LawError
         If the rate of a state is not valid.
+    TypeError
+        If `between`, the law or a coefficient has another type, as a law that was not parsed.
 
     Examples
     --------
@@ -117,13 +123,17 @@ class Link:
     def __post_init__(self) -> None:
         check_name(self.name, "link")
         where = f'link "{self.name}"'
+        check_type(where, "law", self.law, Law)
         self._bind_states(where)
+        check_type(where, "between", self.between, tuple, list)  # a name would be taken letter by letter
         object.__setattr__(self, "between", tuple(self.between))
         if len(self.between) != 2:
             raise StructureError(f"`between` must name two ends, got {list(self.between)}", where)
         if self.between[0] == self.between[1]:
             raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
         self._check_coefficients(where)
+        for name, coefficient in self.coefficients.items():
+            check_type(where, f"coefficient {name}", coefficient, Coefficient)
         ordered = {name: self.coefficients[name] for name in self.law.coefficients}
         object.__setattr__(self, "coefficients", MappingProxyType(ordered))
 

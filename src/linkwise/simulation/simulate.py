@@ -8,6 +8,7 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError, SimulationError
 from linkwise.model.excitation import Excitation, Impulse
@@ -84,6 +85,8 @@ def simulate(
         If an argument is not valid, or the motion diverges; the error has time and mass.
     StructureError
         If a mass or coefficient has no value.
+    TypeError
+        If `structure` is no `Structure`.
 
     Examples
     --------
@@ -91,6 +94,7 @@ def simulate(
     >>> lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=["x", "a:m2"])
     Record of 1001 samples at 1000 Hz, 0 to 1 s: x:m1, x:m2, a:m2
     """
+    check_type("simulate(structure)", "structure", structure, Structure)
     grid = output_times(duration, rate, times)
     drive = Excitation.of(**excitation)
     check_excitation(structure, drive, float(grid[-1]))

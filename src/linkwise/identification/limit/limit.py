@@ -8,6 +8,7 @@ from typing import Unpack
 
 import numpy as np
 
+from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.identification.limit.result import Limit, true_path
@@ -75,6 +76,8 @@ def limit(
         If an unknown has no number, the noise does not fit the sensors, or the test or its segments are too short.
     SimulationError
         As `simulate`.
+    TypeError
+        If `structure` is no `Structure`.
 
     Examples
     --------
@@ -85,7 +88,6 @@ def limit(
     >>> alpha.value, bool(alpha.standard_error < 1.0)
     (-100.0, True)
     """
-    refuse_rig(structure, "limits of accuracy")
     true, unknown_structure = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     record = simulate(
@@ -137,6 +139,8 @@ def limit(
 
 def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
     """The structure with all its numbers, and the same with its unknowns."""
+    check_type("limit(structure)", "structure", structure, Structure)
+    refuse_rig(structure, "limits of accuracy")
     without_number = [parameter.name for parameter in structure.parameters if parameter.start is None]
     if without_number:
         raise IdentificationError(

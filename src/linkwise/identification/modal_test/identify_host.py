@@ -18,6 +18,7 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
+from linkwise.records.sequence import record_list
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.verdict import Verdict
@@ -68,6 +69,8 @@ def identify_host(
     IdentificationError
         If the records have no force or no motion, no motion at a point of a force, too few samples, or channels of a host of
         another name.
+    TypeError
+        If something else than records is given.
 
     See Also
     --------
@@ -92,7 +95,7 @@ def identify_host(
     started = perf_counter()
     if modes is not None and modes < 1:
         raise IdentificationError(f"the number of modes must be positive, got {modes}")
-    records = [record] if isinstance(record, Record) else list(record)
+    records = record_list("identify_host(record)", record)
     if not records:
         raise IdentificationError("a modal test needs at least one record, got none")
     measured = ModalMeasurement.of(records, name)

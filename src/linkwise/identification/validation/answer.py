@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from linkwise.argument_types import check_type
 from linkwise.atomic import RESULT
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
@@ -38,6 +39,8 @@ class ValidatedAnswer:
                 return cls(answer.structure, Posterior.of(answer), answer.model_error)
             why = answer.status if not answer.trusted else f"{answer.method} gives no intervals"
             return cls(answer.structure, None, answer.model_error if answer.trusted else 0.0, (_exact(why),))
+        types = (Structure, Estimate, Posterior, str, Path)
+        check_type("validate(record, answer)", "answer", answer, *types)
         return cls(_numbers(answer))
 
 

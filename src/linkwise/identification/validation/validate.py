@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
@@ -84,6 +85,8 @@ def validate(
         If a coefficient has no value.
     SimulationError
         If the structure diverges.
+    TypeError
+        If the record or the answer has another type.
 
     Examples
     --------
@@ -96,6 +99,7 @@ def validate(
     >>> sorted(validation.channels)
     ['x:m1', 'x:m2']
     """
+    check_type("validate(record, answer)", "record", record, Record)
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)

@@ -15,6 +15,7 @@ from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
+from linkwise.records.sequence import record_list
 from linkwise.signals.channel_noise import channel_noise
 
 _UNDAMPED = 2e-4  # damping of what is no mode, but a line of the force or its distortion
@@ -49,6 +50,8 @@ def compare_levels(
         If there are fewer than two records, or no mode stands above the noise at the lowest level.
     IdentificationError
         If the records lack a force or a motion, or differ in their channels.
+    TypeError
+        If something else is given.
 
     See Also
     --------
@@ -71,6 +74,7 @@ def compare_levels(
     >>> found.first_nonlinear, found.moved(1), found.moved(2)
     (2, (), (1,))
     """
+    records = record_list("compare_levels(records)", records, "records")
     if len(records) < 2:
         raise RecordError(f"levels are compared between two records or more, got {len(records)}")
     _require_same_channels(records)

@@ -1,0 +1,105 @@
+"""Main arguments of another type, or swapped, are refused with the order that a function takes them in."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.argument_types import check_type
+
+CHAIN = lw.bnes_chain(2)
+KNOWN = lw.Coefficient.number(1.0)
+LAW = lw.Law.parse("k*d")
+
+
+@pytest.mark.parametrize(
+    ("function", "first", "second"),
+    [
+        (lw.identify, CHAIN, "record"),
+        (lw.discover, {"m1": 1.0}, "record"),
+        (lw.check_discovery, {"m1": 1.0}, "record"),
+        (lw.validate, CHAIN, "record"),
+        (lw.identify_host, CHAIN, None),
+        (lw.inspect, CHAIN, None),
+        (lw.compare_levels, CHAIN, None),
+    ],
+)
+def test_what_is_no_record_is_refused(function: Callable[..., Any], first: Any, second: str | None) -> None:
+    name, *names = inspect.signature(function).parameters
+    call = f"{function.__name__}({name}, {names[0]})" if second else f"{function.__name__}({name})"
+    others = () if second is None else (first,)
+    kind = type(first).__name__
+    with pytest.raises(TypeError) as error:
+        function(first, *others)
+    assert str(error.value) == f"{call}: {name} must be of type Record, got {kind}"
+    with pytest.raises(TypeError) as error:
+        function("run.csv", *others)
+    advice = "read_record(path) reads one from a file"
+    assert str(error.value) == f"{call}: {name} must be of type Record, got 'run.csv'; {advice}"
+
+
+@pytest.mark.parametrize(
+    ("function", "options"),
+    [
+        (lw.simulate, {"duration": 1.0, "rate": 100.0}),
+        (lw.limit, {"duration": 1.0, "rate": 100.0, "noise": 20.0}),
+        (lw.absorb, {"duration": 1.0}),
+        (lw.absorption_map, {"over": {"nes1.alpha": [-100.0]}, "duration": 1.0}),
+        (lw.absorption_intervals, {"duration": 1.0}),
+    ],
+)
+def test_what_is_no_structure_is_refused(function: Callable[..., Any], options: dict[str, Any]) -> None:
+    record = chain_record(2)
+    with pytest.raises(TypeError, match=rf"^{function.__name__}\((structure|identified).* must be of type"):
+        function(record, **options)
+
+
+def test_the_second_argument_and_every_record_are_read() -> None:
+    record = chain_record(2)
+    with pytest.raises(
+        TypeError, match=r"records must be of type Record, got PosixPath\('b\.csv'\); read_record"
+    ):
+        lw.inspect([record, Path("b.csv")])  # type: ignore[list-item]
+    with pytest.raises(TypeError, match=r"structure must be of type Structure, got Record$"):
+        lw.identify(record, record)  # type: ignore[arg-type]
+    with pytest.raises(
+        TypeError, match=r"masses must be of type Mapping, Structure or PartialStructure, got list"
+    ):
+        lw.discover(record, ["m1", "m2"])  # type: ignore[arg-type]
+    with pytest.raises(
+        TypeError, match=r"answer must be of type Structure, Estimate, Posterior, str or Path, got 3$"
+    ):
+        lw.validate(record, 3)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"method must be of type str or Estimator, got WeakForm"):
+        lw.identify(record, CHAIN.unknown("nes"), method=lw.WeakForm)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("between", "law", "coefficients", "message"),
+    [
+        (("m1", "ground"), "k*d", {"k": KNOWN}, "law must be of type Law, got 'k*d'; Law.parse(text) makes one of a text"),
+        (("m1", "ground"), LAW, {"k": 2.5}, "k must be of type Coefficient, got 2.5; Coefficient.number(value) makes one"),
+        (("m1", "ground"), LAW, {"k": "unknown"}, "got 'unknown'; Coefficient.unknown() makes one to be identified"),
+        ("m1", LAW, {"k": KNOWN}, "between must be of type tuple or list, got 'm1'"),
+    ],
+)  # fmt: skip
+def test_the_parts_of_a_link_are_read(between: Any, law: Any, coefficients: Any, message: str) -> None:
+    with pytest.raises(TypeError) as error:
+        lw.Link("spring", between, law, coefficients)
+    assert str(error.value).startswith('link "spring": ') and message in str(error.value)
+
+
+def test_a_mass_that_is_a_number_is_told_how_to_write_it() -> None:
+    with pytest.raises(TypeError, match=r'mass "m1": .* got 2\.0; Coefficient\.number\(value\) makes one'):
+        lw.Mass("m1", 2.0)  # type: ignore[arg-type]
+
+
+def test_what_has_its_type_passes() -> None:
+    check_type("f(x)", "x", CHAIN, lw.Record, lw.Structure)
+    assert len(lw.inspect(iter([chain_record(2)])).channels) == 2  # type: ignore[arg-type]
