@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from present import present
 from problems import chain_record, oscillator, row_of_masses, truth
 
 import linkwise as lw
+from linkwise.likelihood.judgement import _decisive
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.signals.outliers import has_outliers, outliers_exceed_noise
 
@@ -277,8 +279,8 @@ def test_a_missing_link_takes_trust_away(
     assert f"a link m2-ground with a force like {term} of" in fit.message
 
 
-def test_a_term_that_overturns_a_coefficient_takes_trust_away() -> None:
-    """Quadratic damping of 4 % of the force and no other, told as linear; with twice as much linear damping it is kept."""
+def test_a_term_that_overturns_a_coefficient_is_held_by_its_interval() -> None:
+    """Quadratic damping of 4 % of the force and no other, told as linear damping, which is then not told from zero."""
     rng = np.random.default_rng(4102)
     frequency = np.fft.rfftfreq(2001, 1.0 / 200.0)
     band = (frequency > 1.0) & (frequency < 12.0)
@@ -290,8 +292,16 @@ def test_a_term_that_overturns_a_coefficient_takes_trust_away() -> None:
         whole = oscillator("k*d + c*v + k3*d**3 + q*v*abs(v)", k=987.0, c=linear, k3=4e5, q=1.0)
         clean = lw.simulate(whole, forces={"m1": force}, duration=10.0, rate=200.0)
         fits.append(lw.identify(clean.with_noise(40.0, seed=4102), unknown))
-    assert fits[0].verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and fits[0].model_error > 0.0
     assert fits[0].diagnosis[0].overturned == ("link.c",)
-    assert "link.c would have no certain sign" in fits[0].message
+    assert fits[0].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
+    low, high = present(fits[0].coefficient("link.c").interval)
+    assert low < 0.0 < high
+    assert any("link.c cannot be distinguished from zero" in finding for finding in fits[0].findings)
+    narrow = fits[0].diagnosis[0]
+    assert _decisive((narrow,), by_blocks=True) is narrow
+    assert _decisive((replace(narrow, overturned=()),), by_blocks=True) is None
+    # a term that makes most of the force in its own link, after one that explains more elsewhere
+    large = replace(narrow, overturned=(), share=0.6, gain=0.5 * narrow.gain)
+    assert _decisive((replace(narrow, overturned=()), large), by_blocks=True) is large
     assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "With it, link.c would change by" in fits[1].message

@@ -200,12 +200,21 @@ def _select(
     if not selection.is_exact:
         selection = select_inexact(search, selection)
     discovery = judged_discovery(records, checks, screened, selection, selection.fit.delays)
-    if Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and selection.is_exact:
+    if selection.is_exact and _lacks_a_term(discovery):
         simpler = select_inexact(search, selection, screened.first)
         reduced = judged_discovery(records, checks, screened, simpler, simpler.fit.delays)
-        if reduced.trusted or simpler.has_fewer_links(selection):
+        follows = Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
+        if (follows and reduced.trusted) or simpler.has_fewer_links(selection):
             selection, discovery = simpler, reduced
     return _Selected(checks, screened, selection, discovery)
+
+
+def _lacks_a_term(discovery: Discovery) -> bool:
+    """Whether what the laws leave follows the motion; noise of an input may seem to leave it, where a term does so as well."""
+    kinds = {cause.kind for cause in discovery.diagnosis}
+    noise = Verdict.MEASUREMENT_ERROR in discovery.verdicts and discovery.diagnosis[:1]
+    as_well = bool(noise) and discovery.diagnosis[0].kind == "input noise" and "term" in kinds
+    return Verdict.SYSTEMATIC_MISFIT in discovery.verdicts or as_well
 
 
 def check_discovery(

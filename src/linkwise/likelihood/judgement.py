@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
+from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
@@ -35,6 +36,8 @@ _NOISIEST_INPUT = (
 _LARGEST_TERM = 0.05
 """Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
 would change by more than an engineer can neglect."""
+_ANOTHER_LAW = 0.5
+"""The same where other causes explain more: a term that makes most of the force in its link, which then has another law."""
 _LARGEST_SHIFT = 3.0
 """Standard errors: the largest change of a coefficient by a missing link, or term beside noise, that is trusted."""
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
@@ -182,7 +185,7 @@ def _verdict(
     by_blocks = (
         fit.model_error > 0.0 and fit.error_ratios is not None
     )  # only then do intervals include errors that follow the motion
-    decisive = _decisive(causes, by_blocks=by_blocks)
+    decisive = _decisive(_not_held(fit, identified, causes) if by_blocks else causes, by_blocks=by_blocks)
     if decisive is not None:
         return Verdict.SYSTEMATIC_MISFIT, explained + _systematic(decisive)
     if filtered:
@@ -285,16 +288,34 @@ def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], ch
 def _decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
     """The cause that takes trust away, if there is one; with intervals `by_blocks`, small terms of the links do not.
 
-    They do where they would overturn what the answer says of a coefficient.
+    They do where they would overturn what the answer says of a coefficient, whose interval does not hold that.
     """
     if not causes or not by_blocks or causes[0].kind == "link" or causes[0].share > _LARGEST_TERM:
         return causes[0] if causes else None
-    overturning = (
+    too_large = (
         cause
         for cause in causes
-        if cause.overturned or (cause.kind == "link" and cause.shift > _LARGEST_SHIFT)
+        if cause.share > _ANOTHER_LAW
+        or cause.overturned
+        or (cause.kind == "link" and cause.shift > _LARGEST_SHIFT)
     )
-    return next(overturning, None)
+    return next(too_large, None)
+
+
+def _not_held(fit: LikelihoodFit, identified: Structure, causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The causes without the coefficients that they would overturn and whose intervals hold zero, counting missing terms."""
+    missing = for_missing_terms(fit, identified) if any(cause.overturned for cause in causes) else None
+    if missing is None:
+        return tuple(causes)
+    errors = np.sqrt(np.maximum((fit.covariance + missing).diagonal(), 0.0))
+    names = fit.segments.system.parameters.names
+    uncertain = {
+        name for name, clear in zip(names, np.abs(fit.values) > NORMAL_95 * errors, strict=True) if not clear
+    }
+    return tuple(
+        replace(cause, overturned=tuple(name for name in cause.overturned if name not in uncertain))
+        for cause in causes
+    )
 
 
 def _systematic(cause: Cause) -> str:
