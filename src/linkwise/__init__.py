@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from linkwise.analysis.modes import Modes, modes
     from linkwise.analysis.wells import barrier, wells
     from linkwise.discovery.discover import check_discovery, discover
+    from linkwise.discovery.memory_evidence import MemoryEvidence
     from linkwise.discovery.model_average import ModelAverage
     from linkwise.discovery.options import DiscoveryOptions
     from linkwise.discovery.other_models import PathPoint, RunnerUp
@@ -227,6 +228,7 @@ __all__ = [
     "MassChange",
     "MassDecay",
     "MaximumLikelihood",
+    "MemoryEvidence",
     "MethodResult",
     "ModelAverage",
     "Modes",

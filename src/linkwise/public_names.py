@@ -16,6 +16,7 @@ HOMES = {
     "analysis.modes": ("Modes", "modes"),
     "analysis.wells": ("barrier", "wells"),
     "discovery.discover": ("check_discovery", "discover"),
+    "discovery.memory_evidence": ("MemoryEvidence",),
     "discovery.model_average": ("ModelAverage",),
     "discovery.options": ("DiscoveryOptions",),
     "discovery.other_models": ("PathPoint", "RunnerUp"),

@@ -153,6 +153,9 @@ def discover(
     \b
       FAMILIES
 
+    A law with memory, such as bouc-wen, dahl or zener, may stand there by its name ("linkwise structure laws" lists all): each
+    link is offered its states. Without one, bouc-wen, dahl and zener are tried where no selection of terms leaves only noise.
+
     Without a number, S or G is found for each link, as is any other name in a function: "tanh(v/vr)". The term 1 is a constant
     force on each mass.
 
@@ -166,6 +169,7 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction, gap"
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.5 --terms "cubic, bouc-wen"
       linkwise discover run.csv --structure known.toml --with run2.csv --json
       linkwise discover hits.csv --structure two_beams.toml --terms "cubic, friction(0.02)" -o joint
       linkwise discover run.csv --mapping sensors.toml

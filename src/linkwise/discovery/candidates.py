@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.argument_types import check_type
-from linkwise.discovery.terms import Term, parse_terms
+from linkwise.discovery.memory_terms import link_with_memory
+from linkwise.discovery.terms import Term, offered_memory, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.expression import Number
 from linkwise.model.coefficient import Coefficient
@@ -59,9 +60,9 @@ class CandidateTerm:
 class Candidates:
     """All candidate terms between `masses` and points of `hosts`: every one of `terms` on every one of `pairs`.
 
-    Stated links are part of every structure; `inactive` holds names of candidates that are left out. Terms with parameters
-    have those of `values`, by name, and 1 in SI units before there are any; in structures those of `free` candidates are
-    unknown.
+    Laws with `memory` were offered by name. Stated links are part of every structure; `inactive` holds names of candidates
+    that are left out. Terms with parameters have those of `values`, by name, and 1 in SI units before there are any; in
+    structures those of `free` candidates are unknown.
     """
 
     masses: tuple[Mass, ...]
@@ -71,6 +72,7 @@ class Candidates:
     hosts: tuple[Host, ...] = ()
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     free: frozenset[str] = frozenset()
+    memory: tuple[str, ...] = ()
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -150,6 +152,21 @@ class Candidates:
             masses=tuple(mass for mass in self.masses if mass.name not in removed),
             pairs=tuple(pair for pair in self.pairs if removed.isdisjoint(pair.between)),
         )
+
+    def with_memory(self, pair: int, law: str) -> Candidates:
+        """The candidates where the link of a pair, by number, has the states of a named law beside its terms."""
+        given = self.pairs[pair]
+        first = given.stated[:1]
+        reserved = {name for term in self.terms for name in (term.coefficient, *term.parameters)}
+        reserved |= {name for link in first for name in link.law.coefficients}
+        link = link_with_memory(given.name, given.between, law, reserved)
+        for stated in first:
+            text = f"{stated.law.text} + {link.law.text}"
+            coefficients = {**stated.coefficients, **link.coefficients}
+            link = Link(stated.name, stated.between, Law.parse(text, link.states), coefficients, link.states)
+        pairs = list(self.pairs)
+        pairs[pair] = replace(given, stated=(link, *given.stated[1:]))
+        return replace(self, pairs=tuple(pairs))
 
     @cached_property
     def full_structure(self) -> Structure:
@@ -256,8 +273,9 @@ def _links(pair: Pair, terms: Sequence[Term], parameters: Mapping[str, Coefficie
     if not pair.stated:
         return (Link(pair.name, pair.between, Law.parse(text), new),)
     first, *others = pair.stated
-    law = Law.parse(f"{first.law.text} + {text}")
-    return Link(first.name, first.between, law, {**first.coefficients, **new}), *others
+    summands = (text, first.law.text) if first.states else (first.law.text, text)
+    law = Law.parse(" + ".join(summands), first.states)
+    return Link(first.name, first.between, law, {**first.coefficients, **new}, first.states), *others
 
 
 def candidates_for(
@@ -298,7 +316,13 @@ def candidates_for(
             f"beside a host the parameters of terms are not found yet: write a number in place of {parameters[0]}, as in "
             "friction(0.01)"
         )
-    return all_candidates(given, offered, stated=stated, base=bool(base), ground=grounded, hosts=hosts)
+    candidates = all_candidates(given, offered, stated=stated, base=bool(base), ground=grounded, hosts=hosts)
+    remembering = offered_memory(terms)
+    if hosts and remembering:
+        raise IdentificationError(
+            f"beside a host laws with memory are not found yet: leave {', '.join(remembering)} out of the terms"
+        )
+    return replace(candidates, memory=remembering)
 
 
 def _parts(structure: Structure) -> tuple[tuple[Mass, ...], tuple[Link, ...], tuple[Host, ...]]:

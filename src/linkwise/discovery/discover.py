@@ -15,12 +15,16 @@ from linkwise.discovery.coloured_noise import select_coloured
 from linkwise.discovery.data_checks import DataChecks, check_data
 from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.judgement import judged_discovery
+from linkwise.discovery.memory_evidence import MemoryEvidence
+from linkwise.discovery.memory_laws import no_memory_remark, select_memory
+from linkwise.discovery.memory_terms import USUAL
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.random_forces import select_with_random_forces
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.screened_records import ScreenedRecords, weak_values
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.sensor_priors import errors_to_find
@@ -125,6 +129,11 @@ def discover(
         ),
         random=random_forces(chosen.ambient, chosen.input_noise, records[0], candidates.full_structure),
     )
+    if candidates.memory and (sensors.random or chosen.delays or "delay" in chosen.admit):
+        raise IdentificationError(
+            f"beside random forces, noise of inputs or delays laws with memory are not found: leave "
+            f"{', '.join(candidates.memory)} out of the terms, or those out"
+        )
     if sensors.random:
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
     discovery = answer_with_sensors(
@@ -143,6 +152,7 @@ class _Selected:
     screened: ScreenedRecords
     selection: Selection
     discovery: Discovery
+    memory: tuple[MemoryEvidence, ...] = ()
 
     @property
     def status(self) -> AnnealingStatus:
@@ -168,7 +178,9 @@ class _Selected:
         """The discovery, which tells `delays` in s that were found by channel."""
         if not delays:
             return self.discovery
-        return judged_discovery(records, self.checks, self.screened, self.selection, delays)
+        return judged_discovery(
+            records, self.checks, self.screened, self.selection, delays, memory=self.memory
+        )
 
 
 def _select(
@@ -197,10 +209,22 @@ def _select(
     search, selection = select_with_parameters(search, screened.first, screened.motions, rates)
     screened = replace(screened, candidates=search.candidates)
     selection = select_coloured(search, selection) or selection
+    with_memory = partial(_select_with_memory, search, screened, checks)
+    if candidates.memory:
+        remembering = with_memory(selection)
+        if remembering is not None:
+            return remembering
+        screened = replace(screened, remarks=(*screened.remarks, no_memory_remark(candidates.memory)))
     if not selection.is_exact:
+        remembering = None if candidates.memory else with_memory(selection)
+        if remembering is not None:
+            return remembering
         selection = select_inexact(search, selection)
     discovery = judged_discovery(records, checks, screened, selection, selection.fit.delays)
     if selection.is_exact and _lacks_a_term(discovery):
+        remembering = None if candidates.memory else with_memory(selection)
+        if remembering is not None:
+            return remembering
         simpler = select_inexact(search, selection, screened.first)
         reduced = judged_discovery(records, checks, screened, simpler, simpler.fit.delays)
         follows = Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
@@ -215,6 +239,30 @@ def _lacks_a_term(discovery: Discovery) -> bool:
     noise = Verdict.MEASUREMENT_ERROR in discovery.verdicts and discovery.diagnosis[:1]
     as_well = bool(noise) and discovery.diagnosis[0].kind == "input noise" and "term" in kinds
     return Verdict.SYSTEMATIC_MISFIT in discovery.verdicts or as_well
+
+
+def _select_with_memory(
+    search: TermSearch, screened: ScreenedRecords, checks: DataChecks, selection: Selection
+) -> _Selected | None:
+    """The selection with memory in a link, where it explains the records better than `selection` without memory."""
+    usual = USUAL if not (screened.integrated or search.candidates.hosts or search.sensors.delays) else ()
+    laws = search.candidates.memory or usual
+    if not laws or selection.fit.status is AnnealingStatus.INTERRUPTED:
+        return None
+    framed = framed_records(search.records, search.candidates.full_structure)
+    remembering = select_memory(search, screened, selection, laws, framed)
+    if remembering is None:
+        return None
+    screened = replace(screened, candidates=remembering.search.candidates)
+    discovery = judged_discovery(
+        search.records,
+        checks,
+        screened,
+        remembering.selection,
+        remembering.selection.fit.delays,
+        memory=remembering.evidence,
+    )
+    return _Selected(checks, screened, remembering.selection, discovery, remembering.evidence)
 
 
 def check_discovery(

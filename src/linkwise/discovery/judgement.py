@@ -18,6 +18,7 @@ from linkwise.discovery.evidence import (
     term_evidence,
 )
 from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
+from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import model_average
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
@@ -55,6 +56,10 @@ _OPPOSED = (
 _STAND_INS = (
     "A form of force that was not offered explains the record better than terms that stand in for it."
 )
+_MEMORY_IN_DOUBT = (
+    "That {} has memory is in doubt: memory in another link, or a usual form of d and v, explains the records nearly as well. "
+    "Offer more terms, record with less noise or for longer, or drive the link over a wider range."
+)
 _UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
 
 
@@ -64,8 +69,12 @@ def judged_discovery(
     screened: ScreenedRecords,
     selection: Selection,
     delays: Mapping[str, float] | None = None,
+    memory: Sequence[MemoryEvidence] = (),
 ) -> Discovery:
-    """The estimate of the selected structure and the evidence for it; `delays` in s were found by channel."""
+    """The estimate of the selected structure and the evidence for it, for `memory` of a link, too.
+
+    `delays` in s were found by channel.
+    """
     fit = selection.fit
     estimate = estimate_of(selection.structure, fit, records, delays)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
@@ -79,7 +88,8 @@ def judged_discovery(
         estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
     forms = rival_forms(selection, screened.candidates) if firm and not fit.random_forces else ()
     estimate = allowing_for(estimate, forms)
-    search = _doubts_of_search(screened, selection, estimate, forms)
+    memory = [replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory]
+    search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
     trusted = is_trusted(verdicts)
     discovery = Discovery(
@@ -113,6 +123,7 @@ def judged_discovery(
         verdicts=verdicts,
         rounds=selection.rounds,
         seconds=estimate.seconds,
+        memory=tuple(memory),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
 
@@ -132,6 +143,15 @@ def _doubts_of_search(
         (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
     ]
     return [(verdict, remark) for applies, verdict, remark in search if applies]
+
+
+def _doubts_of_memory(memory: Sequence[MemoryEvidence]) -> list[tuple[Verdict, str]]:
+    """That memory takes trust away where it is not certain, with a sentence."""
+    return [
+        (Verdict.LINKS_IN_DOUBT, _MEMORY_IN_DOUBT.format(law.link))
+        for law in memory
+        if law.kept and law.unambiguous and not law.certain
+    ]
 
 
 def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats, fit: LikelihoodFit) -> Discovery:

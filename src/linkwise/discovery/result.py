@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import ModelAverage
 from linkwise.discovery.other_models import PathPoint, RunnerUp
 from linkwise.discovery.terms import Term
@@ -161,6 +162,9 @@ class Discovery(JudgedView):
         Rounds of fit and selection.
     seconds : float
         Computing time in s.
+    memory : tuple of MemoryEvidence
+        The evidence for the law with memory of the link that has one, and for others that explain the records as well; empty
+        where no link has memory.
 
     Examples
     --------
@@ -185,6 +189,7 @@ class Discovery(JudgedView):
     verdicts: tuple[Verdict, ...]
     rounds: int
     seconds: float
+    memory: tuple[MemoryEvidence, ...] = ()
 
     settled = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.SEARCH_UNSETTLED))
     seen = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.DISPLACEMENTS_INTEGRATED))
@@ -270,6 +275,7 @@ class Discovery(JudgedView):
             If there is no such link.
         """
         tested = {term.name: term.certain for term in self.kept}
+        tested |= {name: law.certain for law in self.memory for name in law.coefficients}
         names = (f"{link}.{name}" for name in self.structure.link(link).coefficients)
         return Decision.CERTAIN if any(tested.get(name, True) for name in names) else Decision.DOUBTFUL
 
@@ -292,6 +298,7 @@ class Discovery(JudgedView):
             If there is no such link.
         """
         margins = {term.name: term.margin for term in self.kept}
+        margins |= {name: law.margin for law in self.memory for name in law.coefficients}
         return max(
             (margins.get(f"{link}.{name}", float("inf")) for name in self.structure.link(link).coefficients),
             default=float("inf"),
@@ -306,7 +313,8 @@ class Discovery(JudgedView):
         Returns
         -------
         dict
-            The content of result.json: that of `Estimate.to_dict`, and "terms", "path", "runners_up" and "remarks".
+            The content of result.json: that of `Estimate.to_dict`, and "terms", "path", "runners_up", "memory" and
+            "remarks".
         """
         return {
             **self.estimate.to_dict(),
@@ -333,6 +341,7 @@ class Discovery(JudgedView):
                 for point in self.path
             ],
             "runners_up": [{"change": model.change, "margin": model.margin} for model in self.runners_up],
+            "memory": [law.to_dict() for law in self.memory],
         }
 
 

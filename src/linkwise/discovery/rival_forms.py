@@ -64,7 +64,7 @@ def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm
     """For each link and kind of term the form that replaces terms there best, the best of all first."""
     structure, p = selection.structure, len(selection.structure.parameters)
     places = [*_places(selection, candidates)][:_MOST_LINKS]
-    rates = _rates(selection) if places else {}
+    rates = link_rates(selection) if places else {}
     tested = [
         (link, chosen, form)
         for link, pair, damping, chosen in places
@@ -147,7 +147,7 @@ def _places(selection: Selection, candidates: Candidates) -> Iterator[tuple[str,
             yield links[frozenset(candidates.pairs[pair].between)], pair, damping, chosen
 
 
-def _rates(selection: Selection) -> dict[str, float]:
+def link_rates(selection: Selection) -> dict[str, float]:
     """Root mean square rate of each link along the fitted motion, in m/s."""
     optimum, structure = selection.fit.optimum, selection.structure
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)

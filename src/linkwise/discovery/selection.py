@@ -79,10 +79,14 @@ class Selection:
         """Cost with a `noise` (C,) plus penalty; infinite if the fit did not converge."""
         if not self.converged:
             return np.inf
-        misfit, optimum = self.fit.misfit, self.fit.optimum
-        squares = np.sum(misfit.residuals**2, axis=(0, 2)) * (optimum.scales.sigma / noise) ** 2
-        rest = (misfit.cost(optimum.q) - misfit.data) / optimum.noise**2
-        return float(np.sum(squares)) + rest + self.penalty.total(list(range(len(self.structure.parameters))))
+        return cost_of(self.fit, noise) + self.penalty.total(list(range(len(self.structure.parameters))))
+
+
+def cost_of(fit: LikelihoodFit, noise: Floats) -> float:
+    """-2 log likelihood of a fit at the relaxation where it ended, if the channels have a `noise` (C,)."""
+    misfit, optimum = fit.misfit, fit.optimum
+    squares = np.sum(misfit.residuals**2, axis=(0, 2)) * (optimum.scales.sigma / noise) ** 2
+    return float(np.sum(squares)) + (misfit.cost(optimum.q) - misfit.data) / optimum.noise**2
 
 
 def best_of(selections: Sequence[Selection]) -> Selection:
@@ -128,11 +132,13 @@ class TermSearch:
         """The same search among the candidates `names` only."""
         return replace(self, tested=self.tested & frozenset(names))
 
-    def first_fit(self, structure: Structure) -> LikelihoodFit:
+    def first_fit(
+        self, structure: Structure, *, ceiling: float = _CEILING, steps: int = _STEPS
+    ) -> LikelihoodFit:
         """A fit from the start that the search has for `structure`, as tight as its laws allow."""
         theta, spread = self.start(structure)
         options = replace(
-            self.sensors, model_error=False, ceiling=_CEILING, steps=_STEPS, progress=self.progress
+            self.sensors, model_error=False, ceiling=ceiling, steps=steps, progress=self.progress
         )
         return likelihood_fit(self.records, structure, theta, spread=spread, options=options)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.discovery.memory_terms import memory_laws, names_memory, plain_terms
 from linkwise.discovery.term_families import FAMILIES, family_terms
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, Number, symbols
@@ -149,7 +150,8 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
         Functions of the elongation d (m) and its rate v (m/s), and families of them, separated by commas or as a
         sequence; "1" is a constant force on each mass, from the ground or the base. Families are named, as "cubic" is, some
         with a number in brackets, such as "friction(RATE)" with the rate in m/s at which the friction saturates; the message
-        about an unknown name lists them. Another name in a function, as in "tanh(v/v_f)", is a parameter whose value is found
+        about an unknown name lists them. The name of a law with memory, such as "bouc-wen", stands for its terms in d and v.
+        Another name in a function, as in "tanh(v/v_f)", is a parameter whose value is found
         for each link, as it is for "friction" without a number.
 
     Returns
@@ -171,7 +173,7 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     >>> [term.product for term in lw.parse_terms("linear, d**3, friction(0.01)")]
     ['c*v', 'k*d', 'k3*d**3', 'F*tanh(v/0.01)']
     """
-    parts = _split(text) if isinstance(text, str) else [part.strip() for part in text]
+    parts = _parts(text)
     terms: dict[Expression, Term] = {}
     for part in parts:
         for function in _expand(part):
@@ -247,6 +249,15 @@ def _require_independent(terms: Sequence[Term]) -> None:
         basis.append(residual / np.linalg.norm(residual))
 
 
+def offered_memory(text: str | Sequence[str]) -> tuple[str, ...]:
+    """The named laws with memory in a list of candidate terms, each once."""
+    return tuple(dict.fromkeys(part for part in _parts(text) if names_memory(part)))
+
+
+def _parts(text: str | Sequence[str]) -> list[str]:
+    return _split(text) if isinstance(text, str) else [part.strip() for part in text]
+
+
 def _split(text: str) -> list[str]:
     """The parts of a list: between commas that are outside of brackets."""
     parts, depth = [""], 0
@@ -260,7 +271,9 @@ def _split(text: str) -> list[str]:
 
 
 def _expand(part: str) -> list[str]:
-    """The terms of a family, or the term itself."""
+    """The terms of a family, those beside the states of a law with memory, or the term itself."""
+    if names_memory(part):
+        return plain_terms(part)
     family = family_terms(part)
     return [part] if family is None else _split(family)
 
@@ -281,7 +294,7 @@ def _require_nonlinear(text: str) -> None:
         raise IdentificationError(
             f"the term {text!r} contains the name {linear[0]!r}: a term is a function of d and v alone, its coefficient is "
             "added; write a number, a name inside a function, as in tanh(v/v_0), or one of the families "
-            f"{', '.join(FAMILIES)}"
+            f"{', '.join(FAMILIES)}, or one of the laws with memory {', '.join(memory_laws())}"
         )
 
 

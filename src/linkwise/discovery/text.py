@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import inf, isfinite
 from textwrap import fill
 
+from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.text import align_columns, as_text, format_chi_square, format_error, format_value
@@ -38,6 +39,9 @@ def discovery_text(discovery: Discovery) -> str:
     if len(links) > _LINKS:
         lines.append(f"... and {len(links) - _LINKS} less certain links; the result folder lists all")
     blocks.append("\n".join(lines))
+    if discovery.memory:
+        memory = map(memory_sentence, discovery.memory)
+        blocks.append("\n".join([*memory, *align_columns(memory_rows(discovery.memory))]))
     doubtful = doubtful_rows(discovery)
     if len(doubtful) > 1:
         more = len(doubtful) - 1 - _DOUBTFUL
@@ -134,12 +138,17 @@ def term_rows(discovery: Discovery, link: LinkEstimate) -> Rows:
     """A row for every coefficient of a link."""
     evidence = {term.name: term for term in discovery.kept}
     inside = {f"{link.link.name}.{name}" for name in link.link.law.nonlinear}
+    remembering = {name for law in discovery.memory for name in law.coefficients}
     return [
         _term_row(
             coefficient,
             evidence.get(coefficient.name),
             marked=discovery.trusted,
-            without="of a term" if coefficient.name in inside and not coefficient.known else "stated",
+            without="of memory"
+            if coefficient.name in remembering
+            else "of a term"
+            if coefficient.name in inside and not coefficient.known
+            else "stated",
         )
         for coefficient in link.coefficients
     ]

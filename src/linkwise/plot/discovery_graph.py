@@ -200,7 +200,10 @@ def _edges(discovery: Discovery, bodies: Sequence[str]) -> tuple[list[Edge], lis
             Edge(
                 *nodes(link.link.between),
                 kind=link.kind,
-                stiffness=max(abs(float(link.link.force(end))) for end in (-reach, reach)) / reach,
+                stiffness=max(
+                    abs(float(link.link.force(end, 0.0, link.link.zero_states))) for end in (-reach, reach)
+                )
+                / reach,
                 selected=True,
                 certain=discovery.decision(name) is Decision.CERTAIN,
                 doubtful_term=name in unsure,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.discovery.text import (
@@ -61,6 +62,15 @@ def _certainty(reported: Reported[Discovery]) -> Section:
     return Section("How certain it is", [margin], rows=[_HEAD, *_rows(reported.result)])
 
 
+def _memory(reported: Reported[Discovery]) -> Section | None:
+    """The link that has memory, where one has."""
+    memory = reported.result.memory
+    if not memory:
+        return None
+    sentences = [*map(memory_sentence, memory), "Margins: by how much the criterion rises, at least."]
+    return Section("Memory", sentences, rows=memory_rows(memory))
+
+
 def _doubts(reported: Reported[Discovery]) -> Section | None:
     """The decisions that are not beyond doubt, where there are such."""
     rows = doubtful_rows(reported.result)
@@ -105,6 +115,7 @@ SECTIONS: Registry[Build[Discovery]] = Registry(
     {
         "graph": figure_section("Discovered links", graph_figure),
         "comparison": _comparison,
+        "memory": _memory,
         "certainty": _certainty,
         "doubts": _doubts,
         "path": _path,

@@ -26,6 +26,7 @@ from linkwise.signals.channel_noise import channel_noise
 from linkwise.signals.integrate import smoothed
 
 _MOST_SAMPLES = 8192  # of a record that the search uses
+_ROUGH_SAMPLES, _ROUGH_TRIALS = 2000, 40  # of a search that only ranks structures
 _TRIALS = 60  # random starts, of which ...
 _REFINED = 6  # ... so many of the best are refined
 _SEARCH = 40  # steps of a refinement, at most
@@ -60,6 +61,18 @@ def memory_starts(
     refined = search.refined(trials[np.argsort(costs, kind="stable")[:_REFINED]])
     valleys = [Valley(*search.solved(curved)) for curved in refined]
     return _distinct(sorted(valleys, key=lambda valley: valley.misfit))
+
+
+def rough_memory_start(records: Sequence[Record], structure: Structure) -> Valley:
+    """The best of random starts on the first samples of a record: quick, to rank structures before any is fitted.
+
+    Raises IdentificationError as `memory_starts` does.
+    """
+    search = _Search.of(records[0][:_ROUGH_SAMPLES], structure, {})
+    rng = np.random.default_rng(_SEED)
+    trials = np.stack([search.trial(rng, first=False) for _ in range(_ROUGH_TRIALS)])
+    costs = [float(np.mean(left**2)) for _, left in search.regressed(trials)]
+    return Valley(*search.solved(trials[int(np.argmin(costs))]))
 
 
 def _distinct(valleys: Sequence[Valley]) -> tuple[Valley, ...]:

@@ -1,0 +1,311 @@
+"""Memory as a term: which link, if any, has states of its own, and by which named law.
+
+Where no selection of functions of d and v leaves only noise, or laws with memory were offered, the links of a skeleton are
+offered these laws one at a time: stated links, and the tree of the most significant others. Rough starting values on a piece
+of the record rank links and laws. The best law of the best links is fitted, then the other laws of the link that leaves least,
+and this link without memory, with usual forms of d and v in its place: their criteria are the evidence. A fit that stops at a
+ceiling gives a bound, since the cost only rises as the flow is tightened. From the best fit terms and links are selected as
+without memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.memory_evidence import MemoryEvidence
+from linkwise.discovery.rival_forms import link_rates
+from linkwise.discovery.screened_records import ScreenedRecords
+from linkwise.discovery.selection import Selection, TermSearch, cost_of, select_structure
+from linkwise.discovery.spanning_tree import skeleton
+from linkwise.errors import IdentificationError
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.starts.memory import memory_starts, rough_memory_start
+from linkwise.likelihood.starts.values import starting_values
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+
+_LINKS = 4  # of the ranked ones that are fitted
+_CEILING, _STEPS = (
+    1.5,
+    25,
+)  # chi-square and steps at which a fit ends: half more than noise, or nearly, is evidence enough
+_NEAR = 1.5  # times the least misfit of rough starts up to which starts are refined
+_ALIKE = 10.0  # of -2 log likelihood: laws nearer than that explain the records as well
+_LINEAR = ("d", "v")
+_FORMS = ("d*abs(d)", "d**2", "d**3", "d**5", "v*abs(v)")
+_SATURATING, _SHARPEST = (
+    0.1,
+    1e-3,
+)  # of the root mean square rate of a link: where friction in place of memory saturates
+
+
+@dataclass(frozen=True, eq=False)
+class MemorySelection:
+    """A selection with a link that has memory, the search in which it was made, and the evidence for it."""
+
+    search: TermSearch
+    selection: Selection
+    evidence: tuple[MemoryEvidence, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypothesis:
+    """A named law with memory on the link of a pair, by number, among the `chosen` terms; `memory` names its coefficients."""
+
+    pair: int
+    law: str
+    search: TermSearch
+    chosen: frozenset[str]
+    structure: Structure
+    memory: tuple[str, ...]
+    values: Floats = field(default_factory=lambda: np.zeros(0))
+    misfit: float = np.inf
+
+    @classmethod
+    def of(cls, search: TermSearch, chosen: frozenset[str], pair: int, law: str) -> _Hypothesis:
+        candidates = search.candidates.with_memory(pair, law)
+        known = frozenset(candidates.by_name)
+        own = replace(search, candidates=candidates, tested=search.tested & known)
+        structure = candidates.structure(chosen & known)
+        plain = {parameter.name for parameter in search.candidates.structure(chosen).parameters}
+        memory = tuple(p.name for p in structure.parameters if p.name not in plain)
+        return cls(pair, law, own, chosen & known, structure, memory)
+
+    def ranked(self, records: Sequence[Record]) -> _Hypothesis:
+        """With rough starting values and the part of the forces that they leave, infinite where there are none."""
+        try:
+            start = rough_memory_start(records, self.structure)
+        except IdentificationError:
+            return self
+        return replace(self, values=start.values, misfit=start.misfit)
+
+    def refined(self, records: Sequence[Record], limit: float) -> _Hypothesis:
+        """With the best starting values on whole records, where the rough ones leave less than a limit."""
+        if self.misfit > limit:
+            return self
+        try:
+            start = memory_starts(records, self.structure, {})[0]
+        except IdentificationError:
+            return self
+        return replace(self, values=start.values)
+
+    def fitted(self) -> LikelihoodFit | None:
+        """The fit from the starting values; None where the motion runs away from there."""
+        try:
+            return self._from(self.values).first_fit(self.structure, ceiling=_CEILING, steps=_STEPS)
+        except (IdentificationError, np.linalg.LinAlgError):
+            return None
+
+    def selected(self, fit: LikelihoodFit) -> Selection | None:
+        """The subset that no candidate improves, searched from a fit; None where none is found."""
+        try:
+            return select_structure(self._from(fit.values), self.chosen)
+        except IdentificationError:
+            return None
+
+    def _from(self, values: Floats) -> TermSearch:
+        """The search that starts from values (p,) of the structure, and from those of the fit before for others."""
+        known = dict(zip((p.name for p in self.structure.parameters), values, strict=True))
+
+        def start(structure: Structure) -> tuple[Floats, None]:
+            return np.array([known.get(p.name, 0.0) for p in structure.parameters]), None
+
+        return replace(self.search, start=start)
+
+
+def select_memory(
+    search: TermSearch,
+    screened: ScreenedRecords,
+    selection: Selection,
+    laws: Sequence[str],
+    records: Sequence[Record],
+) -> MemorySelection | None:
+    """The selection with a link that has one of the `laws`, where it leaves only noise at a lower criterion.
+
+    `selection` is the best without memory, and `records` are framed as the equations have them.
+    """
+    ranked = _ranked(search, screened, laws, records)
+    if not ranked:
+        return None
+    limit = _NEAR * ranked[0].misfit
+    with one_blas_thread():
+        refined = [hypothesis.refined(records, limit) for hypothesis in _best_of_links(ranked)]
+        fits = [_Fitted.of(hypothesis) for hypothesis in refined]
+        first = min(fits, key=lambda fitted: fitted.rank).hypothesis
+        others = [rest for rest in ranked if rest.pair == first.pair and rest.law != first.law]
+        fits += [_Fitted.of(hypothesis.refined(records, limit)) for hypothesis in others]
+    best = min(fits, key=lambda fitted: fitted.rank)
+    chosen = best.selected()
+    if chosen is None or not chosen.is_exact:
+        return None
+    evidence = _evidence(best, chosen, fits, selection, search)
+    if evidence[0].over_none <= 0.0:
+        return None
+    return MemorySelection(best.hypothesis.search, chosen, evidence)
+
+
+def no_memory_remark(laws: Sequence[str]) -> str:
+    """A sentence on laws that were offered, of which none was found."""
+    return f"With {' or '.join(laws)} in one link the records are not explained better: no memory was found."
+
+
+def _ranked(
+    search: TermSearch, screened: ScreenedRecords, laws: Sequence[str], records: Sequence[Record]
+) -> list[_Hypothesis]:
+    """Every law on every link of the skeleton, those with the least misfit first."""
+    pairs = skeleton(screened.records, screened.motions, search.candidates)
+    by_name = search.candidates.by_name
+    names = {name for name, entry in by_name.items() if entry.pair in pairs}
+    linear = {name for name in names if by_name[name].term.text in _LINEAR}
+    chosen = frozenset(linear | (names & screened.first))
+    try:
+        every = [_Hypothesis.of(search, chosen, pair, law) for pair in sorted(pairs) for law in laws]
+    except IdentificationError:  # a mass without a link
+        return []
+    with one_blas_thread():
+        ranked = [hypothesis.ranked(records) for hypothesis in every]
+    return sorted(
+        (hypothesis for hypothesis in ranked if np.isfinite(hypothesis.misfit)),
+        key=lambda hypothesis: hypothesis.misfit,
+    )
+
+
+def _best_of_links(ranked: Sequence[_Hypothesis]) -> list[_Hypothesis]:
+    """The best law of the best links."""
+    firsts: dict[int, _Hypothesis] = {}
+    for hypothesis in ranked:
+        firsts.setdefault(hypothesis.pair, hypothesis)
+    return list(firsts.values())[:_LINKS]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A hypothesis and its fit, if it has one."""
+
+    hypothesis: _Hypothesis
+    fit: LikelihoodFit | None
+
+    @classmethod
+    def of(cls, hypothesis: _Hypothesis) -> _Fitted:
+        return cls(hypothesis, hypothesis.fitted())
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Fits that converged first, then those that leave least."""
+        if self.fit is None:
+            return True, np.inf
+        return self.fit.status is not AnnealingStatus.CONVERGED, self.fit.chi_square
+
+    @property
+    def moved(self) -> bool:
+        """Whether the fit left its start; one that did not says nothing of the law."""
+        return self.fit is not None and self.fit.status is not AnnealingStatus.STUCK
+
+    def selected(self) -> Selection | None:
+        """The subset of terms and links that no candidate improves, from this fit; None where it did not converge."""
+        if self.fit is None or self.fit.status is not AnnealingStatus.CONVERGED:
+            return None
+        return self.hypothesis.selected(self.fit)
+
+    def criterion(self, noise: Floats, penalty: Penalty) -> float:
+        """At a `noise` (C,), or the bound of it; infinite without a fit."""
+        return np.inf if self.fit is None else _criterion(self.hypothesis.structure, self.fit, noise, penalty)
+
+
+def _criterion(structure: Structure, fit: LikelihoodFit, noise: Floats, penalty: Penalty) -> float:
+    """Cost plus penalty, where coefficients of laws with memory cost as terms do."""
+    size = penalty.term * len(structure.parameters) + penalty.link * len(structure.links)
+    return cost_of(fit, noise) + size
+
+
+def _evidence(
+    best: _Fitted, chosen: Selection, fits: Sequence[_Fitted], selection: Selection, search: TermSearch
+) -> tuple[MemoryEvidence, ...]:
+    """The evidence for the best hypothesis, and for other laws on its link that explain the records as well."""
+    noise, penalty, own = chosen.noise, chosen.penalty, best.hypothesis
+    least = _criterion(chosen.structure, chosen.fit, noise, penalty)
+    compared = best.criterion(noise, penalty)
+    excess = {
+        (fitted.hypothesis.pair, fitted.hypothesis.law): fitted.criterion(noise, penalty) - compared
+        for fitted in fits
+    }
+    others = [value for (pair, _), value in excess.items() if pair != own.pair]
+    laws = {
+        fitted.hypothesis.law: excess[fitted.hypothesis.pair, fitted.hypothesis.law]
+        for fitted in fits
+        if fitted.hypothesis.pair == own.pair and fitted.hypothesis.law != own.law and fitted.moved
+    }
+    none = [_criterion(selection.structure, selection.fit, noise, penalty)]
+    for rival in (_with_forms(own, search), _with_friction(own, chosen, search)):
+        fit = _fit_without_memory(own, rival, chosen, search)
+        if fit is not None:
+            none.append(_criterion(chosen.structure, fit, noise, penalty))
+    link = own.search.candidates.pairs[own.pair]
+    evidence = MemoryEvidence(
+        link=link.name,
+        between=link.between,
+        law=own.law,
+        kept=True,
+        coefficients=own.memory,
+        over_links=min(others, default=np.inf),
+        over_laws=min(laws.values(), default=np.inf),
+        over_none=min(none) - least,
+        unambiguous=chosen.settled,
+    )
+    return (
+        evidence,
+        *(
+            replace(evidence, law=law, kept=False, coefficients=(), over_laws=-value)
+            for law, value in laws.items()
+            if value < _ALIKE
+        ),
+    )
+
+
+def _with_forms(own: _Hypothesis, search: TermSearch) -> Link:
+    """The link with usual forms of d and v that were not offered."""
+    pair = search.candidates.pairs[own.pair]
+    offered = {term.text for term in search.candidates.terms}
+    summands = {f"g{number}": form for number, form in enumerate(_FORMS) if form not in offered}
+    text = " + ".join(f"{name}*({form})" for name, form in summands.items()) or "0"
+    return Link(pair.name, pair.between, Law.parse(text), dict.fromkeys(summands, Coefficient.unknown()))
+
+
+def _with_friction(own: _Hypothesis, chosen: Selection, search: TermSearch) -> Link:
+    """The link with friction that saturates at an unknown rate."""
+    pair = search.candidates.pairs[own.pair]
+    rate = link_rates(chosen)[pair.name]
+    saturating = Coefficient.unknown(_SATURATING * rate, lower=_SHARPEST * rate, upper=rate)
+    coefficients = {"g": Coefficient.unknown(), "v_g": saturating}
+    return Link(pair.name, pair.between, Law.parse("g*tanh(v/v_g)"), coefficients)
+
+
+def _fit_without_memory(
+    own: _Hypothesis, rival: Link, chosen: Selection, search: TermSearch
+) -> LikelihoodFit | None:
+    """A fit of the structure chosen with the law of `rival` in place of memory; None where it fails."""
+    pairs = list(search.candidates.pairs)
+    pair = pairs[own.pair]
+    link = rival
+    for given in pair.stated[:1]:
+        law = Law.parse(f"{given.law.text} + {rival.law.text}")
+        link = Link(given.name, given.between, law, {**given.coefficients, **rival.coefficients})
+    pairs[own.pair] = replace(pair, stated=(link, *pair.stated[1:]))
+    candidates = replace(search.candidates, pairs=tuple(pairs))
+    linear = {e.name for e in candidates.entries if e.pair == own.pair and e.term.text in _LINEAR}
+    structure = candidates.structure((chosen.chosen & candidates.by_name.keys()) | linear)
+    try:
+        theta, spread = starting_values(search.records, structure)
+        return replace(search, start=lambda _: (theta, spread)).first_fit(structure)
+    except (IdentificationError, np.linalg.LinAlgError):
+        return None

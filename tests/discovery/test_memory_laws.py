@@ -1,0 +1,147 @@
+"""Memory as a term: which link has it, by which law, and that nothing else is taken for it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import linkwise as lw
+from linkwise.discovery.memory_terms import link_with_memory, memory_laws, plain_terms
+from linkwise.discovery.terms import offered_memory
+
+NUMBER = lw.Coefficient.number
+MASSES = {"m1": 1.0, "m2": 1.2}
+HYSTERETIC = {"k": 800.0, "c": 1.0, "F": 6.0, "x0": 0.004, "s": 0.6}
+
+
+def pair(second: lw.Link) -> lw.Structure:
+    """A mass on a linear spring, and another on it by a second link."""
+    first = lw.Link(
+        "m1-ground", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": NUMBER(2000.0), "c": NUMBER(1.0)}
+    )
+    masses = tuple(lw.Mass(name, NUMBER(value)) for name, value in MASSES.items())
+    return lw.Structure("two masses", masses, (first, second))
+
+
+def hysteretic() -> lw.Structure:
+    values = {name: NUMBER(value) for name, value in HYSTERETIC.items()}
+    return pair(lw.named_law("bouc-wen").link("m2-m1", ("m2", "m1"), values))
+
+
+def plain(law: str, **values: float) -> lw.Structure:
+    return pair(
+        lw.Link(
+            "m2-m1", ("m2", "m1"), lw.Law.parse(law), {name: NUMBER(value) for name, value in values.items()}
+        )
+    )
+
+
+def noisy(structure: lw.Structure, seed: int) -> lw.Record:
+    force = "9*sin(17*t) + 7*sin(31*t + 1) + 6*sin(53*t + 2)"
+    record = lw.simulate(structure, forces={"m2": force}, duration=6.0, rate=200.0, sensors=("x",))
+    return record.with_noise(40.0, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def found() -> lw.Discovery:
+    """Memory that nobody offered."""
+    return lw.discover(noisy(hysteretic(), 71), MASSES)
+
+
+def test_finds_the_link_that_has_memory(found: lw.Discovery) -> None:
+    assert {link.name: link.law.text for link in found.structure.links} == {
+        "m1-ground": "k*d + c*v",
+        "m2-m1": "k*d + c*v + F*z",
+    }
+    kept, *others = found.memory
+    assert (kept.link, kept.law, kept.decision, others) == ("m2-m1", "bouc-wen", lw.Decision.CERTAIN, [])
+    assert found.trusted
+    for name, value in HYSTERETIC.items():
+        coefficient = found.estimate.coefficient(f"m2-m1.{name}")
+        error = coefficient.standard_error
+        assert error is not None and abs(coefficient.value - value) < 5.0 * error  # chance: 3e-6 each
+
+
+def test_says_so_in_text_and_data(found: lw.Discovery) -> None:
+    text = str(found)
+    assert "m2-m1 has memory: bouc-wen." in text and "of memory" in text
+    (plain_data,) = json.loads(json.dumps(lw.discovery_of(found)["memory"]))
+    assert plain_data["link"] == "m2-m1" and plain_data["decision"] == "certain"
+    assert plain_data["coefficients"] == ["m2-m1.F", "m2-m1.s", "m2-m1.x0"]
+
+
+def test_draws_a_link_with_memory(found: lw.Discovery) -> None:
+    assert lw.plot.graph(found).get_title("left")
+
+
+def test_takes_memory_into_a_stated_link() -> None:
+    unknown = {"k": lw.Coefficient.unknown(), "c": lw.Coefficient.unknown()}
+    law = lw.Law.parse("k*d + c*v")
+    known = lw.Structure(
+        "known",
+        tuple(lw.Mass(name, NUMBER(value)) for name, value in MASSES.items()),
+        (lw.Link("leg", ("m1", "ground"), law, unknown), lw.Link("joint", ("m2", "m1"), law, unknown)),
+    )
+    found = lw.discover(noisy(hysteretic(), 72), known, terms="linear, bouc-wen")
+    assert [(each.link, each.certain) for each in found.memory] == [("joint", True)] and found.trusted
+    assert found.memory[0].coefficients == ("joint.F", "joint.s", "joint.x0")
+    assert found.structure.link("joint").law.text == "k*d + c*v + F*z"
+
+
+def test_does_not_take_a_missing_form_for_memory() -> None:
+    found = lw.discover(
+        noisy(plain("k*d + c*v + k3*d**3", k=800.0, c=1.0, k3=4e5), 73), MASSES, terms="linear"
+    )
+    assert not found.trusted and not any(each.certain for each in found.memory)
+
+
+def test_says_that_no_memory_was_found() -> None:
+    found = lw.discover(noisy(plain("k*d + c*v", k=800.0, c=1.0), 74), MASSES, terms="linear, zener")
+    assert found.trusted and found.memory == ()
+    assert any("no memory was found" in remark for remark in found.remarks)
+
+
+def test_records_without_memory_do_not_enter_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("linkwise.discovery.discover.select_memory", None)
+    assert lw.discover(noisy(plain("k*d + c*v", k=800.0, c=1.0), 75), MASSES).trusted
+
+
+def test_terms_beside_states_are_candidates() -> None:
+    assert [term.text for term in lw.parse_terms("bouc-wen")] == ["d", "v"]
+    assert offered_memory("cubic, bouc-wen, iwan(3), friction") == ("bouc-wen", "iwan(3)")
+    assert offered_memory("linear, stribeck") == ()  # a family of terms, and a law without memory
+
+
+@pytest.mark.parametrize("name", memory_laws())
+def test_parts_with_memory_have_units(name: str) -> None:
+    link = link_with_memory("joint", ("a", "b"), name, {"k", "c"})
+    assert link.law.units and not {"k", "c"} & set(link.law.coefficients)
+    assert all(term in ("d", "v") for term in plain_terms(name))
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ("linear, boucwen", "laws with memory bouc-wen"),
+        ("linear, piezo", "electrical state"),
+        ("linear, iwan(99)", "1 to 16 branches"),
+    ],
+)
+def test_refuses_names_that_it_does_not_know(terms: str, message: str) -> None:
+    with pytest.raises(lw.LinkwiseError, match=message):
+        lw.parse_terms(terms)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        lw.DiscoveryOptions(terms="linear, bouc-wen", ambient=["m1"]),
+        lw.DiscoveryOptions(terms="linear, bouc-wen", delays=["x:m2"]),
+        lw.DiscoveryOptions(terms="linear, bouc-wen", admit=["delay"]),
+    ],
+)
+def test_refuses_memory_beside_what_it_does_not_count(options: lw.DiscoveryOptions) -> None:
+    record = noisy(plain("k*d + c*v", k=800.0, c=1.0), 76)
+    with pytest.raises(lw.IdentificationError, match="laws with memory"):
+        lw.discover(record, MASSES, options)
