@@ -20,7 +20,7 @@ from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.rival_forms import link_rates
 from linkwise.discovery.screened_records import ScreenedRecords
-from linkwise.discovery.selection import Selection, TermSearch, cost_of, select_structure
+from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_only_noise, select_structure
 from linkwise.discovery.spanning_tree import skeleton
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
@@ -39,6 +39,7 @@ _CEILING, _STEPS = (
     1.5,
     25,
 )  # chi-square and steps at which a fit ends: half more than noise, or nearly, is evidence enough
+_TELLING = 1.2  # chi-square of a fit that says that a link or a law is wrong
 _NEAR = 1.5  # times the least misfit of rough starts up to which starts are refined
 _ALIKE = 10.0  # of -2 log likelihood: laws nearer than that explain the records as well
 _LINEAR = ("d", "v")
@@ -140,10 +141,10 @@ def select_memory(
     limit = _NEAR * ranked[0].misfit
     with one_blas_thread():
         refined = [hypothesis.refined(records, limit) for hypothesis in _best_of_links(ranked)]
-        fits = [_Fitted.of(hypothesis) for hypothesis in refined]
+        fits = [_Fitted.of(hypothesis, records) for hypothesis in refined]
         first = min(fits, key=lambda fitted: fitted.rank).hypothesis
         others = [rest for rest in ranked if rest.pair == first.pair and rest.law != first.law]
-        fits += [_Fitted.of(hypothesis.refined(records, limit)) for hypothesis in others]
+        fits += [_Fitted.of(hypothesis.refined(records, limit), records) for hypothesis in others]
     best = min(fits, key=lambda fitted: fitted.rank)
     chosen = best.selected()
     if chosen is None or not chosen.is_exact:
@@ -196,15 +197,20 @@ class _Fitted:
     fit: LikelihoodFit | None
 
     @classmethod
-    def of(cls, hypothesis: _Hypothesis) -> _Fitted:
-        return cls(hypothesis, hypothesis.fitted())
+    def of(cls, hypothesis: _Hypothesis, records: Sequence[Record]) -> _Fitted:
+        """The fit from rough starting values, or from better ones where it ends before it tells anything."""
+        rough = cls(hypothesis, hypothesis.fitted())
+        if rough.is_exact or (rough.fit is not None and rough.fit.chi_square > _TELLING):
+            return rough
+        refined = hypothesis.refined(records, np.inf)
+        return cls(refined, refined.fitted())
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Fits that converged first, then those that leave least."""
+    def rank(self) -> tuple[bool, bool, float]:
+        """Fits that leave only noise first, then others that converged, then those that leave least."""
         if self.fit is None:
-            return True, np.inf
-        return self.fit.status is not AnnealingStatus.CONVERGED, self.fit.chi_square
+            return True, True, np.inf
+        return not self.is_exact, self.fit.status is not AnnealingStatus.CONVERGED, self.fit.chi_square
 
     @property
     def moved(self) -> bool:
@@ -217,15 +223,33 @@ class _Fitted:
             return None
         return self.hypothesis.selected(self.fit)
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether the laws leave no more than noise."""
+        return self.fit is not None and leaves_only_noise(self.fit)
+
     def criterion(self, noise: Floats, penalty: Penalty) -> float:
-        """At a `noise` (C,), or the bound of it; infinite without a fit."""
-        return np.inf if self.fit is None else _criterion(self.hypothesis.structure, self.fit, noise, penalty)
+        """At a `noise` (C,), or about the bound of it; infinite without a fit.
+
+        A fit that ended early has free states that follow the noise, which chi-square counts and the cost does not.
+        """
+        if self.fit is None:
+            return np.inf
+        structure = self.hypothesis.structure
+        cost = cost_of(self.fit, noise)
+        if not self.is_exact:
+            cost = max(cost, self.fit.chi_square * self.fit.samples)
+        return cost + _size(structure, penalty)
+
+
+def _size(structure: Structure, penalty: Penalty) -> float:
+    """The penalty on a structure, where coefficients of laws with memory cost as terms do."""
+    return penalty.term * len(structure.parameters) + penalty.link * len(structure.links)
 
 
 def _criterion(structure: Structure, fit: LikelihoodFit, noise: Floats, penalty: Penalty) -> float:
-    """Cost plus penalty, where coefficients of laws with memory cost as terms do."""
-    size = penalty.term * len(structure.parameters) + penalty.link * len(structure.links)
-    return cost_of(fit, noise) + size
+    """Cost plus penalty."""
+    return cost_of(fit, noise) + _size(structure, penalty)
 
 
 def _evidence(
@@ -262,12 +286,13 @@ def _evidence(
         over_none=min(none) - least,
         unambiguous=chosen.settled,
     )
+    as_well = {fitted.hypothesis.law for fitted in fits if fitted.is_exact}
     return (
         evidence,
         *(
             replace(evidence, law=law, kept=False, coefficients=(), over_laws=-value)
             for law, value in laws.items()
-            if value < _ALIKE
+            if law in as_well and value < _ALIKE
         ),
     )
 

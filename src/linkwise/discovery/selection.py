@@ -57,8 +57,7 @@ class Selection:
     @property
     def is_exact(self) -> bool:
         """Whether the laws leave no more than noise, or the search was interrupted before that could be said."""
-        done = self.converged and not self.fit.chi_square_off
-        return done or self.fit.status is AnnealingStatus.INTERRUPTED
+        return leaves_only_noise(self.fit) or self.fit.status is AnnealingStatus.INTERRUPTED
 
     def has_fewer_links(self, rival: Selection) -> bool:
         """Whether it settled on fewer links than another one, where links may stand in for terms that were not offered."""
@@ -80,6 +79,11 @@ class Selection:
         if not self.converged:
             return np.inf
         return cost_of(self.fit, noise) + self.penalty.total(list(range(len(self.structure.parameters))))
+
+
+def leaves_only_noise(fit: LikelihoodFit) -> bool:
+    """Whether a fit converged at a tight q, and its residuals are no more than noise."""
+    return _converged(fit) and not fit.chi_square_off
 
 
 def cost_of(fit: LikelihoodFit, noise: Floats) -> float:
