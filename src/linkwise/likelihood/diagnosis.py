@@ -129,7 +129,7 @@ def _diagnosed(
         hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
         columns = columns.with_shapes(shapes)
     parameters = optimum.segments.system.parameters.size
-    augmented = augmented_quadratic(optimum, misfit, columns.pushes, columns.errors)
+    augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors)
     curvature, slope, scatter = columns.joined(augmented, parameters)
     tests = single_tests(curvature, slope, scatter, parameters)
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * columns.units

@@ -24,10 +24,10 @@ _MOST = 60  # modes and points of which the shapes are tested
 
 @dataclass(frozen=True, eq=False)
 class ShapeErrors:
-    """h relative errors of shapes: `places` (point, mode), and `weights` (c, h) of forces `pushes` and sensor `errors`."""
+    """h relative errors of shapes: `places` (point, mode), and `weights` (c, h) of candidate `forces` and sensor `errors`."""
 
     places: tuple[tuple[str, str], ...]
-    pushes: CandidateForces
+    forces: CandidateForces
     errors: SensorErrors
     weights: Floats
 
@@ -50,7 +50,7 @@ class ShapeErrors:
         if not 0 < len(places) <= _MOST:
             return None
         parts = _Parts.of(optimum, misfit, structure, channels)
-        rows = [parts.pushes(point, mode, shape) for point, mode, shape in places]
+        rows = [parts.candidate_forces(point, mode, shape) for point, mode, shape in places]
         shown = [parts.shown(point, mode, shape) for point, mode, shape in places]
         first, second, starts, middles = zip(*chain.from_iterable(rows), strict=True)
         sensors = list(chain.from_iterable(shown))
@@ -74,7 +74,7 @@ def _ownership(parts: Sequence[Sequence[object]]) -> Floats:
     return np.asarray(np.eye(len(parts))[owners])
 
 
-Push = tuple[int, int, Floats, Floats]
+CandidateForce = tuple[int, int, Floats, Floats]
 """Numbers of the places on which a force acts, negative on the first, and its values at ends and middles of steps."""
 
 
@@ -116,14 +116,14 @@ class _Parts:
                 applied[name] = at_ends_and_middles(at_place, stride)
         return cls(optimum, misfit, structure, channels, motion, tuple(slopes), tuple(forces), applied)
 
-    def pushes(self, point: str, mode: str, shape: float) -> list[Push]:
+    def candidate_forces(self, point: str, mode: str, shape: float) -> list[CandidateForce]:
         """The forces that follow from a shape that is larger by its own size: one on the mode, and one of each link there."""
         topology, order = self.structure.topology, self.optimum.segments.system.order.tolist()
         place, number = topology.index[point], topology.index[mode]
         on_mode = [np.zeros_like(motion[:, 0, 0]) for motion in self.motion]
         if point in self.applied:
             on_mode = [shape * force for force in self.applied[point]]
-        pushes: list[Push] = []
+        candidates: list[CandidateForce] = []
         for link, (first, second) in enumerate(topology.ends.tolist()):
             if place not in (first, second):
                 continue
@@ -135,8 +135,8 @@ class _Parts:
             on_mode = [
                 total - part * force[:, column] for total, force in zip(on_mode, self.forces, strict=True)
             ]
-            pushes.append((first, second, change[0], change[1]))
-        return [*pushes, (-1, number, on_mode[0], on_mode[1])]
+            candidates.append((first, second, change[0], change[1]))
+        return [*candidates, (-1, number, on_mode[0], on_mode[1])]
 
     def shown(self, point: str, mode: str, shape: float) -> list[tuple[int, Floats]]:
         """What sensors at the point show more of."""

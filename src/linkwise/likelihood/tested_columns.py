@@ -17,30 +17,30 @@ from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 
 @dataclass(frozen=True, eq=False)
 class TestedColumns:
-    """Columns of forces `pushes`, then of sensor `errors`, and the `units` (h,) of h hypotheses.
+    """Columns of candidate `forces`, then of sensor `errors`, and the `units` (h,) of h hypotheses.
 
     `weights` (c, h) is what each hypothesis has of the c columns.
     """
 
     __test__ = False  # no test of pytest
 
-    pushes: CandidateForces
+    forces: CandidateForces
     errors: SensorErrors
     units: Floats
     weights: Floats
 
     @classmethod
-    def separate(cls, pushes: CandidateForces, errors: SensorErrors, units: Floats) -> TestedColumns:
+    def separate(cls, forces: CandidateForces, errors: SensorErrors, units: Floats) -> TestedColumns:
         """Every column alone, in this order."""
-        return cls(pushes, errors, units, np.eye(len(units)))
+        return cls(forces, errors, units, np.eye(len(units)))
 
     def with_sum(self, errors: SensorErrors) -> TestedColumns:
         """These and the sum of the columns of `errors`, as one hypothesis in their unit."""
         nobody = CandidateForces(
-            self.pushes.first[:0],
-            self.pushes.second[:0],
-            self.pushes.starts[:, :0],
-            self.pushes.middles[:, :0],
+            self.forces.first[:0],
+            self.forces.second[:0],
+            self.forces.starts[:, :0],
+            self.forces.middles[:, :0],
         )
         return self._with(nobody, errors, np.ones((len(errors.kind), 1)), np.ones(1))
 
@@ -55,23 +55,23 @@ class TestedColumns:
             for part in (base.starts, base.middles, base.values)
         )
         masses, sensors = np.repeat(np.arange(n), count), np.repeat(np.arange(channels), count)
-        pushes = CandidateForces(np.full(len(masses), -1), masses, starts, middles)
+        forces = CandidateForces(np.full(len(masses), -1), masses, starts, middles)
         errors = SensorErrors(sensors, BASE_ERRORS * channels, np.full(len(sensors), -1), values)
-        return self._with(pushes, errors, np.tile(np.eye(count), (n + channels, 1)), 1.0 / scale)
+        return self._with(forces, errors, np.tile(np.eye(count), (n + channels, 1)), 1.0 / scale)
 
     def with_shapes(self, shapes: ShapeErrors) -> TestedColumns:
         """These and errors of the shapes of hosts, each of which acts on several places and channels."""
-        return self._with(shapes.pushes, shapes.errors, shapes.weights, np.ones(len(shapes.places)))
+        return self._with(shapes.forces, shapes.errors, shapes.weights, np.ones(len(shapes.places)))
 
     def _with(
-        self, pushes: CandidateForces, errors: SensorErrors, weights: Floats, units: Floats
+        self, forces: CandidateForces, errors: SensorErrors, weights: Floats, units: Floats
     ) -> TestedColumns:
         """These and hypotheses of which each has `weights` (c, h) of more columns, forces first."""
-        before, added = len(self.pushes.first), len(pushes.first)
+        before, added = len(self.forces.first), len(forces.first)
         own = np.pad(self.weights, ((0, 0), (0, len(units))))
         more = np.pad(weights, ((0, 0), (self.weights.shape[1], 0)))
         return TestedColumns(
-            self.pushes.joined(pushes),
+            self.forces.joined(forces),
             SensorErrors(
                 np.append(self.errors.channel, errors.channel),
                 (*self.errors.kind, *errors.kind),

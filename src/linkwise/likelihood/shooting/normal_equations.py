@@ -229,9 +229,9 @@ def whitened_jacobian(
     chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A, F, S)]
     rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
-    pushes, inputs = candidates and candidates.part(part), segments.inputs.part(part)
+    forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
     for number, tangent in enumerate(
-        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], pushes, inputs)
+        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs)
     ):
         sample, between = divmod(number, segments.tangent_refine)
         if tangent.acceleration is None or between:
