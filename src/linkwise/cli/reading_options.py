@@ -194,7 +194,7 @@ class ReadingOptions:
             try:
                 noise = lw.SensorStatement.of({"noise": text}, name).noise
             except lw.RecordError as error:
-                reason = error.message.removeprefix("noise: ")
+                reason = error.__cause__ or error  # without the key, which the option names
                 raise click.UsageError(f"--noise-of {name}={text}: {reason}") from error
             sensors[name] = replace(sensors.get(name, lw.SensorStatement()), noise=noise)
         return sensors
@@ -217,7 +217,7 @@ def _stated_error(kind: str, text: str) -> tuple[str, lw.StatedError]:
     try:
         stated: lw.StatedError = getattr(lw.SensorStatement.of({kind: size}, name), kind)
     except lw.RecordError as error:
-        reason = error.message.removeprefix(f"{kind}: ")
+        reason = error.__cause__ or error  # without the key, which the option names
         raise click.UsageError(f"--{kind} {name}={size}: {reason}") from error
     return name, stated
 
