@@ -17,6 +17,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
 from linkwise.text import csv_cell, from_csv_cell
+from linkwise.verdict import Verdict
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -321,7 +322,7 @@ def _missing(folder: Path) -> str:
         status = str(result["status"])
     except (OSError, ValueError, KeyError, TypeError):
         return "there is no such file, and no result of identify either; give a structure file or a folder that identify wrote"
-    if status != "converged":
+    if status != Verdict.CONVERGED.status:
         return (
             f"there is no covariance, since the estimate is not to be trusted ({status}); identify again, or give its "
             "structure.toml"

@@ -11,6 +11,7 @@ from linkwise.paper.published import DECIBELS, INFORMED_NMSE
 from linkwise.paper.subset import PaperStudy
 from linkwise.paper.table_2 import NEAR, Table2, near
 from linkwise.study.cells import Cell, StudyTable
+from linkwise.verdict import Verdict
 
 BELOW = 500.0  # times below the paper's physics-informed error: what maximum likelihood is held to at 20 dB
 MOST = 0.8  # of the cells of Table 2 that the best convention is to reproduce: 12 of 15
@@ -126,7 +127,7 @@ def _trusted(table: StudyTable, paper: PaperStudy) -> list[Claim]:
     claims_of_trust = []
     for method in (*paper.weak, *paper.likelihood):
         answers = [row for cell in _of(table, method) for row in cell.answers]
-        doubtful = [row for row in answers if row.status != "converged"]
+        doubtful = [row for row in answers if row.status != Verdict.CONVERGED.status]
         if answers:
             text = f"{method} stands by {len(answers) - len(doubtful)} of its {len(answers)} answers"
             claims_of_trust.append(
