@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module
@@ -15,6 +17,7 @@ from matplotlib.figure import Figure
 import linkwise as lw
 from linkwise.registry import Registry
 from linkwise.report import absorption_page, discovery_page, estimate_page
+from linkwise.report import section as report_section
 from linkwise.report.section import Build, Reported, Section, figure_section, sections_of, write_figures
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -123,3 +126,25 @@ def test_figures_are_drawn_once_and_still_ones_are_pictures(fitted: lw.Estimate,
     assert drawn == ["once"] and fractions == [0.0]
     assert shown["force"].startswith('<img src="data:image/svg+xml;base64,')
     assert 'alt="A &lt;b&gt;&#34;force&#34;&lt;/b&gt;"' in shown["force"]
+
+
+def test_every_figure_of_a_page_is_public() -> None:
+    """Those that show the paper belong to it and are drawn for its study alone; a surface is drawn by nothing but Python."""
+    folder = Path(str(report_section.__file__)).parent
+    nodes = [
+        node
+        for path in folder.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module
+    ]
+    drawn = {
+        (str(node.module), alias.name)
+        for node in nodes
+        for alias in node.names
+        if re.search(r"_figure$|^figure_", alias.name)
+    }
+    public = {name for name in lw.plot.__all__ if name.endswith("_figure")}
+    paper = {(module, name) for module, name in drawn if module.startswith("linkwise.paper.")}
+    assert {name for _, name in paper} == {f"figure_{number}" for number in range(2, 10)}
+    shared = drawn - paper - {("linkwise.report.section", "figure_section")}
+    assert {name for _, name in shared if not name.endswith("_section")} == public - {"surface_figure"}
