@@ -201,7 +201,7 @@ def test_what_a_start_does_not_take_is_told() -> None:
     _refused({"values": missing}, "channel force:beam.mid: 1 of")
     channels = ("a:beam.tup", *whole.channels[1:])
     _refused({"channels": channels}, "channel a:beam.tup belongs to no mass or point of the structure")
-    _refused({"values": whole.values[:8]}, "too few samples")
+    _refused({"values": whole.values[:8]}, "8 samples, too few to determine the motion of a host")
     free = beam().unknown("nes")
     law = lw.Law.parse("k*d + F*z", {"z": "(v - abs(v)*z)/x0"})
     joint = lw.Link(
