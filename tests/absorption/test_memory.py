@@ -87,6 +87,15 @@ def test_what_is_no_harvester_is_refused(harvesters: dict[str, float | str], mes
         lw.absorb(tower(), **RELEASE, harvesters=harvesters)
 
 
+@pytest.mark.parametrize("power", ["V**2/(R - R)", "V**2/R*abs(V)/abs(V)"])
+def test_a_power_that_is_no_number_is_refused(power: str) -> None:
+    """A nan beside "can be trusted" before; V is 0/0 at the start in the second."""
+    with pytest.raises(
+        lw.SimulationError, match=r"harvester on piezo: its power .* is not a finite number at 0 s"
+    ):
+        lw.absorb(tower(), **RELEASE, harvesters={"piezo": power})
+
+
 # --- rest and modes at states of 0
 
 

@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy
 
-from linkwise.errors import LawError, StructureError
-from linkwise.expression import Expression, Program, parse, symbols
+from linkwise.errors import LawError, SimulationError, StructureError
+from linkwise.expression import Expression, Program, parse, symbols, to_text
 from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON
 from linkwise.expression.inference import UnitConflict, infer
 from linkwise.model.coefficient import Coefficient
@@ -83,7 +83,10 @@ def _power(link: Link, text: str) -> Expression:
 
 
 def delivered_energy(motion: SimulatedMotion, powers: Mapping[str, Expression]) -> dict[str, float]:
-    """The energy in J that links deliver over a whole motion, by the trapezoidal rule over its samples."""
+    """The energy in J that links deliver over a whole motion, by the trapezoidal rule over its samples.
+
+    Raises SimulationError where a power is not a finite number, as one with a division by zero.
+    """
     if not powers:
         return {}
     schedule, structure = motion.schedule, motion.schedule.structure
@@ -98,6 +101,14 @@ def delivered_energy(motion: SimulatedMotion, powers: Mapping[str, Expression]) 
         states = {name: motion.states[:, columns[number, name]] for name in link.law.states}
         values: dict[str, Any] = {"d": d[:, number], "v": v[:, number], **states, **link.values}
         names = symbols(powers[link.name])
-        power = Program([powers[link.name]], names)(*(values[name] for name in names))[0]
-        energies[link.name] = float(scipy.integrate.trapezoid(np.broadcast_to(power, len(d)), schedule.times))
+        with np.errstate(all="ignore"):
+            power = Program([powers[link.name]], names)(*(values[name] for name in names))[0]
+        power = np.broadcast_to(power, len(d))
+        if not np.isfinite(power).all():
+            first = schedule.times[np.flatnonzero(~np.isfinite(power))[0]]
+            raise SimulationError(
+                f"harvester on {link.name}: its power {to_text(powers[link.name])} is not a finite number at {first:g} s; "
+                "look for a division by zero or the root of a negative number"
+            )
+        energies[link.name] = float(scipy.integrate.trapezoid(power, schedule.times))
     return energies
