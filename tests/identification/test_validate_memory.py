@@ -77,6 +77,16 @@ def test_expected_errors_are_those_that_occur() -> None:
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios, ddof=1) / np.sqrt(len(ratios))
 
 
+@pytest.mark.parametrize("missing", [slice(0, 600), slice(600, 1201), slice(200, 1000)])
+def test_a_long_gap_does_not_pass_for_quiet(missing: slice) -> None:
+    """The noise of a channel whose sensor was off for half the record was estimated 1000 times too small."""
+    record = shaken(joint(), 24, ("x",))
+    values = record.values.copy()
+    values[missing, record.channels.index("x:m1")] = np.nan
+    validation = lw.validate(lw.Record(record.start, record.rate, record.channels, values), joint())
+    assert validation.trusted
+
+
 @pytest.mark.parametrize("changes", [{"F": 8.4}, {"s": 0.8}, {"x0": 0.013}])
 def test_a_wrong_law_of_the_state_disagrees(changes: dict[str, float]) -> None:
     validation = lw.validate(shaken(joint(**changes), 6), joint())
