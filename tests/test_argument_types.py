@@ -45,6 +45,25 @@ def test_what_is_no_record_is_refused(function: Callable[..., Any], first: Any, 
 
 
 @pytest.mark.parametrize(
+    ("function", "arguments", "message"),
+    [
+        (lw.modes, (CHAIN.links[0],), r"modes\(structure\): structure must be of type Structure, got Link"),
+        (lw.equilibria, (CHAIN.links[0],), r"equilibria\(structure\): structure must be"),
+        (lw.nmse, (CHAIN, CHAIN, None), "true must be of type Link, got Structure"),
+        (lw.nmse, (CHAIN.links[0], CHAIN.links[1], CHAIN), "record must be of type Record, got Structure"),
+        (lw.write_result, (Path("answer"), "fit"), "estimate must be of type Estimate, got"),
+        (lw.write_record, ("run.csv", "run.csv"), "record must be of type Record, got 'run.csv'"),
+        (lw.write_structure, ("a.toml", "a.toml"), "structure must be of type Structure, got 'a.toml'"),
+    ],
+)
+def test_other_functions_say_what_they_take(
+    function: Callable[..., object], arguments: tuple[Any, ...], message: str
+) -> None:
+    with pytest.raises(TypeError, match=message):
+        function(*arguments)
+
+
+@pytest.mark.parametrize(
     ("function", "options"),
     [
         (lw.simulate, {"duration": 1.0, "rate": 100.0}),

@@ -19,6 +19,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from linkwise.analysis.wells import RestPoint, rest_points
+from linkwise.argument_types import check_type
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
@@ -168,6 +169,7 @@ def equilibria(
     >>> len(points), len(points.stable)
     (3, 2)
     """
+    check_type("equilibria(structure)", "structure", structure, Structure)
     refuse_rig(structure, "equilibria and modes")
     require_rest_at_zero(structure.links, "equilibria and modes")
     bonds = _bonds(structure)

@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
+from linkwise.argument_types import check_type
 from linkwise.atomic import FullDiskError, atomic_file, check_file, is_disk_fault
 from linkwise.errors import OutputError, RecordError
 from linkwise.files.assemble import ReadOptions, to_record
@@ -195,6 +196,7 @@ def write_record(record: Record, path: str | Path) -> None:
     ...     bool((lw.read_record(path).values == record.values).all())
     True
     """
+    check_type("write_record(record, path)", "record", record, Record)
     path = Path(path)
     module = _writer(path)
     with _refused(path), atomic_file(path) as partial:

@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from linkwise.argument_types import check_type
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
@@ -200,6 +201,7 @@ def write_structure(structure: Structure, path: str | Path) -> None:
     ...     path.read_text().splitlines()[0]
     'name = "bistable chain of 2 masses"'
     """
+    check_type("write_structure(structure, path)", "structure", structure, Structure)
     Path(path).write_text(format_structure(structure), encoding="utf-8", newline="\n")
 
 
