@@ -96,6 +96,14 @@ def test_a_power_that_is_no_number_is_refused(power: str) -> None:
         lw.absorb(tower(), **RELEASE, harvesters={"piezo": power})
 
 
+@pytest.mark.parametrize("power", ["2", "-V**2/R", "20*V**2/R"])
+def test_a_link_that_delivers_more_than_it_takes_is_not_trusted(power: str) -> None:
+    found = lw.absorb(tower(), **RELEASE, harvesters={"piezo": power})
+    assert not found.trusted
+    assert any(f"{power} would deliver" in finding for finding in found.findings)
+    assert lw.absorb(tower(), **RELEASE, harvesters={"piezo": "V**2/R"}).trusted
+
+
 # --- rest and modes at states of 0
 
 
@@ -123,3 +131,14 @@ def test_a_state_that_does_not_rest_is_refused() -> None:
         lw.StructureError, match="the state z does not rest at 0 while the ends of the link do"
     ):
         lw.equilibria(structure)
+    with pytest.raises(lw.StructureError, match="does not rest at 0"):
+        lw.absorb(
+            lw.Structure(
+                "creep",
+                (*structure.masses, lw.Mass("m2", lw.Coefficient.number(0.1))),
+                (creeping, lw.Link("sink", ("m2", "m1"), creeping.law, values, states={"z": "r*(d - z)"})),
+            ),
+            duration=1.0,
+            release={"v:m1": 1.0},
+            sinks=["sink"],
+        )

@@ -18,6 +18,7 @@ from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression
 from linkwise.model.excitation import Excitation
 from linkwise.model.host_support import refuse_hosts
+from linkwise.model.memory_support import require_rest_at_zero
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.simulation.checks import check_excitation, output_times
@@ -46,6 +47,7 @@ class Comparison:
         """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
         refuse_rig(structure, "comparisons with and without sinks")
         refuse_hosts(structure, "comparisons with and without sinks")
+        require_rest_at_zero(structure.links, "comparisons with and without sinks")
         _ = (
             [link.values for link in structure.links],
             structure.mass_values,

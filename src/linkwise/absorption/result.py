@@ -27,6 +27,11 @@ from linkwise.verdict import Verdict
 CLOSURE = 1e-6  # of the energy supplied: an energy balance with a larger error is not to be trusted
 
 
+_INTEGRATED = (
+    0.01  # of what a link takes: the trapezoidal rule over 20 samples a period is right to (2 pi/20)^2/12
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Absorption(JudgedView):
     """The result of `absorb`: a structure with and without its sinks under one excitation; printed, tables of both.
@@ -95,7 +100,9 @@ class Absorption(JudgedView):
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Whether the energy balances of both runs close."""
+        """Whether the energy balances of both runs close, and links deliver no more than they take."""
+        if any(_exceeds(self, harvest) for harvest in self.harvests):
+            return (Verdict.ENERGY_BALANCE_OPEN,)
         return (closure_verdict(max(self.with_sinks.closure, self.without.closure)),)
 
     @property
@@ -142,6 +149,14 @@ def closure_verdict(closure: float) -> Verdict:
     return Verdict.CONVERGED if closure <= CLOSURE else Verdict.ENERGY_BALANCE_OPEN
 
 
+def _exceeds(absorption: Absorption, harvest: Harvest) -> bool:
+    """Whether a link delivers more than it takes, or less than nothing."""
+    if harvest.expression is None:
+        return False
+    taken = absorption.with_sinks.share(harvest.link)
+    return not -_INTEGRATED * abs(taken) <= harvest.share <= (1.0 + _INTEGRATED) * abs(taken)
+
+
 def _last(times: list[float | None]) -> float | None:
     return None if None in times else max(time for time in times if time is not None)
 
@@ -158,6 +173,13 @@ def _findings(absorption: Absorption) -> tuple[str, ...]:
         if run.closure > CLOSURE:
             findings.append(
                 f"The energy balance {name} has an error of {run.closure:.0e} of the energy supplied: do not trust its shares."
+            )
+    for harvest in absorption.harvests:
+        if _exceeds(absorption, harvest):
+            taken = absorption.with_sinks.share(harvest.link) * absorption.with_sinks.total
+            findings.append(
+                f"{harvest.expression} would deliver {harvest.energy:.3g} J, and {harvest.link} takes {taken:.3g} J: it is not "
+                "a power that this link delivers."
             )
     unknown = [parameter.name for parameter in absorption.with_sinks.structure.parameters]
     if unknown:
