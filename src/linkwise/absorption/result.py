@@ -178,8 +178,8 @@ def _findings(absorption: Absorption) -> tuple[str, ...]:
         if _exceeds(absorption, harvest):
             taken = absorption.with_sinks.share(harvest.link) * absorption.with_sinks.total
             findings.append(
-                f"{harvest.expression} would deliver {harvest.energy:.3g} J, and {harvest.link} takes {taken:.3g} J: it is not "
-                "a power that this link delivers."
+                f"{harvest.expression} would deliver {harvest.energy:.3g} J, and {harvest.link} takes {taken:.3g} J: "
+                "this link does not deliver such a power."
             )
     unknown = [parameter.name for parameter in absorption.with_sinks.structure.parameters]
     if unknown:
