@@ -153,8 +153,8 @@ def _exceeds(absorption: Absorption, harvest: Harvest) -> bool:
     """Whether a link delivers more than it takes, or less than nothing."""
     if harvest.expression is None:
         return False
-    taken = absorption.with_sinks.share(harvest.link)
-    return not -_INTEGRATED * abs(taken) <= harvest.share <= (1.0 + _INTEGRATED) * abs(taken)
+    share = absorption.with_sinks.share(harvest.link)
+    return not -_INTEGRATED * abs(share) <= harvest.share <= (1.0 + _INTEGRATED) * abs(share)
 
 
 def _last(times: list[float | None]) -> float | None:
@@ -176,9 +176,9 @@ def _findings(absorption: Absorption) -> tuple[str, ...]:
             )
     for harvest in absorption.harvests:
         if _exceeds(absorption, harvest):
-            taken = absorption.with_sinks.share(harvest.link) * absorption.with_sinks.total
+            work = absorption.with_sinks.share(harvest.link) * absorption.with_sinks.total
             findings.append(
-                f"{harvest.expression} would deliver {harvest.energy:.3g} J, and {harvest.link} takes {taken:.3g} J: "
+                f"{harvest.expression} would deliver {harvest.energy:.3g} J, and {harvest.link} takes {work:.3g} J: "
                 "this link does not deliver such a power."
             )
     unknown = [parameter.name for parameter in absorption.with_sinks.structure.parameters]
