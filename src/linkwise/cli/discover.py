@@ -154,7 +154,7 @@ def discover(
       FAMILIES
 
     A law with memory, such as bouc-wen, dahl or zener, may stand there by its name ("linkwise structure laws" lists all): each
-    link is offered its states. Without one, bouc-wen, dahl and zener are tried where no selection of terms leaves only noise.
+    link is offered its states. Without one, bouc-wen, dahl and zener are tried where the terms leave over 3 % of the forces.
 
     Without a number, S or G is found for each link, as is any other name in a function: "tanh(v/vr)". The term 1 is a constant
     force on each mass.

@@ -43,6 +43,7 @@ from linkwise.signals.base_frame import framed_records
 from linkwise.verdict import Verdict
 
 _SCREENED = 0.1  # of the progress, when the screen is done
+_MEMORY = 0.03  # of the forces, left without memory, from which it is looked for where it was not offered
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is found not to be finite, and refused
@@ -215,16 +216,15 @@ def _select(
         if remembering is not None:
             return remembering
         screened = replace(screened, remarks=(*screened.remarks, no_memory_remark(candidates.memory)))
+    exact_laws = selection
     if not selection.is_exact:
-        remembering = None if candidates.memory else with_memory(selection)
-        if remembering is not None:
-            return remembering
         selection = select_inexact(search, selection)
     discovery = judged_discovery(records, checks, screened, selection, selection.fit.delays)
-    if selection.is_exact and _lacks_a_term(discovery):
-        remembering = None if candidates.memory else with_memory(selection)
+    if not (selection.is_exact or discovery.trusted or candidates.memory):
+        remembering = with_memory(exact_laws) if discovery.estimate.model_error > _MEMORY else None
         if remembering is not None:
             return remembering
+    if selection.is_exact and _lacks_a_term(discovery):
         simpler = select_inexact(search, selection, screened.first)
         reduced = judged_discovery(records, checks, screened, simpler, simpler.fit.delays)
         follows = Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
@@ -245,7 +245,11 @@ def _select_with_memory(
     search: TermSearch, screened: ScreenedRecords, checks: DataChecks, selection: Selection
 ) -> _Selected | None:
     """The selection with memory in a link, where it explains the records better than `selection` without memory."""
-    usual = USUAL if not (screened.integrated or search.candidates.hosts or search.sensors.delays) else ()
+    scaled = all(
+        mass.mass.known for mass in search.candidates.full_structure.masses
+    )  # else starts run far, and fits long
+    open_motion = screened.integrated or search.candidates.hosts or search.sensors.delays
+    usual = USUAL if scaled and not open_motion else ()
     laws = search.candidates.memory or usual
     if not laws or selection.fit.status is AnnealingStatus.INTERRUPTED:
         return None
