@@ -303,3 +303,11 @@ def test_a_limit_beyond_the_motion_is_said_to_agree_with_anything() -> None:
     assert [finding for finding in said if "its agreement says nothing" in finding] == [
         f"x:m2: the limit of {10.0 * motion:.3g} m exceeds its motion, so its agreement says nothing."
     ]
+
+
+def test_a_channel_in_a_far_too_large_unit_disagrees_without_a_warning() -> None:
+    """A displacement 200 times too large: the motion that is fitted to it overflows, and warnings are errors here."""
+    record = chain_record(2, duration=1.0).with_noise(30.0, seed=3)
+    values = record.values * [201.168, 1.0]
+    found = lw.validate(replace(record, values=values, simulated=None), lw.bnes_chain(2))
+    assert not found.trusted

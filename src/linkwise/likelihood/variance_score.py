@@ -1,4 +1,4 @@
-"""The score of the variance of something random, told by draws of what is there without it.
+"""The score of the variance of something random, from draws of what is there without it.
 
 Slopes of half the cost by what is random have a covariance under the rest of the noise. Their sum of squares has a mean and a
 scatter that draws of that noise tell; its excess is the score of the variance. Variances that were found from the same

@@ -93,6 +93,7 @@ class WindowPredictor:
     sigma: Floats
     law_error: float = 0.0
 
+    @np.errstate(over="ignore", invalid="ignore")  # a motion that runs away leaves states that are not finite
     def __call__(self, firsts: Indices, burn: int, samples: int) -> WindowPrediction:
         """The windows that begin at samples `firsts` (K,), with states from their first `burn` samples."""
         system = System.of(self.structure)
