@@ -131,6 +131,7 @@ if TYPE_CHECKING:
     from linkwise.report.validation_json import validation_of
     from linkwise.signals.periods import average_periods
     from linkwise.signals.states import States, differentiate
+    from linkwise.simulation.envelope import OrbitEnvelope, orbit_envelope
     from linkwise.simulation.simulate import simulate
     from linkwise.sindy.conventions import CONVENTIONS, noisy_states
     from linkwise.sindy.estimate import PhysicsInformedSindy
@@ -235,6 +236,7 @@ __all__ = [
     "MotionDiagnostics",
     "NamedLaw",
     "NoiseEstimate",
+    "OrbitEnvelope",
     "OutputError",
     "Parameter",
     "PartialStructure",
@@ -325,6 +327,7 @@ __all__ = [
     "named_law",
     "nmse",
     "noisy_states",
+    "orbit_envelope",
     "parse_structure",
     "parse_terms",
     "plot",

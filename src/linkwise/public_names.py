@@ -118,6 +118,7 @@ HOMES = {
     "report.study_folder": ("write_study_report",),
     "signals.periods": ("average_periods",),
     "signals.states": ("States", "differentiate"),
+    "simulation.envelope": ("OrbitEnvelope", "orbit_envelope"),
     "simulation.simulate": ("simulate",),
     "sindy.conventions": ("CONVENTIONS", "noisy_states"),
     "sindy.estimate": ("PhysicsInformedSindy",),

@@ -23,9 +23,9 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "crossings", "departures", "distortion", "energy", "evidence", "force", "graph", "histories", "level_modes",
-    "level_response", "loop", "map", "path", "prediction", "prediction_error", "prediction_profile", "prediction_spectrum",
-    "ring_down", "runners_up", "spectrum", "study", "surface",
+    "absorption", "crossings", "departures", "displacement", "distortion", "energy", "evidence", "force", "force_comparison",
+    "force_errors", "graph", "histories", "level_modes", "level_response", "loop", "map", "path", "prediction",
+    "prediction_error", "prediction_profile", "prediction_spectrum", "ring_down", "runners_up", "spectrum", "study", "surface",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -62,10 +62,17 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     record = chain_record(2, duration=1.0, rate=500.0, speed=0.1).with_noise(40.0, seed=1)
     validated = lw.validate(record, lw.bnes_chain(2))
     periodic, tapped = compared("sin(2*pi*16*t)"), compared("exp(-((t - 0.1)/0.01)**2)")
+    sinks = (
+        lw.bnes_chain(2).link("nes1"),
+        {ODD: lw.bnes_chain(2, beta=1.1e6).link("nes1")},
+        (-0.02, 0.02),
+    )
     results = {
         "distortion": (periodic,), "level_modes": (tapped,), "level_response": (tapped,), "ring_down": (tapped,),
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
         "departures": (discovered, "m2-m1"),
+        "displacement": (lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=0.5, rate=500.0), "m1"),
+        "force_comparison": sinks, "force_errors": sinks,
         "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "loop": (fitted, "nes1"),
         "surface": (fitted, "nes1"),
         "map": (swept, "sinks_share"),
@@ -199,7 +206,9 @@ def test_names_with_dollar_signs_are_printed_as_they_are(fitted: lw.Estimate) ->
         compute_motion=lambda: replace(fitted.motion, structure=structure),
         record=replace(fitted.record, simulated=None, source=f"{ODD}.csv"),
     )
-    for figure in (lw.plot.force_figure(odd, ODD), lw.plot.histories_figure(odd.record)):
+    sink = lw.bnes_chain(2).link("nes1")
+    compared_figure = lw.plot.force_comparison_figure(sink, {ODD: sink}, (-0.02, 0.02), title=ODD)
+    for figure in (lw.plot.force_figure(odd, ODD), lw.plot.histories_figure(odd.record), compared_figure):
         texts = [text for text in figure.findobj(Text) if "$" in text.get_text()]
         assert texts
         assert all(text.get_text().count("$") == text.get_text().count(r"\$") for text in some(texts))

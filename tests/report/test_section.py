@@ -15,6 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import linkwise as lw
+import linkwise.paper
 from linkwise.registry import Registry
 from linkwise.report import absorption_page, discovery_page, estimate_page
 from linkwise.report import section as report_section
@@ -129,11 +130,11 @@ def test_figures_are_drawn_once_and_still_ones_are_pictures(fitted: lw.Estimate,
 
 
 def test_every_figure_of_a_page_is_public() -> None:
-    """Those that show the paper belong to it and are drawn for its study alone; a surface is drawn by nothing but Python."""
-    folder = Path(str(report_section.__file__)).parent
+    """Those of the paper put public pictures together, too; a surface is drawn by nothing but Python."""
+    report, paper = (Path(str(module.__file__)).parent for module in (report_section, linkwise.paper))
     nodes = [
         node
-        for path in folder.glob("*.py")
+        for path in (*report.glob("*.py"), *paper.glob("*.py"))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.ImportFrom) and node.module
     ]
@@ -144,7 +145,7 @@ def test_every_figure_of_a_page_is_public() -> None:
         if re.search(r"_figure$|^figure_", alias.name)
     }
     public = {name for name in lw.plot.__all__ if name.endswith("_figure")}
-    paper = {(module, name) for module, name in drawn if module.startswith("linkwise.paper.")}
-    assert {name for _, name in paper} == {f"figure_{number}" for number in range(2, 10)}
-    shared = drawn - paper - {("linkwise.report.section", "figure_section")}
-    assert {name for _, name in shared if not name.endswith("_section")} == public - {"surface_figure"}
+    of_the_paper = {name for module, name in drawn if module.startswith("linkwise.paper.")}
+    assert of_the_paper == {f"figure_{number}" for number in range(2, 10)}
+    shared = {name for module, name in drawn if not module.startswith("linkwise.paper.")} - {"figure_section"}
+    assert {name for name in shared if not name.endswith("_section")} == public - {"surface_figure"}

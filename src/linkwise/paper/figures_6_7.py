@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from matplotlib.figure import Figure
 
+from linkwise.model.structure import Link
 from linkwise.paper.published import DECIBELS
 from linkwise.paper.subset import PaperStudy
+from linkwise.plot import force_comparison_figure
 from linkwise.plot.palette import IDENTIFIED, SERIES
-from linkwise.plot.study_force import IdentifiedForce, identified_forces_figure
 from linkwise.study.cells import StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
@@ -32,32 +35,38 @@ def figure_7(study: Study, table: StudyTable, paper: PaperStudy, classical: str)
 def _figure(
     study: Study, table: StudyTable, paper: PaperStudy, masses: int, classical: str, shown: tuple[float, ...]
 ) -> Figure | None:
-    name = paper.named(masses)
-    rows = {level: _middle(table, name, level, classical) for level in DECIBELS}
+    subject_name = paper.named(masses)
+    rows = {level: _middle(table, subject_name, level, classical) for level in DECIBELS}
     judged = next((row for level in reversed(DECIBELS) if (row := rows[level]) is not None), None)
-    if judged is None or name is None:
+    if judged is None or subject_name is None:
         return None
-    subject = study.subject(name)
+    subject = study.subject(subject_name)
     structure = subject.structure
     link = _median_link(judged)  # one link for all curves: each has its own range of motion
-    forces: list[IdentifiedForce] = []
+    forces: dict[str, Link] = {}
+    styles: dict[str, dict[str, Any]] = {}
     errors: list[str] = []
     for level, row in rows.items():
         if row is not None:
-            identified = structure.with_values(row.coefficients).link(link)
-            label = f"SINDy, {level:g} dB"
-            forces.append(
-                IdentifiedForce(identified, label, _LEVELS[level], dashed=True, in_both=level in shown)
-            )
+            name = f"SINDy, {level:g} dB"
+            forces[name] = structure.with_values(row.coefficients).link(link)
+            styles[name] = {"color": _LEVELS[level], "linestyle": (0, (4, 2))}
             errors.append(f"{row.links[link]:.3g} % at {level:g} dB")
     for method in paper.likelihood[:1]:
-        ours = _middle(table, name, DECIBELS[-1], method)
+        ours = _middle(table, subject_name, DECIBELS[-1], method)
         if ours is not None:
-            identified = structure.with_values(ours.coefficients).link(link)
-            forces.append(IdentifiedForce(identified, f"{method}, {DECIBELS[-1]:g} dB", IDENTIFIED))
+            name = f"{method}, {DECIBELS[-1]:g} dB"
+            forces[name] = structure.with_values(ours.coefficients).link(link)
+            styles[name] = {"color": IDENTIFIED}
             errors.append(f"{method} {ours.links[link]:.3g} % at {DECIBELS[-1]:g} dB")
-    title = f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(errors)}"
-    return identified_forces_figure(structure.link(link), forces, _visited(subject, link), title=title)
+    return force_comparison_figure(
+        structure.link(link),
+        forces,
+        _visited(subject, link),
+        styles=styles,
+        only_errors=[f"SINDy, {level:g} dB" for level in DECIBELS if level not in shown],
+        title=f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(errors)}",
+    )
 
 
 def _visited(subject: Subject, link: str) -> tuple[float, float]:

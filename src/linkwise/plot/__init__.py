@@ -1,10 +1,10 @@
 """Figures of results. Each function draws on the Axes that it is given, or on those of a new figure, and returns them.
 
-`force`, `loop`, `surface`, `histories`, `spectrum`, `graph`, `path`, `runners_up`, `evidence`, `departures`, `prediction`,
-`prediction_error`, `prediction_profile`, `prediction_spectrum`, `absorption`, `energy`, `crossings`, `map`, `level_modes`,
-`level_response`, `distortion`, `ring_down` and `study` draw one picture on one Axes. Functions whose names end in `_figure`
-put these pictures together as the commands write them. All take results and compute nothing. Names load on first use, so that
-matplotlib is imported when something is drawn.
+`force`, `force_comparison`, `force_errors`, `loop`, `surface`, `histories`, `displacement`, `spectrum`, `graph`, `path`,
+`runners_up`, `evidence`, `departures`, `prediction`, `prediction_error`, `prediction_profile`, `prediction_spectrum`,
+`absorption`, `energy`, `crossings`, `map`, `level_modes`, `level_response`, `distortion`, `ring_down` and `study` draw one
+picture on one Axes. Functions whose names end in `_figure` put these pictures together as the commands write them. All take
+results and compute nothing. Names load on first use, so that matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from linkwise.plot.discovery_evidence import evidence, evidence_figure
     from linkwise.plot.discovery_graph import graph, graph_figure
     from linkwise.plot.discovery_path import path, path_figure, runners_up
+    from linkwise.plot.displacements import displacement, displacements_figure
+    from linkwise.plot.force_comparisons import force_comparison, force_comparison_figure, force_errors
     from linkwise.plot.level_distortion import distortion, distortion_figure
     from linkwise.plot.level_frequencies import level_modes, levels_figure
     from linkwise.plot.level_responses import level_response, level_responses_figure
@@ -54,6 +56,8 @@ __all__ = [
     "decay_figure",
     "departures",
     "departures_figure",
+    "displacement",
+    "displacements_figure",
     "distortion",
     "distortion_figure",
     "energy",
@@ -61,6 +65,9 @@ __all__ = [
     "evidence",
     "evidence_figure",
     "force",
+    "force_comparison",
+    "force_comparison_figure",
+    "force_errors",
     "force_figure",
     "graph",
     "graph_figure",
@@ -106,6 +113,8 @@ _HOMES = {
     "discovery_evidence": ("evidence", "evidence_figure"),
     "discovery_graph": ("graph", "graph_figure"),
     "discovery_path": ("path", "path_figure", "runners_up"),
+    "displacements": ("displacement", "displacements_figure"),
+    "force_comparisons": ("force_comparison", "force_comparison_figure", "force_errors"),
     "level_distortion": ("distortion", "distortion_figure"),
     "level_frequencies": ("level_modes", "levels_figure"),
     "level_responses": ("level_response", "level_responses_figure"),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -18,10 +19,23 @@ APART = 1e-12  # of the release, from one neighbour to the next: less than any t
 
 @dataclass(frozen=True, eq=False)
 class OrbitEnvelope:
-    """A simulated `record` of displacements, and the range of its neighbouring orbits.
+    """A simulated motion, and the range of the orbits that start so close to it that no test could tell the releases apart.
 
-    `least` and `greatest` (N, n) in m are the extremes, sample by sample, of orbits whose releases differ by multiples of
-    `APART`. Up to the horizon they coincide; past it the record is one of many possible orbits.
+    Up to the horizon they coincide; past it the record is one of many possible orbits.
+
+    Attributes
+    ----------
+    record : Record
+        The displacements of the N samples.
+    least, greatest : numpy.ndarray, shape (N, n)
+        The extremes of the neighbouring orbits, sample by sample, in m: releases differ by multiples of 1e-12 of themselves.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> motion.horizon is None, motion.masses
+    (True, ('m1', 'm2'))
     """
 
     record: Record
@@ -39,13 +53,45 @@ class OrbitEnvelope:
         return self.record.masses
 
 
-def motion_after(
+def orbit_envelope(
     structure: Structure, release: Mapping[str, float], *, duration: float, rate: float
 ) -> OrbitEnvelope:
-    """The motion of every mass after `release`, ``{"v:m1": m/s, "x:m1": m}``, over `duration` in s at `rate` in Hz.
+    """The motion of every mass after a release, with the range of neighbouring orbits where it is chaotic.
 
-    Neighbouring orbits are simulated only if the motion is chaotic. Raises the errors of `simulate`.
+    Twelve neighbours are simulated, and only if the motion has a horizon.
+
+    Parameters
+    ----------
+    structure : Structure
+        What moves; every coefficient is a number.
+    release : dict of str to float
+        Velocities in m/s and displacements in m at time 0: ``{"v:m1": 1.0, "x:m2": 0.01}``.
+    duration : float
+        Length of the record in s.
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    OrbitEnvelope
+        The record and the extremes of its neighbours.
+
+    Raises
+    ------
+    TypeError
+        If `release` is no mapping.
+    SimulationError, StructureError
+        As `simulate` raises them.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> bool((motion.least == motion.greatest).all())  # predictable throughout
+    True
     """
+    check_type("orbit_envelope(structure, release)", "structure", structure, Structure)
+    check_type("orbit_envelope(structure, release)", "release", release, Mapping)
 
     def run(factor: float) -> Record:
         start = {name: factor * value for name, value in release.items()}
