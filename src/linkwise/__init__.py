@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from linkwise.estimates.link_motion import LinkMotion
     from linkwise.estimates.noise_estimate import NoiseEstimate
     from linkwise.estimates.random_force import RandomForceEstimate
+    from linkwise.estimates.sensor_error import SensorErrorEstimate
     from linkwise.estimates.uncertainty import Posterior, read_posterior
     from linkwise.expression.tree import Expression
     from linkwise.files import read_record, write_record
@@ -260,6 +261,7 @@ __all__ = [
     "Row",
     "RunnerUp",
     "Sampled",
+    "SensorErrorEstimate",
     "SensorStatement",
     "SensorUncertainty",
     "SimulationError",

@@ -39,6 +39,7 @@ HOMES = {
     "estimates.cause": ("Cause",),
     "estimates.noise_estimate": ("NoiseEstimate",),
     "estimates.random_force": ("RandomForceEstimate",),
+    "estimates.sensor_error": ("SensorErrorEstimate",),
     "estimates.link_estimate": ("CoefficientEstimate", "DerivedQuantity", "LinkEstimate"),
     "estimates.link_motion": ("LinkMotion",),
     "estimates.uncertainty": ("Posterior", "read_posterior"),

@@ -22,6 +22,7 @@ from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Lin
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.estimates.random_force import RandomForceEstimate
+from linkwise.estimates.sensor_error import SensorErrorEstimate
 from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.inspect import inspect
@@ -75,6 +76,8 @@ class Estimate(JudgedView):
         The records that were fitted together with `record`.
     random_forces : tuple of RandomForceEstimate
         Ambient forces and noise of applied forces.
+    sensor_errors : tuple of SensorErrorEstimate
+        Offsets, gains and delays of sensors that were found with the coefficients.
     links_in_doubt : frozenset of str
         Links of a discovery that others may stand for; their coefficients have no intervals.
     for_dropped_terms : array of shape (p, p) or None
@@ -116,6 +119,7 @@ class Estimate(JudgedView):
     diagnosis: tuple[Cause, ...] = ()
     more_records: tuple[Record, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
+    sensor_errors: tuple[SensorErrorEstimate, ...] = ()
     links_in_doubt: frozenset[str] = frozenset()
     for_dropped_terms: Floats | None = None
 
@@ -316,6 +320,7 @@ class Estimate(JudgedView):
             "model_error_percent": 100.0 * self.model_error,
             "diagnosis": [cause.to_dict() for cause in self.diagnosis],
             "random_forces": [force.to_dict() for force in self.random_forces],
+            "sensor_errors": [error.to_dict() for error in self.sensor_errors],
             "alerts": [alert.to_dict() for alert in self.alerts],
             "findings": list(self.findings),
             "notes": list(self.notes),

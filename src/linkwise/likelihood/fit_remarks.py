@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
-
+from linkwise.estimates.sensor_error import ErrorKind, SensorErrorEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
 from linkwise.records.channel import Channel
@@ -17,7 +16,7 @@ _LOOSENED = (
 
 
 def fit_remarks(
-    fit: LikelihoodFit, delays: Mapping[str, float], faint: Sequence[str] = ()
+    fit: LikelihoodFit, sensor_errors: Sequence[SensorErrorEstimate], faint: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """What was found beside the coefficients.
 
@@ -25,8 +24,8 @@ def fit_remarks(
     ----------
     fit : LikelihoodFit
         The fit.
-    delays : mapping of str to float
-        Delays in s that were found by channel.
+    sensor_errors : sequence of SensorErrorEstimate
+        Errors of sensors that were found.
     faint : sequence of str, optional
         Frequencies of modes that the record hardly shows.
 
@@ -35,26 +34,6 @@ def fit_remarks(
     tuple of str
         Sentences on random forces, on sensors, with standard errors, and on other values that are as likely.
     """
-    texts = [
-        *(
-            f"{name} is off by {value:.4g} throughout (estimated with the other unknowns"
-            for name, value in fit.offsets.items()
-        ),
-        *(
-            f"{name} shows {value:.6g} of its motion (estimated with the other unknowns"
-            for name, value in fit.gains.items()
-        ),
-        *(
-            f"{name} is late by {1e3 * value:.4g} ms (estimated with the other unknowns"
-            for name, value in delays.items()
-        ),
-    ]
-    units = [""] * (len(fit.offsets) + len(fit.gains)) + [" ms"] * len(delays)
-    deviations = fit.sensor_deviations * np.where([bool(unit) for unit in units], 1e3, 1.0)
-    of_sensors = [
-        f"{text}, standard error {deviation:.2g}{unit})."
-        for text, deviation, unit in zip(texts, deviations, units, strict=True)
-    ]
     names = fit.segments.system.parameters.names
     tied = [
         "Another set of values explains the records as well: "
@@ -64,11 +43,41 @@ def fit_remarks(
     loosened = [_LOOSENED] if is_loosened(fit) else []
     return (
         *(force.description for force in fit.random_forces),
-        *of_sensors,
+        *(error.description for error in sensor_errors),
         *_disturbances(fit),
         *loosened,
         *tied,
         *map(_of_faint_mode, faint),
+    )
+
+
+def sensor_errors(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[SensorErrorEstimate, ...]:
+    """The errors of sensors of a fit.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    delays : mapping of str to float
+        All of the delays in s by channel, of which the fit has what is left beside shifts by whole samples.
+
+    Returns
+    -------
+    tuple of SensorErrorEstimate
+        Offsets, gains and delays, in this order.
+    """
+    sizes: tuple[tuple[ErrorKind, Mapping[str, float]], ...] = (
+        ("offset", fit.offsets),
+        ("gain", fit.gains),
+        ("delay", delays),
+    )
+    named = [(kind, name, value) for kind, values in sizes for name, value in values.items()]
+    units = {"gain": "1", "delay": "s"}
+    return tuple(
+        SensorErrorEstimate(
+            name, kind, float(value), float(deviation), units.get(kind) or Channel.parse(name).unit
+        )
+        for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
     )
 
 

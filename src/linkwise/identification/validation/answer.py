@@ -11,6 +11,7 @@ from linkwise.argument_types import check_type
 from linkwise.atomic import RESULT
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.sensor_error import SensorErrorEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
@@ -20,12 +21,16 @@ _STRUCTURE = "structure.toml"
 
 @dataclass(frozen=True, eq=False)
 class ValidatedAnswer:
-    """A structure of numbers, the distribution of its coefficients if known, its model error, and remarks on these."""
+    """A structure of numbers, with what is known of the errors of its coefficients, its laws and the sensors.
+
+    That is the distribution of the coefficients if known, the model error, errors of sensors, and remarks on these.
+    """
 
     structure: Structure
     posterior: Posterior | None = None
     model_error: float = 0.0
     remarks: tuple[str, ...] = ()
+    sensor_errors: tuple[SensorErrorEstimate, ...] = ()
 
     @classmethod
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ValidatedAnswer:
@@ -35,10 +40,11 @@ class ValidatedAnswer:
         if isinstance(answer, Posterior):
             return cls(answer.structure, answer)
         if isinstance(answer, Estimate):
+            error = answer.model_error if answer.trusted else 0.0
             if answer.trusted and answer.intervals:
-                return cls(answer.structure, Posterior.of(answer), answer.model_error)
+                return cls(answer.structure, Posterior.of(answer), error, (), answer.sensor_errors)
             why = answer.status if not answer.trusted else f"{answer.method} gives no intervals"
-            return cls(answer.structure, None, answer.model_error if answer.trusted else 0.0, (_exact(why),))
+            return cls(answer.structure, None, error, (_exact(why),), answer.sensor_errors)
         types = (Structure, Estimate, Posterior, str, Path)
         check_type("validate(record, answer)", "answer", answer, *types)
         return cls(_numbers(answer))
@@ -69,18 +75,31 @@ def _read(path: Path) -> ValidatedAnswer:
             f"there is no {_STRUCTURE} in this folder: give a result folder of identify or discover, or a structure file",
             str(path),
         )
-    model_error, status = _stated(path / RESULT)
+    stated = _ResultFile.of(path / RESULT)
+    structure = _numbers(read_structure(file), file)
     if (path / COVARIANCE).exists():
-        return ValidatedAnswer(_numbers(read_structure(file), file), read_posterior(path), model_error)
-    return ValidatedAnswer(_numbers(read_structure(file), file), None, model_error, (_exact(status),))
+        return ValidatedAnswer(structure, read_posterior(path), stated.model_error, (), stated.sensor_errors)
+    return ValidatedAnswer(
+        structure, None, stated.model_error, (_exact(stated.status),), stated.sensor_errors
+    )
 
 
-def _stated(path: Path) -> tuple[float, str]:
-    """The model error that a trusted result states, and its status; of others the laws count as exact."""
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-        status = str(result["status"])
-        error = float(result.get("model_error_percent") or 0.0) / 100.0 if result.get("trusted") else 0.0
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return 0.0, f"no covariance is beside {_STRUCTURE}"
-    return (error if math.isfinite(error) and error >= 0.0 else 0.0), status
+@dataclass(frozen=True)
+class _ResultFile:
+    """What a result file states: its status, the model error of one that is trusted, and errors of sensors."""
+
+    status: str
+    model_error: float = 0.0
+    sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+
+    @classmethod
+    def of(cls, path: Path) -> _ResultFile:
+        """What the file states; nothing where it cannot be read, so that the laws and sensors count as exact."""
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+            status = str(result["status"])
+            error = float(result.get("model_error_percent") or 0.0) / 100.0 if result.get("trusted") else 0.0
+            of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return cls(f"no covariance is beside {_STRUCTURE}")
+        return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors)

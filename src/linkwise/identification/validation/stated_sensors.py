@@ -7,6 +7,7 @@ from math import isinf
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.identification.validation.prediction import Prediction
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
@@ -28,8 +29,15 @@ def with_stated_sensors(prediction: Prediction, record: Record) -> Prediction:
         )
         variance[:, column] = (gain**2 + shared**2) * shown**2 + offset**2
         if delay:
-            variance[:, column] += (delay * np.gradient(shown, record.step)) ** 2
+            variance[:, column] += (delay * _largest_rate(shown, record.step)) ** 2
     return replace(prediction, by_laws=prediction.by_laws + variance)
+
+
+def _largest_rate(shown: Floats, step: float) -> Floats:
+    """(N,) the larger absolute slope beside each sample, of which one may be beside a gap of what is predicted."""
+    slopes = np.abs(np.diff(shown)) / step
+    beside: Floats = np.fmax(np.append(np.nan, slopes), np.append(slopes, np.nan))
+    return beside
 
 
 def unknown_sensors(record: Record) -> tuple[str, ...]:

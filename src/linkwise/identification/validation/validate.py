@@ -16,6 +16,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.identification.validation.coefficients import agreements, estimated_again, uncertain
+from linkwise.identification.validation.found_sensors import without_found_errors
 from linkwise.identification.validation.prediction import Prediction, one_step, predict
 from linkwise.identification.validation.profiles import error_profiles, error_spectra
 from linkwise.identification.validation.result import CoefficientAgreement, Validation
@@ -59,7 +60,7 @@ def validate(
     answer : Structure, Estimate, Posterior or path-like
         The structure, every coefficient a number, or the path of its file. An estimate, a `Posterior` or the path of a result
         folder adds the covariance of the coefficients: their errors count in the comparison, and each is estimated again from
-        this record alone (Wald test).
+        this record alone (Wald test). Offsets, gains and delays of sensors that it found are taken out of the record.
     burn : float, optional
         Time in s at the start from which the state is estimated, and which is not scored. By default 5 % of the record, from
         50 to 300 samples.
@@ -104,7 +105,9 @@ def validate(
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)
     scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
-    remarks = (*remarks, *_unscored(record, scored), *unknown_sensors(scored))
+    unscored = _unscored(record, scored)
+    scored, taken_out = without_found_errors(scored, given.sensor_errors)
+    remarks = (*remarks, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
     samples, prediction, steps, noise = predicted(scored, given, burn, law_error, part(progress, 0.0, 0.6))
     agreed: tuple[CoefficientAgreement, ...] = ()

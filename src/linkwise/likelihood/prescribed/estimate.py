@@ -13,6 +13,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.estimates.sensor_error import SensorErrorEstimate
 from linkwise.likelihood.prescribed.diagnosis import rig_causes
 from linkwise.likelihood.prescribed.fit import RigFit, rig_fit
 from linkwise.likelihood.prescribed.judgement import judged
@@ -26,6 +27,7 @@ from linkwise.likelihood.prescribed.records import (
 )
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.text import near_miss
 
@@ -100,29 +102,40 @@ def _estimate(
         record=records[0],
         more_records=tuple(records[1:]),
         remarks=_remarks(fit),
+        sensor_errors=_sensor_errors(fit),
         model_error=share,
         diagnosis=causes,
     )
 
 
-def _remarks(fit: RigFit) -> tuple[str, ...]:
+def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
+    """Offsets of the load cells, and of the displacement of the base."""
     problem, unknowns = fit.problem, fit.minimum.unknowns
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     channels = [cell_name(problem.structure, link) for link in problem.cell_offsets]
     channels += [BASE_CHANNEL] if problem.motion_offset else []
     first = len(problem.parameters)
-    offsets = [
-        f"{name} is off by {unknowns[first + number]:.4g} throughout (estimated with the other unknowns, standard error "
-        f"{errors[first + number]:.2g})."
+    return tuple(
+        SensorErrorEstimate(
+            name,
+            "offset",
+            float(unknowns[first + number]),
+            float(errors[first + number]),
+            Channel.parse(name).unit,
+        )
         for number, name in enumerate(channels)
-    ]
+    )
+
+
+def _remarks(fit: RigFit) -> tuple[str, ...]:
+    problem = fit.problem
     names = [p.name for p in problem.parameters]
     others = [
         "Another set of values explains the records as well: "
         f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
         for values in fit.others
     ]
-    return (*offsets, *others)
+    return (*(error.description for error in _sensor_errors(fit)), *others)
 
 
 def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:

@@ -1,0 +1,57 @@
+"""Errors of sensors that an answer found, taken out of the record that it is compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from linkwise.errors import RecordError
+from linkwise.estimates.sensor_error import SensorErrorEstimate
+from linkwise.records.delays import without_delays
+from linkwise.records.record import Record
+from linkwise.records.sensor_uncertainty import SensorUncertainty
+
+_ORDER = ("offset", "gain", "delay")  # in which they are undone: an offset is added last
+
+
+def without_found_errors(
+    record: Record, errors: Sequence[SensorErrorEstimate]
+) -> tuple[Record, tuple[str, ...]]:
+    """The record as it would be without the `errors`, and sentences on what was taken out and what was not.
+
+    The standard errors are what is known of the sensors then, in place of what the record states.
+    """
+    taken_out, remarks = [], []
+    for error in sorted(errors, key=lambda error: _ORDER.index(error.kind)):
+        if error.channel not in record.channels:
+            continue
+        try:
+            record = _without(record, error)
+        except RecordError as refusal:
+            remarks.append(f"The {error.kind} of {error.channel} that the answer found stays in: {refusal}")
+        else:
+            taken_out.append(f"{error.kind} of {error.channel}")
+    if taken_out:
+        remarks.append(
+            f"Taken out of the record, as the answer found them: {', '.join(taken_out)}. Where a sensor is another one or was "
+            "set anew, identify again."
+        )
+    return record, tuple(remarks)
+
+
+def _without(record: Record, error: SensorErrorEstimate) -> Record:
+    """The record without one error; RecordError where it cannot be taken out."""
+    column, values = record.channels.index(error.channel), record.values.copy()
+    if error.kind == "delay":
+        record = without_delays(record, {error.channel: error.value})
+    elif error.kind == "offset":
+        values[:, column] -= error.value
+        record = replace(record, values=values)
+    elif error.value > 0.0:
+        values[:, column] /= error.value
+        record = replace(record, values=values)
+    else:
+        raise RecordError(f"a gain must be positive, got {error.value:g}")
+    stated = record.uncertainty.get(error.channel, SensorUncertainty())
+    known = replace(stated, **{error.kind: error.standard_error})
+    return replace(record, uncertainty={**record.uncertainty, error.channel: known})

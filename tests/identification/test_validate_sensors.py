@@ -1,0 +1,97 @@
+"""Validation by an answer that found errors of sensors: they are taken out of the record that it is compared with."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from present import some
+from problems import oscillator
+
+import linkwise as lw
+
+pytestmark = pytest.mark.usefixtures("unrendered")
+RATE = 500.0
+
+
+def duffing() -> lw.Structure:
+    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=900.0, k3=2e6, c=2.0)
+
+
+def shown(seed: int, *, offset: float = 0.0, gain: float = 1.0, late: int = 0) -> lw.Record:
+    """A forced motion by a displacement with these errors, `late` in samples, and an acceleration without."""
+    force = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
+    record = lw.simulate(duffing(), forces={"m1": force}, duration=3.0, rate=RATE, sensors=("x", "a"))
+    record = record.with_noise(40.0, seed=seed)
+    values = record.values.copy()
+    column = record.channels.index("x:m1")
+    values[late:, column] = values[: len(values) - late, column]
+    values[:, column] = gain * values[:, column] + offset
+    return replace(record, values=values, simulated=None)[late:]
+
+
+METHODS = {
+    "offset": lw.MaximumLikelihood(offsets=["x:m1"]),
+    "gain": lw.MaximumLikelihood(gains=["x:m1"]),
+    "delay": lw.MaximumLikelihood(delays=["x:m1"]),
+    "offset gain": lw.MaximumLikelihood(offsets=["x:m1"], gains=["x:m1"]),
+}
+
+
+@pytest.mark.parametrize(("kinds", "method"), METHODS.items(), ids=METHODS)
+def test_errors_of_sensors_that_the_answer_found_are_taken_out(
+    kinds: str, method: lw.MaximumLikelihood
+) -> None:
+    offset, gain, late = 1e-3 * ("offset" in kinds), 1.0 + 0.1 * ("gain" in kinds), 2 * (kinds == "delay")
+    answer = lw.identify(
+        shown(3, offset=offset, gain=gain, late=late), duffing().unknown("all"), method=method
+    )
+    assert answer.trusted
+    assert [error.kind for error in answer.sensor_errors] == kinds.split()
+    truth = {"offset": offset, "gain": gain, "delay": late / RATE}
+    for error in answer.sensor_errors:
+        assert error.channel == "x:m1"
+        assert abs(error.value - truth[error.kind]) < 4.0 * error.standard_error  # one in 16 000 by chance
+        assert error.description in answer.findings
+    other = shown(4, offset=offset, gain=gain, late=late)
+    validation = lw.validate(other, answer)
+    assert validation.trusted
+    for score in some(validation.channels.values()):
+        assert score.noise <= score.expected < 1.2 * score.noise  # the answer leaves little beside the noise
+    assert not lw.validate(other, answer.structure).trusted
+
+
+def test_the_folder_of_an_answer_says_the_same(tmp_path: Path) -> None:
+    answer = lw.identify(shown(3, offset=1e-3), duffing().unknown("all"), offsets=["x:m1"])
+    folder = tmp_path / "answer"
+    lw.write_result(answer, folder)
+    (stated,) = json.loads((folder / "result.json").read_text())["sensor_errors"]
+    assert stated["kind"] == "offset" and stated["unit"] == "m"
+    record = shown(4, offset=1e-3)
+    validation = lw.validate(record, folder)
+    assert validation.trusted
+    assert any("offset of x:m1" in remark for remark in validation.remarks)
+    without = lw.validate(record.select(["a:m1", "force:m1"]), folder)
+    assert without.trusted and not any("taken out" in remark.lower() for remark in without.remarks)
+
+
+def test_a_delay_stays_in_where_samples_are_missing() -> None:
+    answer = lw.identify(shown(3, late=2), duffing().unknown("all"), delays=["x:m1"])
+    record = shown(4, late=2)
+    values = record.values.copy()
+    values[700, record.channels.index("x:m1")] = float("nan")
+    validation = lw.validate(replace(record, values=values), answer)
+    assert not validation.trusted
+    assert any(
+        remark.startswith("The delay of x:m1 that the answer found stays in") for remark in validation.remarks
+    )
+
+
+@pytest.mark.parametrize("change", [{"kind": "colour"}, {"value": float("nan")}, {"standard_error": -1.0}])
+def test_what_is_no_error_of_a_sensor_is_refused(change: dict[str, object]) -> None:
+    error = lw.SensorErrorEstimate("x:m1", "offset", 1e-3, 1e-5, "m")
+    assert lw.SensorErrorEstimate.from_dict(error.to_dict()) == error
+    with pytest.raises(ValueError, match="no error of a sensor"):
+        lw.SensorErrorEstimate.from_dict({**error.to_dict(), **change})
