@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial, reduce
+from math import prod
 from typing import Any, final
 
 import numpy as np
@@ -17,6 +18,8 @@ _OPERATORS: dict[str, np.ufunc] = {
     "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "negative": np.negative, "**": np.power,
 }  # fmt: skip
 _LARGEST_PRODUCT = 64  # integer powers up to this are products
+_ARITHMETIC = (np.add, np.subtract, np.multiply, np.divide)  # rounded alike, however operands are stored
+_STRETCHED = 4096  # numbers in an array up to which to broadcast takes longer than the arithmetic
 
 Operation = Callable[[], object]
 """A step of an evaluation, from arrays into arrays."""
@@ -34,7 +37,7 @@ class Program:
     their smaller size. `len(program)` is the number of operations. Raises ValueError for a name that is not an input.
     """
 
-    __slots__ = ("_large", "_outputs", "_slots", "_tape", "inputs")
+    __slots__ = ("_large", "_narrow", "_outputs", "_slots", "_tape", "inputs")
 
     def __init__(
         self, outputs: Sequence[Expression], inputs: Sequence[str], *, wide: Sequence[str] | None = None
@@ -43,6 +46,9 @@ class Program:
         numbering = _ValueNumbering(self.inputs, frozenset(inputs if wide is None else wide))
         values = [numbering.write(output) for output in outputs]
         self._slots, self._tape, self._outputs = _allocate(numbering, values)
+        known = [number for number, value in enumerate(self._slots, len(self.inputs)) if value is not None]
+        narrow = [number for number in range(len(self.inputs)) if not numbering.wide[number]]
+        self._narrow = frozenset([*narrow, *known, *(to for *_, to, wide in self._tape if not wide)])
         written = {to for *_, to, is_wide in self._tape if is_wide}
         self._large = tuple(dict.fromkeys(index for index in self._outputs if index in written))
 
@@ -99,15 +105,36 @@ class Program:
             else:
                 copied.append((index, target))
         operations: list[Operation] = []
+        shape = out[0].shape
         with np.errstate(all="ignore"):
             for ufunc, first, second, to, wide in self._tape:
-                operands = (slots[first],) if second < 0 else (slots[first], slots[second])
-                if wide:
-                    slots[to] = np.empty(out[0].shape) if slots[to] is None else slots[to]
-                    operations.append(partial(ufunc, *operands, out=slots[to]))
-                else:
+                numbers = (first,) if second < 0 else (first, second)
+                operands = [slots[number] for number in numbers]
+                if not wide:
                     slots[to] = ufunc(*operands)
+                    continue
+                slots[to] = np.empty(shape) if slots[to] is None else slots[to]
+                if ufunc not in _ARITHMETIC:
+                    operations.append(partial(ufunc, *operands, out=slots[to]))
+                    continue
+                stretched = (
+                    _stretched(operand, shape) if number in self._narrow else operand
+                    for number, operand in zip(numbers, operands, strict=True)
+                )
+                operations.append(partial(ufunc, *stretched, slots[to]))  # sooner read than `out=`
         return operations + [partial(np.copyto, target, slots[index]) for index, target in copied]
+
+
+def _stretched(operand: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    """An operand such that an operation with one of `shape` need not broadcast it, where that takes the longest."""
+    array = np.asarray(operand, dtype=np.float64)
+    if array.size == 1:
+        return array.reshape(())
+    if array.shape == shape or prod(shape) > _STRETCHED:
+        return array
+    stretched = np.empty(shape)
+    stretched[...] = array
+    return stretched
 
 
 @lru_cache(maxsize=1024)

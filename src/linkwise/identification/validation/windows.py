@@ -346,15 +346,17 @@ def _fitted_states(
 
     states = centre.copy()
     orbit, left, cost = misfit(states)
+    better = np.ones(K, dtype=bool)
     for _ in range(most):
-        slopes = setup.slopes(orbit, inputs, refine)[..., :m]
-        weight = present.transpose(2, 0, 1) / setup.sigma
-        rows = slopes * weight.reshape(K, samples * C, 1)
-        normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
-        right = np.einsum("kri,kr->ki", rows, left.transpose(2, 0, 1).reshape(K, -1))
-        right -= ((states - centre) / prior[:, None]).T
-        valid = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
-        normal[~valid], right[~valid] = np.eye(m), 0.0
+        if better.any():
+            slopes = setup.slopes(orbit, inputs, refine)[..., :m]
+            weight = present.transpose(2, 0, 1) / setup.sigma
+            rows = slopes * weight.reshape(K, samples * C, 1)
+            normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
+            right = np.einsum("kri,kr->ki", rows, left.transpose(2, 0, 1).reshape(K, -1))
+            right -= ((states - centre) / prior[:, None]).T
+            valid = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+            normal[~valid], right[~valid] = np.eye(m), 0.0
         diagonal = np.einsum("kii->ki", normal)
         damped = normal.copy()
         damped[:, range(m), range(m)] += damping[:, None] * diagonal
@@ -367,9 +369,6 @@ def _fitted_states(
         size = np.einsum("ki,kij,kj->k", step, normal, step)  # squared, in standard errors
         if np.all((size < _SETTLED) | ~valid):
             break
-        cost = np.where(better, new_cost, cost)
-        if better.all():
-            orbit, left = new_orbit, new_left
-        else:
-            orbit, left, cost = misfit(states)
+        orbit = orbit.replaced(new_orbit, better)
+        left, cost = np.where(better, new_left, left), np.where(better, new_cost, cost)
     return states

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.likelihood.shooting.tableau import (
     CLOSING,
@@ -19,6 +19,9 @@ from linkwise.likelihood.shooting.tableau import (
     STAGE_ROWS,
     STAGES,
 )
+
+#: The stages that close a step, and the weights (2, 1, 1) of their accelerations in x and u.
+_CLOSING_WEIGHTS = [(i, CLOSING[:, i, None, None]) for i in map(int, np.flatnonzero(CLOSING[1]))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,19 +120,27 @@ class Trajectories:
 
     def part(self, segments: slice | Indices) -> Trajectories:
         """The trajectories of some segments."""
-        return Trajectories(
-            *(
-                a[..., segments]
-                for a in (
-                    self.states,
-                    self.links,
-                    self.accelerations,
-                    self.middle_links,
-                    self.middle_accelerations,
-                    self.memory,
-                    self.middle_memory,
-                )
-            )
+        return Trajectories(*(a[..., segments] for a in self._arrays))
+
+    def replaced(self, others: Trajectories, where: Bools) -> Trajectories:
+        """The trajectories, those of some segments by those of `others`; `where` is (K,)."""
+        if where.all():
+            return others
+        if not where.any():
+            return self
+        pairs = zip(others._arrays, self._arrays, strict=True)
+        return Trajectories(*(np.where(where, *pair) for pair in pairs))
+
+    @property
+    def _arrays(self) -> tuple[Floats, ...]:
+        return (
+            self.states,
+            self.links,
+            self.accelerations,
+            self.middle_links,
+            self.middle_accelerations,
+            self.memory,
+            self.middle_memory,
         )
 
     def thinned(self, refine: int) -> Trajectories:
@@ -195,27 +206,41 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     np.multiply(start[n : 2 * n], step, out=orbit.states[0, 1])
     orbit.memory[0] = start[2 * n :]
     stages = _Stages(mechanics, step, inputs, S)
-    for j in range(steps):
-        stages.integrate(orbit, j)
-    stages.close(orbit, steps)
+    with np.errstate(all="ignore"):
+        for j in range(steps):
+            stages.integrate(orbit, j)
+        stages.close(orbit, steps)
     return orbit
 
 
 class _Stages:
-    """The stages of a step, in arrays that all steps share: small arrays cost their handling, not their arithmetic."""
+    """The stages of a step, in arrays that all steps share: small arrays cost their handling, not their arithmetic.
+
+    For the same reason nothing that all steps need is broadcast.
+    """
 
     def __init__(self, mechanics: NumericSystem, step: Floats, inputs: Inputs, S: int) -> None:
-        L, K = mechanics.gain.shape[1], len(step)
-        self.mechanics, self.inputs = mechanics, inputs
-        self.step, self.step2, self.rate = step, step * step, 1.0 / step
+        (n, L), K = mechanics.gain.shape, len(step)
+        self.mechanics, self.inputs, self.has_memory = mechanics, inputs, S > 0
+        self.step, self.step2, self.rate = (np.tile(a, (L, 1)) for a in (step, step * step, 1.0 / step))
+        self.step_of_states, self.step2_of_masses = np.tile(step, (S, 1)), np.tile(step * step, (2, n, 1))
         self.into_links = mechanics.incidence.T
         self.stack = np.empty((2 + STAGES, L, K))
-        flat = self.stack.reshape(2 + STAGES, L * K)
-        #: Per stage its row of the table and what this combines.
-        self.combined = [(STAGE_ROWS[i, :, : 2 + i], flat[: 2 + i]) for i in range(STAGES)]
         self.forces, self.slopes = np.empty((STAGES, L, K)), np.empty((STAGES, S, K))
-        self.motion, self.force = np.empty((2, L, K)), np.empty((L, K))
-        self.inside, self.change = np.empty((S, K)), np.empty((S, K))
+        flat, inner = self.stack.reshape(2 + STAGES, L * K), self.slopes.reshape(STAGES, S * K)
+        #: Per stage its point, its row of the table and what this combines, and the same for states of links.
+        self.combined = [
+            (
+                STAGE_POINT[i],
+                STAGE_ROWS[i, :, : 2 + i],
+                flat[: 2 + i],
+                STAGE_ROWS[i, 1:, 2 : 2 + i],
+                inner[:i],
+            )
+            for i in range(STAGES)
+        ]
+        self.motion, self.force, self.closing = np.empty((2, L, K)), np.empty((L, K)), np.empty((2, L, K))
+        self.inside, self.change, self.gone = np.empty((S, K)), np.empty((S, K)), np.empty((1, S * K))
         self.law_operations = mechanics.force_operations(
             self.motion[0], self.motion[1], self.inside, self.force, self.change
         )
@@ -225,53 +250,57 @@ class _Stages:
         for operation in self.law_operations:
             operation()
 
-    @np.errstate(all="ignore")
     def integrate(self, orbit: Trajectories, j: int) -> None:
-        """From the start of step j to its end."""
-        states, memory, forces, slopes = orbit.states, orbit.memory[j], self.forces, self.slopes
-        mechanics, motion, into_links = self.mechanics, self.motion, self.into_links
-        row_of_motion, v = motion.reshape(2, -1), motion[1]
-        applied = None
+        """From the start of step j to its end, where floating-point warnings are ignored."""
+        states, memory, forces = orbit.states, orbit.memory[j], self.forces
+        mechanics, motion, force, operations = self.mechanics, self.motion, self.force, self.law_operations
+        row_of_motion, v, gain, link_gain = (
+            motion.reshape(2, -1),
+            motion[1],
+            mechanics.gain,
+            mechanics.link_gain,
+        )
+        applied = pushed = None
         if self.inputs.force is not None:
             applied = self.inputs.applied(mechanics, j) / mechanics.masses[:, None]
-        np.matmul(into_links, states[j], out=self.stack[:2])
-        for i, (row, above) in enumerate(self.combined):
-            np.matmul(row, above, out=row_of_motion)
-            np.multiply(v, self.rate, out=v)
-            _add_base(mechanics, motion, self.inputs, (j, STAGE_POINT[i]), memory)
-            if len(memory):
-                self.inside[:] = memory + np.tensordot(STAGE_ROWS[i, 1, 2 : 2 + i], slopes[:i], 1)
+            pushed = self.into_links @ applied
+        np.matmul(self.into_links, states[j], out=self.stack[:2])
+        for i, (point, row, above, inner_row, inner_above) in enumerate(self.combined):
+            np.dot(row, above, row_of_motion)
+            np.multiply(v, self.rate, v)
+            _add_base(mechanics, motion, self.inputs, (j, point), memory)
+            if self.has_memory:
+                np.add(memory, np.dot(inner_row, inner_above, self.gone).reshape(memory.shape), self.inside)
             if i == 0:
                 orbit.links[j] = motion
             elif i == MIDDLE:
                 orbit.middle_links[j], orbit.middle_memory[j] = motion, self.inside
-            self.evaluate()
-            forces[i] = self.force
-            if len(memory):
-                np.multiply(self.change, self.step, out=slopes[i])
-            own = self.stack[2 + i]
-            np.matmul(mechanics.link_gain, self.force, out=own)
-            if applied is not None:
-                own += into_links @ applied[STAGE_POINT[i]]
-            np.multiply(own, self.step2, out=own)
-        closing = (CLOSING @ forces.reshape(STAGES, -1)).reshape(motion.shape)
-        np.matmul(mechanics.gain, closing, out=states[j + 1])
-        np.matmul(mechanics.gain, forces[0], out=orbit.accelerations[j])
-        np.matmul(mechanics.gain, forces[MIDDLE], out=orbit.middle_accelerations[j])
+            for operation in operations:
+                operation()
+            forces[i] = force
+            if self.has_memory:
+                np.multiply(self.change, self.step_of_states, self.slopes[i])
+            own = np.dot(link_gain, force, self.stack[2 + i])
+            if pushed is not None:
+                np.add(own, pushed[point], own)
+            np.multiply(own, self.step2, own)
+        np.dot(CLOSING, forces.reshape(STAGES, -1), self.closing.reshape(2, -1))
+        after = np.matmul(gain, self.closing, out=states[j + 1])
+        np.dot(gain, forces[0], orbit.accelerations[j])
+        np.dot(gain, forces[MIDDLE], orbit.middle_accelerations[j])
         if applied is not None:
-            for i in map(int, np.flatnonzero(CLOSING[1])):
-                states[j + 1] += CLOSING[:, i, None, None] * applied[STAGE_POINT[i]]
+            for i, weights in _CLOSING_WEIGHTS:
+                after += weights * applied[STAGE_POINT[i]]
             orbit.accelerations[j] += applied[0]
             orbit.middle_accelerations[j] += applied[2]
-        states[j + 1] *= self.step2
-        states[j + 1] += states[j]
-        states[j + 1, 0] += states[j, 1]
-        if len(memory):
-            orbit.memory[j + 1] = memory + np.tensordot(CLOSING[1], slopes, 1)
+        after *= self.step2_of_masses
+        after += states[j]
+        after[0] += states[j, 1]
+        if self.has_memory:
+            orbit.memory[j + 1] = memory + np.tensordot(CLOSING[1], self.slopes, 1)
 
-    @np.errstate(all="ignore")
     def close(self, orbit: Trajectories, steps: int) -> None:
-        """Elongations and accelerations at the end of the last step."""
+        """Elongations and accelerations at the end of the last step, where floating-point warnings are ignored."""
         np.matmul(self.into_links, orbit.states[steps], out=self.motion)
         self.motion[1] *= self.rate
         _add_base(self.mechanics, self.motion, self.inputs, (steps - 1, 4), orbit.memory[steps])

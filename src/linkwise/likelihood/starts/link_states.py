@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -78,38 +78,46 @@ def follow_states(
     middle_d, middle_v = (0.5 * (along[:-1] + along[1:]) for along in (along_d, along_v))
     out = np.empty((len(law.states), batch, count, piece))
     states = np.zeros((len(law.states), batch, count))
-    rates = _rates(law, values, states)
+    rates = _Rates(law, values, states)
+    first, second, third, fourth = np.empty((4, *states.shape))
     for number in range(2 * piece - 1):
         if number >= piece:
             out[..., number - piece] = states
-        k1 = rates(along_d[number], along_v[number], states)
-        k2 = rates(middle_d[number], middle_v[number], states + 0.5 * step * k1)
-        k3 = rates(middle_d[number], middle_v[number], states + 0.5 * step * k2)
-        k4 = rates(along_d[number + 1], along_v[number + 1], states + step * k3)
-        states = states + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+        rates.after(states, first, 0.0, along_d[number], along_v[number], first)
+        rates.after(states, first, 0.5 * step, middle_d[number], middle_v[number], second)
+        rates.after(states, second, 0.5 * step, middle_d[number], middle_v[number], third)
+        rates.after(states, third, step, along_d[number + 1], along_v[number + 1], fourth)
+        # states + step / 6 (first + 2 (second + third) + fourth), in place
+        np.add(second, third, second)
+        np.multiply(second, 2.0, second)
+        np.add(first, second, first)
+        np.add(first, fourth, first)
+        np.multiply(first, step / 6.0, first)
+        np.add(states, first, states)
     out[..., piece - 1] = states
     return out.reshape(len(law.states), batch, -1)[..., : len(d)]
 
 
-def _rates(
-    law: Law, values: Mapping[str, float | Floats], like: Floats
-) -> Callable[[Floats, Floats, Floats], Floats]:
-    """Rates (r, B, C) of states, like `like`, from elongations and rates (C,) of the link and states (r, B, C).
+class _Rates:
+    """Rates (r, B, C) of states, like `like`, in arrays that all evaluations share: to be used where warnings are ignored."""
 
-    To be called where floating-point warnings are ignored.
-    """
-    program = rates_program(
-        tuple(rate.expression for rate in law.rates), (*law.states, *law.coefficients), law.variables
-    )
-    moved, inside = np.empty((2, like.shape[-1])), np.empty_like(like)
-    arrays = [*moved, *inside, *(np.asarray(values[name], dtype=np.float64) for name in law.coefficients)]
-    outputs = np.empty_like(like)
-    operations = program.into(arrays, list(outputs))
+    def __init__(self, law: Law, values: Mapping[str, float | Floats], like: Floats) -> None:
+        program = rates_program(
+            tuple(rate.expression for rate in law.rates), (*law.states, *law.coefficients), law.variables
+        )
+        self._d, self._v = np.empty((2, *like.shape[1:]))
+        self._inside, self._rates = np.empty_like(like), np.empty_like(like)
+        numbers = (np.asarray(values[name], dtype=np.float64) for name in law.coefficients)
+        self._operations = program.into([self._d, self._v, *self._inside, *numbers], list(self._rates))
 
-    def rates(d: Floats, v: Floats, states: Floats) -> Floats:
-        moved[0], moved[1], inside[:] = d, v, states
-        for operation in operations:
+    def after(self, states: Floats, slopes: Floats, step: float, d: Floats, v: Floats, out: Floats) -> None:
+        """To `out`: the rates at elongations and rates (C,) of the link, a step in s from `states` along `slopes`."""
+        self._d[:], self._v[:] = d, v
+        if step:
+            np.multiply(slopes, step, self._inside)
+            np.add(states, self._inside, self._inside)
+        else:
+            self._inside[:] = states
+        for operation in self._operations:
             operation()
-        return outputs.copy()
-
-    return rates
+        out[:] = self._rates

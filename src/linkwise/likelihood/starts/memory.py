@@ -179,26 +179,31 @@ class _Search:
         low, high = self.bounds
         sizes = np.array([self.sizes[p.name] for p in self.curved])
         left = [rows for _, rows in self.regressed(best)]
+        slopes: list[Floats] = [np.empty(0)] * len(best)  # (R, q) of each, in units of `scales`
+        scales, moved = np.empty_like(best), np.ones(len(best), dtype=bool)
         for _ in range(_SEARCH):
             nudge = 1e-6 * (np.abs(best) + 1e-3 * sizes)
             nudge = np.where(best + nudge > high, -nudge, nudge)
-            moved = best[:, None, :] + nudge[:, None, :] * np.eye(best.shape[1])
-            around = [rows for _, rows in self.regressed(moved.reshape(-1, best.shape[1]))]
+            nudged = (best[:, None, :] + nudge[:, None, :] * np.eye(best.shape[1]))[moved]
+            around = [rows for _, rows in self.regressed(nudged.reshape(-1, best.shape[1]))]
+            for number, k in enumerate(np.flatnonzero(moved).tolist()):
+                own = np.stack(around[number * len(sizes) : (number + 1) * len(sizes)], axis=1)
+                own = (own - left[k][:, None]) / nudge[k]
+                scales[k] = np.maximum(np.sqrt(np.einsum("ij,ij->j", own, own)), 1e-300)
+                slopes[k] = own / scales[k]
             proposed = best.copy()
             for k, rows in enumerate(left):
-                slopes = np.stack(around[k * len(sizes) : (k + 1) * len(sizes)], axis=1) - rows[:, None]
-                slopes /= nudge[k]
-                scale = np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
-                slopes = np.vstack([slopes / scale, np.sqrt(damping[k]) * np.eye(len(sizes))])
+                damped = np.vstack([slopes[k], np.sqrt(damping[k]) * np.eye(len(sizes))])
                 right = np.concatenate([rows, np.zeros(len(sizes))])
-                proposed[k] -= np.linalg.lstsq(slopes, right, rcond=None)[0] / scale
+                proposed[k] -= np.linalg.lstsq(damped, right, rcond=None)[0] / scales[k]
             proposed = np.clip(proposed, low, high)
             tried = [rows for _, rows in self.regressed(proposed)]
             gains = []
             for k, rows in enumerate(tried):
                 gains.append(1.0 - float(np.sum(rows**2)) / max(float(np.sum(left[k] ** 2)), 1e-300))
-                damping[k] *= 0.2 if gains[-1] > 0.0 else 5.0
-                if gains[-1] > 0.0:
+                moved[k] = gains[-1] > 0.0
+                damping[k] *= 0.2 if moved[k] else 5.0
+                if moved[k]:
                     best[k], left[k] = proposed[k], rows
             if max(np.abs(gains)) < _FLAT:
                 break
@@ -207,6 +212,8 @@ class _Search:
     @np.errstate(all="ignore")  # values that are far off may leave the numbers; such a trial is the worst
     def regressed(self, curved: Floats) -> list[tuple[Floats, Floats]]:
         """For each of B values (B, q) the linear parameters, and the rows that are left, relative to the forces."""
+        if not len(curved):
+            return []
         numbers = [self._numbers(number, curved) for number in range(len(self.structure.links))]
         states = [
             follow_states(
@@ -246,24 +253,46 @@ class _Search:
         linear = np.clip(linear, low, high)
         return linear, rows + columns @ linear
 
+    @cached_property
+    def _shown(self) -> dict[str, tuple[Floats, float]]:
+        """What channels of links show, smoothed, and its size among the equations."""
+        smooth = {
+            name: smoothed(self.record, name, self.sigma[name])[0]
+            for name in self.record.channels
+            if name.startswith(("f:", "state:"))
+        }
+        return {name: (shown, float(np.std(self.project(shown, 0)))) for name, shown in smooth.items()}
+
+    @cached_property
+    def _balances(self) -> list[tuple[Floats, float, float]]:
+        """Of each mass the acceleration, projected, the mass in kg as far as it is known, and the size of its equations."""
+        unknown = {member for p in (*self.curved, *self.straight) for member in p.members}
+        balances = []
+        for mass, known in enumerate(self.structure.masses):
+            inertia = self.project(self.motion[:, mass], 2)
+            value = 0.0 if (-1 - mass, "mass") in unknown else known.mass.value or 0.0
+            pushed = np.std(self.project(self.forces[:, mass], 0))
+            scale = max(float(pushed), value * float(np.std(inertia))) or 1.0
+            balances.append((inertia, value, scale))
+        return balances
+
     def _equations(
         self, numbers: Sequence[Mapping[str, float]], states: Sequence[Floats]
     ) -> tuple[Floats, Floats]:
         """Rows (R,) with the linear parameters at 0, and their columns (R, q)."""
         structure = self.structure
         place = {member: number for number, p in enumerate(self.straight) for member in p.members}
-        unknown = {member for p in (*self.curved, *self.straight) for member in p.members}
         count, links = len(self.record), len(structure.links)
-        force, slopes = np.zeros((count, links)), np.zeros((count, links, len(self.straight)))
+        force, slopes = np.zeros((count, links)), np.zeros((count, len(self.straight), links))
         blocks, sides = [], []
         for number, link in enumerate(structure.links):
             d, v = self.d[:, number], self.v[:, number]
             inside = dict(zip(link.law.states, states[number], strict=True))
             for name, state in inside.items():
                 channel = f"state:{link.name}.{name}"
-                if channel in self.record.channels:
-                    shown = smoothed(self.record, channel, self.sigma[channel])[0]
-                    row = self.project(state - shown, 0) / np.std(self.project(shown, 0))
+                if channel in self._shown:
+                    shown, scale = self._shown[channel]
+                    row = self.project(state - shown, 0) / scale
                     blocks.append(row)
                     sides.append(np.zeros((len(row), len(self.straight))))
                     inside[name] = shown
@@ -271,27 +300,25 @@ class _Search:
             force[:, number] = partials.force
             for key, slope in partials.by_coefficient.items():
                 if (number, key) in place:
-                    slopes[:, number, place[number, key]] += slope
+                    slopes[:, place[number, key], number] += slope
             channel = f"f:{link.name}"
-            if channel in self.record.channels:
-                shown = smoothed(self.record, channel, self.sigma[channel])[0]
-                scale = float(np.std(self.project(shown, 0)))
+            if channel in self._shown:
+                shown, scale = self._shown[channel]
                 blocks.append(self.project(force[:, number] - shown, 0) / scale)
-                sides.append(self.project(slopes[:, number], 0) / scale)
-        incidence = structure.incidence.toarray()
-        for mass, row in enumerate(incidence):
-            inertia = self.project(self.motion[:, mass], 2)
-            known = structure.masses[mass].mass
-            value = 0.0 if (-1 - mass, "mass") in unknown else known.value or 0.0
+                sides.append(self.project(slopes[:, :, number].copy(), 0) / scale)
+        for mass, (row, balance) in enumerate(zip(self._incidence, self._balances, strict=True)):
+            inertia, value, scale = balance
             block = self.project(force @ row - self.forces[:, mass], 0) + value * inertia
-            side = self.project(np.tensordot(slopes, row, ([1], [0])), 0)
+            side = self.project(np.tensordot(slopes, row, 1), 0)
             if (-1 - mass, "mass") in place:
                 side[:, place[-1 - mass, "mass"]] += inertia
-            pushed = np.std(self.project(self.forces[:, mass], 0))
-            scale = max(float(pushed), value * float(np.std(inertia))) or 1.0
             blocks.append(block / scale)
             sides.append(side / scale)
         return np.concatenate(blocks), np.concatenate(sides)
+
+    @cached_property
+    def _incidence(self) -> Floats:
+        return np.asarray(self.structure.incidence.toarray())
 
 
 def _projection(d: Floats, v: Floats, step: float) -> Callable[[Floats, int], Floats]:
