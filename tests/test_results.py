@@ -30,6 +30,7 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "LawStep": "one of several laws, ranked by a criterion; `identify` judges it",
     "Modes": "a property of a structure whose numbers are given",
     "NamedLaw": "a law by its name",
+    "OrbitEnvelope": "statistics of simulations of a structure whose numbers are given",
     "PartialStructure": "what a file says",
     "Posterior": "refused for estimates that are not trusted",
     "Record": "what sensors show; `inspect` judges it",
