@@ -108,6 +108,15 @@ def test_a_mass_may_rest_in_a_well() -> None:
     assert lw.inspect(record).alerts == ()
 
 
+def test_a_displacement_in_a_wrong_unit_may_vibrate_faster_than_sound() -> None:
+    """Millimetres taken for metres, of a slow motion: its accelerations alone are not beyond what vibrates."""
+    structure = oscillator("k*d + c*v", k=(2 * np.pi * 5.0) ** 2, c=0.1)
+    record = lw.simulate(structure, release={"x:m1": 0.05}, duration=8.0, rate=200.0).with_noise(60.0, seed=1)
+    assert kinds(record) == set()
+    (alert,) = lw.inspect(faulty(record, "x:m1", lambda values, record, rng: 1e3 * values)).alerts
+    assert alert.kind == "unit" and "faster than sound" in alert.message
+
+
 def test_motion_up_to_half_the_rate_is_aliased() -> None:
     """The sampled motion of a fast oscillator: every fifth sample, without a filter."""
     structure = oscillator("k*d + c*v", k=(2 * np.pi * 90.0) ** 2, c=4.0)
