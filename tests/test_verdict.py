@@ -13,6 +13,7 @@ ADMISSIBLE = {
     Verdict.CONVERGED,
     Verdict.NO_INTERVALS,
     Verdict.MODEL_ERROR_NEEDED,
+    Verdict.ENERGY_BALANCE_CLOSED,
     Verdict.PREDICTION_AGREES,
     Verdict.UNKNOWNS_DETERMINED,
     Verdict.NOTHING_WRONG_SEEN,
@@ -23,6 +24,7 @@ ADMISSIBLE = {
 }
 GOOD = {
     "converged",
+    "energy balance closed",
     *(v.status for v in ADMISSIBLE if v not in (Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED)),
 }
 

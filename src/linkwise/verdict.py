@@ -93,6 +93,7 @@ class Verdict(Enum):
     TERMS_MAY_BE_MISSING = (
         "The terms found may stand in for terms that were not offered, as the remarks say. Offer more terms."
     )
+    ENERGY_BALANCE_CLOSED = "The energy balance of every simulation closes."
     ENERGY_BALANCE_OPEN = (
         "The energy balance of a simulation does not close: do not trust its shares of energy."
     )
@@ -158,6 +159,7 @@ _ADMISSIBLE = frozenset(
         Verdict.CONVERGED,
         Verdict.NO_INTERVALS,
         Verdict.MODEL_ERROR_NEEDED,
+        Verdict.ENERGY_BALANCE_CLOSED,
         Verdict.PREDICTION_AGREES,
         Verdict.UNKNOWNS_DETERMINED,
         Verdict.NOTHING_WRONG_SEEN,

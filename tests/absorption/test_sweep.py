@@ -139,6 +139,8 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
     )
     assert np.isnan(absorption_map["sinks_share"]).tolist() == [True, False, True, False]
     check(absorption_map, (3,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE))
+    assert absorption_map.findings[0].startswith("2 of 4 runs diverge: their cells have no value")
+    assert absorption_map.verdicts == (lw.Verdict.ENERGY_BALANCE_CLOSED,)
     assert "4 runs of 0.5 s over nes1.beta" in str(absorption_map) and "2 diverged" in str(absorption_map)
     with pytest.raises(
         lw.LinkwiseError, match=r"none of the 2 runs came to its end: .* check the ranges of nes1\.beta"

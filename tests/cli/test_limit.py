@@ -90,7 +90,7 @@ def test_says_what_sensors_cannot_tell(tmp_path: Path, capsys: pytest.CaptureFix
         'law = "k*d + c*v"\ncoefficients = { k = 400.0, c = 0.5 }\n'
     )
     unknown = ["--unknown", "spring", "--unknown", "mass:m1"]
-    assert run(["limit", str(path), *PLAN, "--noise", "20", *unknown]) == 0
+    assert run(["limit", str(path), *PLAN, "--noise", "20", *unknown]) == 3
     out = capsys.readouterr().out
     assert "not identifiable" in out
     assert "! spring.k, spring.c and m1.mass are confounded: these sensors identify" in out

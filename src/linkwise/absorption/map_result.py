@@ -119,12 +119,19 @@ class AbsorptionMap(JudgedView):
     @property
     def findings(self) -> tuple[str, ...]:
         """Sentences on what this map cannot show."""
-        if self.horizon is None:
-            return ()
-        return (
-            f"In the middle of the grid the motion is chaotic past {self.horizon:.3g} s of {self.duration:g} s: from there on "
-            "each cell is one run of many, and neighbouring cells differ by chance too.",
-        )
+        lines = []
+        diverged = int(np.sum(~self.completed))
+        if diverged:
+            lines.append(
+                f"{diverged} of {self.completed.size} runs diverge: their cells have no value, and what is best is the best "
+                f"of the others. Narrow the range of {' or '.join(axis.name for axis in self.axes)}."
+            )
+        if self.horizon is not None:
+            lines.append(
+                f"In the middle of the grid the motion is chaotic past {self.horizon:.3g} s of {self.duration:g} s: from "
+                "there on each cell is one run of many, and neighbouring cells differ by chance too."
+            )
+        return tuple(lines)
 
     def best(self, name: str) -> dict[str, float] | None:
         """The values of the swept parameters at which a quantity is best.

@@ -146,7 +146,7 @@ class Absorption(JudgedView):
 
 def closure_verdict(closure: float) -> Verdict:
     """The verdict on a simulation by the error of its energy balance, a part of the energy supplied."""
-    return Verdict.CONVERGED if closure <= CLOSURE else Verdict.ENERGY_BALANCE_OPEN
+    return Verdict.ENERGY_BALANCE_CLOSED if closure <= CLOSURE else Verdict.ENERGY_BALANCE_OPEN
 
 
 def _exceeds(absorption: Absorption, harvest: Harvest) -> bool:

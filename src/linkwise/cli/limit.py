@@ -8,7 +8,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.cli.console import progress
+from linkwise.cli.console import exit_code, progress
 from linkwise.cli.excitation_options import (
     ExcitationOptions,
     SamplingOptions,
@@ -53,12 +53,12 @@ def limit(
     unknown: tuple[str, ...],
     segment: float | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Compute how well a planned test of STRUCTURE can determine its coefficients, before anything is measured.
 
     STRUCTURE holds the numbers that are expected. Printed are the smallest standard errors that any method can reach which
     takes pieces of the record with free initial states (Cramer-Rao bound), and the smallest coefficients and forces that 95
-    of 100 such tests would distinguish from zero.
+    of 100 such tests would distinguish from zero. A test that does not determine every unknown leaves exit code 3.
 
     \b
     Examples:
@@ -78,6 +78,7 @@ def limit(
             **keywords,
         )
     click.echo(to_json(result.to_dict()) if as_json else str(result))
+    return exit_code(result.verdicts)
 
 
 def _noise(decibel: float | None, of: tuple[str, ...]) -> float | dict[str, float]:
