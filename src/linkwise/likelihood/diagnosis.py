@@ -8,17 +8,22 @@ freedom where the cause is not there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import CAUSE_KINDS, Cause
-from linkwise.expression import to_text
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
-from linkwise.likelihood.hypotheses import Hypothesis, missing_forces, missing_terms, usual_terms
+from linkwise.likelihood.hypotheses import (
+    Hypothesis,
+    linear_terms,
+    missing_forces,
+    missing_terms,
+    usual_terms,
+)
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
@@ -27,8 +32,6 @@ from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filt
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.single_tests import SingleTests, single_tests
 from linkwise.likelihood.tested_columns import TestedColumns
-from linkwise.model.law import Law
-from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
@@ -96,10 +99,34 @@ def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class TestedCauses:
+    """What may explain what a fit leaves, and the equations at its optimum with a column for each.
+
+    `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
+    which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share.
+    """
+
+    __test__ = False  # no test of pytest
+
+    misfit: Misfit
+    hypotheses: tuple[Hypothesis, ...]
+    units: Floats
+    curvature: Floats
+    slope: Floats
+    scatter: Floats
+    errors: SensorErrors
+    filtered: SensorErrors
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
-def _diagnosed(
-    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], terms: bool
-) -> tuple[Cause, ...]:
+def tested_causes(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
+) -> TestedCauses:
+    """Errors of sensors, masses and forces, and missing terms, all of these and missing links only where `terms` is true.
+
+    Raises numpy.linalg.LinAlgError where the equations are singular.
+    """
     optimum = fit.optimum
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
@@ -128,22 +155,31 @@ def _diagnosed(
     if shapes is not None:
         hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
         columns = columns.with_shapes(shapes)
-    parameters = optimum.segments.system.parameters.size
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors)
-    curvature, slope, scatter = columns.joined(augmented, parameters)
-    tests = single_tests(curvature, slope, scatter, parameters)
-    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * columns.units
+    curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
+    return TestedCauses(misfit, tuple(hypotheses), columns.units, curvature, slope, scatter, errors, filtered)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
+def _diagnosed(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], terms: bool
+) -> tuple[Cause, ...]:
+    tested, optimum = tested_causes(fit, identified, channels, terms=terms), fit.optimum
+    hypotheses, misfit = tested.hypotheses, tested.misfit
+    parameters = optimum.segments.system.parameters.size
+    tests = single_tests(tested.curvature, tested.slope, tested.scatter, parameters)
+    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
     kinds = [hypothesis.kind for hypothesis in hypotheses]
     relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
     small = ~relative | (np.abs(sizes) < _LARGEST)
     at_filter = kinds.index("filter")
-    attenuation = sizes[at_filter] * relative_to_gain(filtered, errors)
+    attenuation = sizes[at_filter] * relative_to_gain(tested.filtered, tested.errors)
     small[at_filter] = 0.0 < attenuation < _LARGEST and not _shows_noise(optimum)
     limit = least_gain(len(gains))
     significant = small & (gains > limit)
     significant[at_filter] = small[at_filter] and gains[at_filter] > _CHANCE_OF_FILTER
     scaled = replace(
-        tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * columns.units
+        tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
     )
     forces = _force_of_links(optimum, misfit, identified)
     causes = (
@@ -176,7 +212,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     slope[parameters + np.array(smooth)] += slopes * norms[smooth]
     tests = single_tests(curvature, slope, curvature, parameters)
     powers = _force_of_links(optimum, misfit, identified)
-    present = {link.name: _linear_terms(link) for link in identified.links}
+    present = {link.name: linear_terms(link) for link in identified.links}
     return tuple(
         _cause(hypotheses[number], tests, number, powers)
         for number in sorted(smooth, key=lambda number: -tests.gains[number])
@@ -212,11 +248,6 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
 def _shows_noise(optimum: Optimum) -> bool:
     """Whether sensors show noise of the base directly, which a filter would seem to take off."""
     return optimum.segments.random is not None and optimum.segments.random.shown is not None
-
-
-def _linear_terms(link: Link) -> set[str]:
-    """The terms of the law of a link that have a coefficient each, as hypotheses write them."""
-    return {Law.parse(to_text(link.law.basis[name])).text.replace(" ", "") for name in link.law.linear}
 
 
 def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> dict[str, float]:
@@ -268,7 +299,8 @@ def _forces(
     optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
 ) -> tuple[list[Hypothesis], CandidateForces, Floats]:
     """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
-    hypotheses, forces = (missing_forces if terms else usual_terms)(identified)
+    estimated = optimum.segments.system.parameters.names
+    hypotheses, forces = (missing_forces if terms else usual_terms)(identified, estimated)
     of_terms, _ = candidate_forces(optimum, misfit, forces)
     of_errors, errors, units = force_errors(optimum, misfit, identified)
     sizes = np.ones(len(forces))  # of a term: the root mean square of its force, which is its scale here

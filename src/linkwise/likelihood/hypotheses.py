@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import combinations
 
 from linkwise.estimates.cause import CAUSE_KINDS
+from linkwise.expression import to_text
 from linkwise.likelihood.score_test import CandidateForce
 from linkwise.model.law import Law
-from linkwise.model.link import BASE, GROUND
+from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 
@@ -37,16 +39,20 @@ class Hypothesis:
         return CAUSE_KINDS[self.kind].unit or Channel.parse(self.where).unit
 
 
-def missing_forces(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack, and links that the structure may lack, with the force of each."""
-    hypotheses, forces = missing_terms(structure)
+def missing_forces(
+    structure: Structure, estimated: Collection[str] = ()
+) -> tuple[list[Hypothesis], list[CandidateForce]]:
+    """Terms that links may lack, and links that the structure may lack, with the force of each; as `missing_terms`."""
+    hypotheses, forces = missing_terms(structure, estimated)
     of_links, added = _missing_links(structure)
     return hypotheses + of_links, forces + added
 
 
-def usual_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+def usual_terms(
+    structure: Structure, estimated: Collection[str] = ()
+) -> tuple[list[Hypothesis], list[CandidateForce]]:
     """The few terms that links lack most often, with the force of each, for fits that leave no more than noise."""
-    hypotheses, forces = missing_terms(structure)
+    hypotheses, forces = missing_terms(structure, estimated)
     usual = [
         number
         for number, hypothesis in enumerate(hypotheses)
@@ -55,8 +61,13 @@ def usual_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateF
     return [hypotheses[number] for number in usual], [forces[number] for number in usual]
 
 
-def missing_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack, with the force of each; modes of hosts come last."""
+def missing_terms(
+    structure: Structure, estimated: Collection[str] = ()
+) -> tuple[list[Hypothesis], list[CandidateForce]]:
+    """Terms that links may lack, with the force of each; modes of hosts come last.
+
+    Terms whose coefficients are among those `estimated`, by name, are there: their scores are rounding.
+    """
     names = [link.name for link in structure.links]
     tested = set(sorted(names, key=lambda name: name in structure.modes)[:_LINKS])
     pairs = [
@@ -64,8 +75,18 @@ def missing_terms(structure: Structure) -> tuple[list[Hypothesis], list[Candidat
         for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True)
         if link.name in tested
         for law in (_OF_MODES if link.name in structure.modes else _TERMS)
+        if law.text.replace(" ", "") not in linear_terms(link, estimated)
     ]
     return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
+
+
+def linear_terms(link: Link, estimated: Collection[str] | None = None) -> set[str]:
+    """The terms of the law of a link that have a coefficient each, as hypotheses write them; of those `estimated` only."""
+    return {
+        Law.parse(to_text(link.law.basis[name])).text.replace(" ", "")
+        for name in link.law.linear
+        if estimated is None or f"{link.name}.{name}" in estimated
+    }
 
 
 def _of_term(link: str, law: Law, structure: Structure) -> Hypothesis:

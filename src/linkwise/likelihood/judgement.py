@@ -15,6 +15,7 @@ from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_closer import HiddenTerm, hidden_term
+from linkwise.likelihood.held_errors import LARGEST_SHIFT, held_errors, of_held_errors, told_by_blocks
 from linkwise.likelihood.input_noise import for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.missing_terms import for_missing_terms
@@ -38,8 +39,6 @@ _LARGEST_TERM = 0.05
 would change by more than an engineer can neglect."""
 _ANOTHER_LAW = 0.5
 """The same where other causes explain more: a term that makes most of the force in its link, which then has another law."""
-_LARGEST_SHIFT = 3.0
-"""Standard errors: the largest change of a coefficient by a missing link, or term beside noise, that is trusted."""
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NOT_WHITE = (
     ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "
@@ -121,7 +120,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
             causes, shown = (hidden.cause,), hidden.closer_fit
     message += _of_forces(fit, verdict, causes, channels)
     allowed = verdict is Verdict.MODEL_ERROR_NEEDED and causes
-    missing = for_missing_terms(shown, identified) if allowed else None
+    missing = for_missing_terms(shown, identified, held_errors(fit, causes), channels) if allowed else None
     hinted = for_noise_of_inputs(fit, inputs) if verdict is Verdict.CONVERGED and not causes else None
     if hinted is None:
         return Judgement(verdict, message, share, causes, missing)
@@ -140,7 +139,7 @@ def _with_hidden_term(
     """
     if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < _LARGEST_TERM):
         return verdict, f"{message}{_likeliest((hidden.cause,))}{_moved((hidden.cause,))}"
-    if fit.random_forces and hidden.shift <= _LARGEST_SHIFT:
+    if fit.random_forces and hidden.shift <= LARGEST_SHIFT:
         return verdict, message + _likeliest((hidden.cause,))
     named = bool(hidden.cause.shifted) and hidden.change > 0.0
     change = f", and change {hidden.cause.shifted} by {100.0 * hidden.change:.2g} %" if named else ""
@@ -169,6 +168,8 @@ def _verdict(
     too much of it; `faint_modes` are frequencies that keep the intervals of what was known before.
     """
     explained = _explained(fit, share, coloured)
+    allowed = held_errors(fit, causes)
+    others = [cause for cause in causes if cause not in allowed]
     if fit.chi_square_off:
         return _mismatch(fit, causes)
     if noisy:
@@ -176,16 +177,14 @@ def _verdict(
             f"{explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _NOISIEST_INPUT:.0f} % of it: "
             f"it stands for errors of the laws, which intervals would take for noise.{_likeliest(causes)}"
         )
-    if causes and causes[0].is_instrument:
+    if causes and causes[0].is_instrument and not allowed:
         return Verdict.MEASUREMENT_ERROR, explained + _instrument(causes[0])
     if share > _LARGEST_ERROR:
         return Verdict.UNEXPLAINED_FORCES, (
             f"{explained}; that is too much for intervals: a term or a link is missing.{_likeliest(causes)}"
         )
-    by_blocks = (
-        fit.model_error > 0.0 and fit.error_ratios is not None
-    )  # only then do intervals include errors that follow the motion
-    decisive = _decisive(_not_held(fit, identified, causes) if by_blocks else causes, by_blocks=by_blocks)
+    by_blocks = told_by_blocks(fit)
+    decisive = _decisive(_not_held(fit, identified, others) if by_blocks else others, by_blocks=by_blocks)
     if decisive is not None:
         return Verdict.SYSTEMATIC_MISFIT, explained + _systematic(decisive)
     if filtered:
@@ -207,7 +206,8 @@ def _verdict(
         )
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
-            f"{explained}, a model error that all intervals include. {_error_factor(fit)}{_likeliest(causes)}{_moved(causes)}"
+            f"{explained}, a model error that all intervals include. {_error_factor(fit)}{of_held_errors(allowed)}"
+            f"{_likeliest(others, 'of the rest' if allowed else 'of what is left')}{_moved(others)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals allow for that' if coloured else ''}."
 
@@ -297,7 +297,7 @@ def _decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
         for cause in causes
         if cause.share > _ANOTHER_LAW
         or cause.overturned
-        or (cause.kind == "link" and cause.shift > _LARGEST_SHIFT)
+        or (cause.kind == "link" and cause.shift > LARGEST_SHIFT)
     )
     return next(too_large, None)
 
@@ -333,13 +333,13 @@ def _would_explain(cause: Cause) -> str:
     return f"{cause.description} would lower -2 log likelihood by {cause.gain:.3g}"
 
 
-def _likeliest(causes: Sequence[Cause]) -> str:
-    return f" Most of what is left would be explained by {causes[0].description}." if causes else ""
+def _likeliest(causes: Sequence[Cause], part: str = "of what is left") -> str:
+    return f" Most {part} would be explained by {causes[0].description}." if causes else ""
 
 
 def _moved(causes: Sequence[Cause]) -> str:
     """Which coefficient the likeliest cause would change most, where it would change by more than its interval says."""
-    if not causes or causes[0].shift <= _LARGEST_SHIFT:
+    if not causes or causes[0].shift <= LARGEST_SHIFT:
         return ""
     return (
         f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} of the standard errors of the laws as stated; "

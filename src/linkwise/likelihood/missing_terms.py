@@ -1,18 +1,22 @@
-"""What terms that the laws lack make of the coefficients, where a model error stands for these terms.
+"""What terms that the laws lack, and small errors of sensors, make of the coefficients, where a model error stands for them.
 
 The coefficients of a law that lacks a term make up for it, as far as they can, and do so alike in all parts of a record: no
 scatter of blocks tells. Here terms are added to the linearised equations one at a time, always the one that explains most of
 what those before it leave, while what it gains is significant. With values c_D of the terms D so found the coefficients move
 by G c_D, and G c_D c_D' G' is added to their covariance: the second moment of the c_D about the zero that the laws as stated
-give them, as for terms that a discovery dropped (Berk et al., Ann. Statist. 41, 2013).
+give them, as for terms that a discovery dropped (Berk et al., Ann. Statist. 41, 2013). Errors of sensors and inputs that the
+diagnosis names are added with the terms, where they would move coefficients by no more than the intervals can hold.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.diagnosis import least_gain
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.diagnosis import least_gain, tested_causes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import missing_forces
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
@@ -26,8 +30,10 @@ _MOST = 6  # terms; of more, each makes a small part of what the first ones do
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
-def for_missing_terms(fit: LikelihoodFit, identified: Structure) -> Floats | None:
-    """The covariance that missing terms of links, and missing links, add to that of the coefficients.
+def for_missing_terms(
+    fit: LikelihoodFit, identified: Structure, errors: Collection[Cause] = (), channels: Sequence[str] = ()
+) -> Floats | None:
+    """The covariance that missing terms of links, missing links and named errors add to that of the coefficients.
 
     Parameters
     ----------
@@ -35,6 +41,10 @@ def for_missing_terms(fit: LikelihoodFit, identified: Structure) -> Floats | Non
         A fit with a model error.
     identified : Structure
         The structure with the values of the fit.
+    errors : collection of Cause
+        The errors of sensors, masses and inputs that are added with the terms.
+    channels : sequence of str
+        Those of the record; needed beside `errors`.
 
     Returns
     -------
@@ -42,19 +52,17 @@ def for_missing_terms(fit: LikelihoodFit, identified: Structure) -> Floats | Non
         In SI units; None where no term explains what the laws leave.
     """
     optimum, p = fit.optimum, len(fit.values)
-    hypotheses, forces = missing_forces(identified)
-    limit = least_gain(len(hypotheses)) * optimum.noise**2
     try:
         with one_blas_thread():
-            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-            candidates, _ = candidate_forces(optimum, misfit, forces)
-            quadratic = augmented_quadratic(optimum, misfit, candidates)
+            curvature, slope = _equations(fit, identified, errors, channels)
     except np.linalg.LinAlgError:
         return None
-    scale = 1.0 / np.sqrt(np.maximum(quadratic.curvature.diagonal(), np.finfo(float).tiny))
-    curvature, slope = quadratic.curvature * np.outer(scale, scale), quadratic.slope * scale
+    tested = len(slope) - p
+    limit = least_gain(tested) * optimum.noise**2
+    scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
+    curvature, slope = curvature * np.outer(scale, scale), slope * scale
     order, added = np.arange(len(slope)), 0
-    while added < min(_MOST, len(forces)):
+    while added < min(_MOST, tested):
         among = np.ix_(order, order)
         tests = single_tests(curvature[among], slope[order], curvature[among], p + added)
         best = int(np.argmax(np.where(np.isfinite(tests.gains), tests.gains, 0.0)))
@@ -72,3 +80,26 @@ def for_missing_terms(fit: LikelihoodFit, identified: Structure) -> Floats | Non
     moved = np.linalg.lstsq(*beside, rcond=_SINGULAR)[0] @ values
     moved = np.where(fit.free, moved * scale[:p] * optimum.scales.theta[:p], 0.0)
     return np.outer(moved, moved)
+
+
+def _equations(
+    fit: LikelihoodFit, identified: Structure, errors: Collection[Cause], channels: Sequence[str]
+) -> tuple[Floats, Floats]:
+    """Curvature and slope in the scaled parameters and, after them, in the sizes of missing forces and named `errors`."""
+    optimum = fit.optimum
+    if not errors:
+        _, forces = missing_forces(identified, optimum.segments.system.parameters.names)
+        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+        candidates, _ = candidate_forces(optimum, misfit, forces)
+        quadratic = augmented_quadratic(optimum, misfit, candidates)
+        return quadratic.curvature, quadratic.slope
+    tested = tested_causes(fit, identified, channels, terms=True)
+    named = {(error.kind, error.where, error.source) for error in errors}
+    allowed = [
+        number
+        for number, hypothesis in enumerate(tested.hypotheses, start=len(fit.values))
+        if hypothesis.kind in ("term", "link")
+        or (hypothesis.kind, hypothesis.where, hypothesis.source) in named
+    ]
+    order = [*range(len(fit.values)), *allowed]
+    return tested.curvature[np.ix_(order, order)], tested.slope[order]
