@@ -10,45 +10,63 @@ from dataclasses import replace
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
 from linkwise.discovery.stepwise import local_search
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.whiteness import is_coloured
+from linkwise.model.structure import Structure
 
 _ROUNDS = 6
 
 
-def select_coloured(search: TermSearch, selection: Selection) -> Selection | None:
-    """The subset that no candidate improves beyond coloured noise, searched from that of `selection`.
+def fit_beyond_white_noise(search: TermSearch, selection: Selection) -> LikelihoodFit | None:
+    """The laws of `selection` fitted with coloured noise or a model error, whichever is likelier.
 
-    None where its residuals are white, where coloured noise is not what explains them best, and where the search does not
-    settle.
+    None where its residuals are white, and where the fit fails.
     """
     if selection.fit.status is AnnealingStatus.INTERRUPTED or not is_coloured(selection.fit.misfit.residuals):
         return None
-    structure, chosen, fit = selection.structure, selection.chosen, selection.fit
-    values = fit.values
+    try:
+        return _fitted(search, selection.structure, selection.fit.values, selection.fit, selection.rounds + 1)
+    except IdentificationError:
+        return None
+
+
+def select_coloured(search: TermSearch, selection: Selection, fit: LikelihoodFit) -> Selection | None:
+    """The subset that no candidate improves beyond coloured noise, searched from that of `selection` and its `fit` with such.
+
+    None where coloured noise is not what explains the residuals best, and where the search does not settle.
+    """
+    structure, chosen = selection.structure, selection.chosen
     visited = {chosen}
-    for number in range(selection.rounds + 1, selection.rounds + 1 + _ROUNDS):
-        options = replace(
-            search.sensors, progress=round_progress(search.progress, number), nodes=fit.optimum.point.nodes
-        )
+    last = selection.rounds + _ROUNDS
+    for number in range(selection.rounds + 1, last + 1):
+        if fit.optimum.coloured is None or fit.status is not AnnealingStatus.CONVERGED:
+            return None
         try:
-            fit = likelihood_fit(search.records, structure, values, options=options)
-            if fit.optimum.coloured is None or fit.status is not AnnealingStatus.CONVERGED:
-                return None
             quadratic, penalty = search.local_model(fit, structure, chosen)
             after = local_search(quadratic, penalty, range(len(structure.parameters)))
             names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
             if names == chosen:
                 return Selection(chosen, structure, fit, quadratic, penalty, True, number)
-            if names in visited:
+            if names in visited or number == last:
                 return None
             visited.add(names)
             chosen, structure = names, search.candidates.structure(names)
             values, _ = starts_of(quadratic, after, structure, fit)
+            fit = _fitted(search, structure, values, fit, number + 1)
         except (IdentificationError, np.linalg.LinAlgError):
             return None
     return None
+
+
+def _fitted(
+    search: TermSearch, structure: Structure, values: Floats, before: LikelihoodFit, number: int
+) -> LikelihoodFit:
+    """A fit with what explains its residuals best, from `values` and the states of the fit `before`, in the round `number`."""
+    progress = round_progress(search.progress, number)
+    options = replace(search.sensors, progress=progress, nodes=before.optimum.point.nodes)
+    return likelihood_fit(search.records, structure, values, options=options)

@@ -11,7 +11,7 @@ from typing import Unpack
 import numpy as np
 
 from linkwise.discovery.candidates import Candidates, candidates_for
-from linkwise.discovery.coloured_noise import select_coloured
+from linkwise.discovery.coloured_noise import fit_beyond_white_noise, select_coloured
 from linkwise.discovery.data_checks import DataChecks, check_data
 from linkwise.discovery.inexact_laws import select_inexact
 from linkwise.discovery.judgement import judged_discovery
@@ -209,7 +209,9 @@ def _select(
     rates = [record.rate for record in screened.records]
     search, selection = select_with_parameters(search, screened.first, screened.motions, rates)
     screened = replace(screened, candidates=search.candidates)
-    selection = select_coloured(search, selection) or selection
+    beyond = fit_beyond_white_noise(search, selection)
+    coloured = None if beyond is None else select_coloured(search, selection, beyond)
+    selection = coloured or selection
     with_memory = partial(_select_with_memory, search, screened, checks)
     if candidates.memory:
         remembering = with_memory(selection)
@@ -218,7 +220,8 @@ def _select(
         screened = replace(screened, remarks=(*screened.remarks, no_memory_remark(candidates.memory)))
     exact_laws = selection
     if not selection.is_exact:
-        selection = select_inexact(search, selection)
+        follows_motion = coloured is None and beyond is not None and beyond.optimum.coloured is None
+        selection = select_inexact(search, selection, known=beyond if follows_motion else None)
     discovery = judged_discovery(records, checks, screened, selection, selection.fit.delays)
     if not (selection.is_exact or discovery.trusted or candidates.memory):
         remembering = with_memory(exact_laws) if discovery.estimate.model_error > _MEMORY else None

@@ -32,13 +32,18 @@ _TIGHT = 1e-4  # model error from which it is looked for where a fit may do with
 
 
 def select_inexact(
-    search: TermSearch, selection: Selection, chosen: frozenset[str] | None = None
+    search: TermSearch,
+    selection: Selection,
+    chosen: frozenset[str] | None = None,
+    *,
+    known: LikelihoodFit | None = None,
 ) -> Selection:
     """The subset that no candidate improves by more than blocks of the records agree on.
 
     It is searched from that of `selection`, or from `chosen`: where `selection` explains the record by terms that stand in for
-    one that was not offered, a smaller subset shows that a model error explains it as well. `settled` is False where a fit
-    does not converge with a model error, where the records are too short for blocks, and where rounds or steps run out.
+    one that was not offered, a smaller subset shows that a model error explains it as well. The fit of `selection` with its
+    model error may be `known`. `settled` is False where a fit does not converge with a model error, where the records are too
+    short for blocks, and where rounds or steps run out.
     """
     steps = 0
 
@@ -65,7 +70,8 @@ def select_inexact(
             coloured_noise=False,
         )
         try:
-            fit = likelihood_fit(search.records, structure, values, options=options)
+            fit = known or likelihood_fit(search.records, structure, values, options=options)
+            known = None
         except IdentificationError:  # the motion runs away from where the last round led
             return replace(current, settled=False)
         try:
