@@ -216,3 +216,4 @@ def test_silverbox() -> None:
     rmse = lw.free_run(discovery.structure, record[seen:], settling=50).rmse["x:m1"]
     print(f"\nSilverbox, discover: {seconds:.0f} s, free run {1e3 * rmse:.3f} mV\n{discovery}")
     assert rmse < 3.1e-4
+    assert discovery.trusted and len(discovery.estimate.parameters) <= 10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from problems import chain_record, oscillator
 
 import linkwise as lw
 from linkwise.discovery import inexact_laws
+from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.quadratic_model import QuadraticModel
 
 RATE, DURATION = 400.0, 10.0
 CHAIN = """
@@ -125,3 +128,14 @@ def test_a_search_that_takes_too_many_steps_is_given_up(monkeypatch: pytest.Monk
     cut = lw.discover(record, {"m1": 1.0})
     assert lw.Verdict.SEARCH_UNSETTLED not in settled.verdicts and cut.rounds < settled.rounds
     assert not cut.trusted and lw.Verdict.SEARCH_UNSETTLED in cut.verdicts
+
+
+def test_a_term_that_few_blocks_want_is_dropped_but_not_a_link() -> None:
+    """Scores of size 10 each: of the first two terms, of one link, one scatters five times as much between blocks."""
+    penalty = Penalty(term=20.0, link=30.0, pair=np.array([0, 0, 1, -1]), stated=frozenset())
+    quadratic = QuadraticModel(("a", "b", "c", "mass"), np.eye(4), np.full(4, 10.0))
+    uneven = np.diag([1.0, 25.0, 25.0, 25.0])
+    assert inexact_laws._without_uneven(quadratic, penalty, [0, 1, 2, 3]) == [0, 1, 2, 3]
+    by_blocks = replace(quadratic, by_blocks=(uneven,))
+    assert inexact_laws._without_uneven(by_blocks, penalty, [0, 1, 2, 3]) == [0, 2, 3]
+    assert inexact_laws._without_uneven(by_blocks, penalty, [0, 2, 3]) == [0, 2, 3]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from present import some
@@ -67,6 +69,25 @@ def test_another_scatter_gives_the_sandwich() -> None:
         inverse = np.linalg.inv(h[block])
         assert value == pytest.approx((inverse @ g[[0, 2, 3, number]])[-1], rel=SAME)
         assert score == pytest.approx(value / np.sqrt((inverse @ scatter[block] @ inverse)[-1, -1]), rel=SAME)
+
+
+def test_no_variance_is_less_than_blocks_tell() -> None:
+    """Of two matrices, one that scatters less than H in all directions and one that scatters more in some."""
+    regression, random = Regression.drawn(6), np.random.default_rng(6)
+    plain = regression.quadratic
+    vector = 5.0 * random.normal(size=7) * np.sqrt(plain.h.diagonal())
+    quadratic = replace(plain, by_blocks=(0.5 * plain.h, np.outer(vector, vector)))
+    inverse = np.linalg.inv(plain.h)
+    deviation = np.sqrt(np.maximum(inverse.diagonal(), (inverse @ vector) ** 2))
+    np.testing.assert_allclose(quadratic.solve(range(7)).z, inverse @ plain.g / deviation, rtol=SAME)
+    assert quadratic.cost(range(7)) == plain.cost(range(7))
+    before, after = plain.additions([0, 2, 3]), quadratic.additions([0, 2, 3])
+    for number, value, score, alone in zip(
+        some(after.numbers.tolist()), after.values, after.z, before.z, strict=True
+    ):
+        block = np.ix_([0, 2, 3, number], [0, 2, 3, number])
+        by_blocks = (np.linalg.inv(plain.h[block]) @ vector[[0, 2, 3, number]])[-1]
+        assert abs(score) == pytest.approx(min(abs(alone), abs(value / by_blocks)), rel=SAME)
 
 
 def test_a_column_that_is_another_one_cannot_be_told() -> None:

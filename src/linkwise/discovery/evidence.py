@@ -11,9 +11,9 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.other_models import PathPoint, RunnerUp
-from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
 from linkwise.discovery.result import CERTAIN, TermEvidence
-from linkwise.discovery.selection import Selection
+from linkwise.discovery.selection import Selection, link_motions
 from linkwise.discovery.stepwise import Move, MoveKind
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.model.link import BASE, GROUND
@@ -22,6 +22,9 @@ _LARGER = 8  # terms more than were selected, to show that the criterion rises a
 _RUNNERS_UP = 10
 _NAMED = 6  # exchanges that remarks name
 _NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
+_OF_THE_TIME = (
+    0.01  # that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
+)
 
 
 def term_evidence(
@@ -88,19 +91,38 @@ def term_evidence(
 
 
 def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, ...]:
-    """The links with terms of damping of which one gives energy: together they stand in for another form of damping."""
+    """The links with terms of damping of which one gives energy: together they stand in for another form of damping.
+
+    Beside a model error, whose intervals hold what another form would make of them, only where they give energy together,
+    somewhere on the motion. A negative term that makes damping smaller at larger elongations or rates does not.
+    """
     inside = list(range(len(selection.structure.parameters)))
     solution = selection.quadratic.solve(inside)
-    damping: dict[int, list[float]] = {}
-    for k, z in zip(inside, solution.z, strict=True):
+    damping: dict[int, list[int]] = {}
+    for k in inside:
         entry = candidates.by_name.get(selection.quadratic.names[k])
         if entry is not None and entry.offered.is_damping:
-            damping.setdefault(entry.pair, []).append(float(z))
-    return tuple(
-        candidates.pairs[pair].name
-        for pair, scores in damping.items()
-        if len(scores) > 1 and min(scores) < -_NEGATIVE
-    )
+            damping.setdefault(entry.pair, []).append(k)
+    opposed = {
+        pair: terms
+        for pair, terms in damping.items()
+        if len(terms) > 1 and min(solution.z[terms]) < -_NEGATIVE
+    }
+    if selection.is_exact or not opposed:
+        return tuple(candidates.pairs[pair].name for pair in opposed)
+    motion = link_motions(selection)
+    links = {frozenset(link.between): link.name for link in selection.structure.links}
+    covariance = inverse_of(selection.quadratic.h[np.ix_(inside, inside)])
+    feeding = []
+    for pair, terms in opposed.items():
+        d, v = (part.ravel() for part in motion[links[frozenset(candidates.pairs[pair].between)]])
+        entries = [candidates.by_name[selection.quadratic.names[k]] for k in terms]
+        power = v * np.stack([np.broadcast_to(entry.term.law.force(d, v, {}), v.shape) for entry in entries])
+        error = np.sqrt(np.einsum("it,ij,jt->t", power, covariance[np.ix_(terms, terms)], power))
+        given = solution.values[terms] @ power < -_NEGATIVE * error
+        if np.mean(given) > _OF_THE_TIME:
+            feeding.append(candidates.pairs[pair].name)
+    return tuple(feeding)
 
 
 def _ambiguous_masses(

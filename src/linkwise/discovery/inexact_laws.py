@@ -2,11 +2,14 @@
 
 The error of a law moves with the motion, so that a likelihood which takes it for white noise overstates every decision. Here
 each round fits the laws with their most likely model error, and divides the local quadratic model of the cost by the
-overdispersion of the scores of separate blocks of the records, as quasi-likelihood does.
+overdispersion of the scores of separate blocks of the records, as quasi-likelihood does. Scores of some terms scatter far more
+than the median of all does. Where the search has settled each is therefore judged by its own scatter, where that is larger
+(generalised score tests), and dropped if it is not worth its penalty so.
 
 References
 ----------
 K. P. Burnham and D. R. Anderson, "Model selection and multimodel inference" (2002), section 2.5.
+D. D. Boos, "On generalized score tests", Am. Statist. 46 (1992).
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ def select_inexact(
     *,
     known: LikelihoodFit | None = None,
 ) -> Selection:
-    """The subset that no candidate improves by more than blocks of the records agree on.
+    """The subset that no candidate improves by more than blocks of the records agree on, without terms that few blocks want.
 
     It is searched from that of `selection`, or from `chosen`: where `selection` explains the record by terms that stand in for
     one that was not offered, a smaller subset shows that a model error explains it as well. The fit of `selection` with its
@@ -59,7 +62,7 @@ def select_inexact(
     else:
         structure = search.candidates.structure(chosen)
         fit, relaxation = search.first_fit(structure), _TIGHT
-    visited = {chosen}
+    visited, reducing = {chosen}, False
     values, nodes = fit.values, fit.optimum.point.nodes
     for number in range(selection.rounds + 1, selection.rounds + 1 + _ROUNDS):
         options = replace(
@@ -76,12 +79,16 @@ def select_inexact(
             return replace(current, settled=False)
         try:
             quadratic, penalty = _cautious_model(search, fit, structure, chosen)
-            after = best_subset(quadratic, penalty, range(len(structure.parameters)))
+            inside = list(range(len(structure.parameters)))
+            after = inside if reducing else best_subset(replace(quadratic, by_blocks=()), penalty, inside)
+            reducing = reducing or after == inside
+            if reducing:
+                after = _without_uneven(quadratic, penalty, inside)
             names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
-            current = Selection(chosen, structure, fit, quadratic, penalty, names == chosen, number)
-            if current.settled or names in visited or fit.status is not AnnealingStatus.CONVERGED:
+            current = Selection(chosen, structure, fit, quadratic, penalty, reducing, number)
+            if names == chosen or fit.status is not AnnealingStatus.CONVERGED or steps > _MOST_STEPS:
                 break
-            if steps > _MOST_STEPS:
+            if names in visited and not reducing:
                 break
             visited.add(names)
             chosen, structure = names, search.candidates.structure(names)
@@ -92,12 +99,36 @@ def select_inexact(
     return current
 
 
+def _without_uneven(quadratic: QuadraticModel, penalty: Penalty, inside: list[int]) -> list[int]:
+    """The coefficients `inside` without the term that is worth its penalty least, judged by the scatter of its own scores.
+
+    All of them if each is worth it. The only term of a link stays: whether masses are linked is not a question of one form.
+    """
+    pairs = penalty.pair[inside].tolist()
+    worth = np.array(
+        [
+            z**2 if pair >= 0 and (pairs.count(pair) > 1 or pair in penalty.stated) else np.inf
+            for z, pair in zip(quadratic.solve(inside).z, pairs, strict=True)
+        ]
+    )
+    least = int(np.argmin(worth))
+    return inside if worth[least] > penalty.term else [*inside[:least], *inside[least + 1 :]]
+
+
 def _cautious_model(
     search: TermSearch, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
 ) -> tuple[QuadraticModel, Penalty]:
-    """The local model of the cost over the overdispersion of the blocks; LinAlgError where there is none."""
+    """The local model of the cost over the overdispersion of the blocks, in which no score varies less than they do.
+
+    LinAlgError where there is none.
+    """
     quadratic, penalty = search.local_model(fit, structure, chosen)
-    factor = overdispersion(fit.optimum, search.additions(structure, chosen)[1])
-    if factor is None:
+    blocks = overdispersion(fit.optimum, search.additions(structure, chosen)[1])
+    if blocks is None:
         raise np.linalg.LinAlgError("the records are too short for blocks")
-    return replace(quadratic, h=quadratic.h / factor, g=quadratic.g / factor), penalty
+    return replace(
+        quadratic,
+        h=quadratic.h / blocks.factor,
+        g=quadratic.g / blocks.factor,
+        by_blocks=tuple(scatter / blocks.factor**2 for scatter in blocks.scatters),
+    ), penalty

@@ -28,6 +28,7 @@ from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.term_parameters import without_values
 from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.records.record import Record
@@ -104,6 +105,7 @@ def judged_discovery(
                 *(term for rival in rivals for term in rival.terms),
                 *(term for exchange in moved for term in exchange.terms),
                 *(term for form in forms for term in form.terms),
+                *(() if selection.is_exact else _held_at_zero(estimate)),
             },
             shares=unit_shares(selection, screened.candidates) if trusted else {},
             added=np.asarray(estimate.for_dropped_terms).diagonal(),
@@ -126,6 +128,15 @@ def judged_discovery(
         memory=tuple(memory),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+def _held_at_zero(estimate: Estimate) -> list[int]:
+    """The coefficients, by number, whose intervals hold zero: blocks of the records, or missing terms, say more than chance.
+
+    The criterion may keep such a term beside a model error; it is not certain.
+    """
+    errors = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
+    return np.flatnonzero(np.abs(estimate.values) <= NORMAL_95 * errors).tolist()
 
 
 def _doubts_of_search(

@@ -42,12 +42,16 @@ class Additions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class QuadraticModel:
-    """H `h` (p, p) and g `g` (p,) for the coefficients `names` (p,); `scatter` (p, p), None if it equals `h`."""
+    """H `h` (p, p) and g `g` (p,) for the coefficients `names` (p,); `scatter` (p, p), None if it equals `h`.
+
+    `by_blocks`, of (p, p) each, are covariances of g as blocks of the records tell them; no variance is less than theirs.
+    """
 
     names: tuple[str, ...]
     h: Floats
     g: Floats
     scatter: Floats | None = None
+    by_blocks: tuple[Floats, ...] = ()
 
     def solve(self, chosen: Sequence[int] | Indices) -> Solution:
         """The best values of the coefficients `chosen`, by number.
@@ -63,6 +67,8 @@ class QuadraticModel:
         variance = (
             covariance.diagonal()
         )  # negative where the noise of the columns explains more than there is
+        for blocks in self.by_blocks:
+            variance = np.maximum(variance, (inverse @ blocks[np.ix_(inside, inside)] @ inverse).diagonal())
         return Solution(values, values / np.sqrt(np.where(variance < 0.0, np.nan, variance)))
 
     def cost(self, chosen: Sequence[int] | Indices) -> float:
@@ -82,10 +88,9 @@ class QuadraticModel:
         residual = square - np.einsum("ij,ij->j", cross, projection)
         variance = residual
         if self.scatter is not None:
-            middle = (
-                self.scatter[np.ix_(inside, inside)] @ projection - 2.0 * self.scatter[np.ix_(inside, others)]
-            )
-            variance = self.scatter[others, others] + np.einsum("ij,ij->j", projection, middle)
+            variance = _left_of(self.scatter, inside, others, projection)
+        for blocks in self.by_blocks:
+            variance = np.maximum(variance, _left_of(blocks, inside, others, projection))
         determined = (residual > _DEPENDENT * square) & (variance > 0.0)
         return Additions(
             numbers=others,
@@ -98,9 +103,9 @@ class QuadraticModel:
         """The numbers (r,) of all coefficients that are not `chosen`, and the z scores (s, r) that each would have where it
         takes the place of each of the s chosen ones.
 
-        That of one place differs from `additions` by one rank. For models without `scatter`, whose z scores are gains.
+        That of one place differs from `additions` by one rank. Without `scatter` and blocks z scores are gains.
         """
-        assert self.scatter is None
+        assert self.scatter is None and not self.by_blocks
         inside = np.asarray(chosen, dtype=np.intp)
         others = np.setdiff1d(np.arange(len(self.g)), inside)
         cross = self.h[np.ix_(inside, others)]
@@ -112,6 +117,12 @@ class QuadraticModel:
         residual = square - np.einsum("ij,ij->j", cross, projection) + projection**2 / own
         determined = residual > _DEPENDENT * square
         return others, np.where(determined, gradient / np.sqrt(np.where(determined, residual, 1.0)), 0.0)
+
+
+def _left_of(scatter: Floats, inside: Indices, others: Indices, projection: Floats) -> Floats:
+    """The variances (r,) of the slopes of the `others` less the `projection` (s, r) on those `inside`."""
+    middle = scatter[np.ix_(inside, inside)] @ projection - 2.0 * scatter[np.ix_(inside, others)]
+    return np.asarray(scatter[others, others] + np.einsum("ij,ij->j", projection, middle))
 
 
 def inverse_of(matrix: Floats) -> Floats:

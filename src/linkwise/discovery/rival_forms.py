@@ -19,11 +19,10 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.dropped_terms import widened
 from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.selection import Selection
+from linkwise.discovery.selection import Selection, link_motions
 from linkwise.discovery.terms import Term
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
-from linkwise.likelihood.shooting.residuals import evaluate
 
 _STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
 _DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")
@@ -149,11 +148,7 @@ def _places(selection: Selection, candidates: Candidates) -> Iterator[tuple[str,
 
 def link_rates(selection: Selection) -> dict[str, float]:
     """Root mean square rate of each link along the fitted motion, in m/s."""
-    optimum, structure = selection.fit.optimum, selection.structure
-    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-    rates = np.sqrt(np.mean(misfit.trajectories.links[:, 1] ** 2, axis=(0, 2)))
-    order = optimum.segments.system.order.tolist()
-    return {structure.links[link].name: float(rate) for link, rate in zip(order, rates, strict=True)}
+    return {name: float(np.sqrt(np.mean(v**2))) for name, (_, v) in link_motions(selection).items()}
 
 
 def _forms(candidates: Candidates, pair: int, *, damping: bool, rate: float) -> Iterator[Term]:

@@ -19,6 +19,7 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.score_test import CandidateForce, local_quadratic
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part
 from linkwise.records.record import Record
@@ -103,6 +104,15 @@ def best_of(selections: Sequence[Selection]) -> Selection:
         return selections[0]
     noise = np.min(converged, axis=0)
     return min(selections, key=lambda selection: selection.criterion(noise))
+
+
+def link_motions(selection: Selection) -> dict[str, tuple[Floats, Floats]]:
+    """Elongations and rates of each link along the fitted motion, at the ends of the steps of the flow, in m and m/s."""
+    optimum, structure = selection.fit.optimum, selection.structure
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    order = optimum.segments.system.order.tolist()
+    motion = misfit.trajectories.links
+    return {structure.links[link].name: (motion[:, 0, k], motion[:, 1, k]) for k, link in enumerate(order)}
 
 
 def _converged(fit: LikelihoodFit) -> bool:

@@ -49,7 +49,7 @@ def ranked_moves(
     places = np.flatnonzero(penalty.pair[inside] >= 0)
     offered = np.delete(penalty.pair, inside) >= 0
     swaps = swaps and bool(offered.any())
-    many = swaps and quadratic.scatter is None and len(inside) >= _MANY
+    many = swaps and quadratic.scatter is None and not quadratic.by_blocks and len(inside) >= _MANY
     exchanged = _best_exchanges(quadratic, penalty, inside) if many else {}
     for place in places.tolist():
         remaining = np.delete(inside, place).tolist()
