@@ -71,6 +71,15 @@ def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+@pytest.fixture
+def memory_not_sought(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Links that were not said to have memory are not tried with it, for tests of what goes before.
+
+    Where terms leave much, that takes three quarters of a discovery's time.
+    """
+    monkeypatch.setattr("linkwise.discovery.discover.select_memory", lambda *given: None)
+
+
 _SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from structures import link, structure
 
 import linkwise as lw
 
@@ -17,27 +18,15 @@ VALUES = np.array(
 
 def ring(ground: np.ndarray, cubic: np.ndarray, coupling: np.ndarray) -> lw.Structure:
     """Masses of 1 kg on springs with a cubic term, each coupled with the next."""
-    number = lw.Coefficient.number
-    masses = tuple(lw.Mass(f"m{k + 1}", number(1.0)) for k in range(SIZE))
-    links = [
-        lw.Link(
-            f"spring{k + 1}",
-            (f"m{k + 1}", "ground"),
-            lw.Law.parse("k*d + k3*d**3"),
-            {"k": number(float(ground[k])), "k3": number(float(cubic[k]))},
-        )
+    springs = (
+        link(f"spring{k + 1}", f"m{k + 1}-ground", "k*d + k3*d**3", k=float(ground[k]), k3=float(cubic[k]))
         for k in range(SIZE)
-    ]
-    links += [
-        lw.Link(
-            f"ring{k + 1}",
-            (f"m{k + 1}", f"m{(k + 1) % SIZE + 1}"),
-            lw.Law.parse("k*d"),
-            {"k": number(float(coupling[k]))},
-        )
+    )
+    couplings = (
+        link(f"ring{k + 1}", f"m{k + 1}-m{(k + 1) % SIZE + 1}", "k*d", k=float(coupling[k]))
         for k in range(SIZE)
-    ]
-    return lw.Structure("ring", masses, tuple(links))
+    )
+    return structure({f"m{k + 1}": 1.0 for k in range(SIZE)}, *springs, *couplings, name="ring")
 
 
 def motion(values: np.ndarray, x: np.ndarray, v: np.ndarray) -> lw.Record:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
+from structures import HARDENING, NES, link, oscillator, structure, with_links
 
 import linkwise as lw
-from linkwise.model.law import Law
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,78 +95,15 @@ def chain_discovery(masses: int, snr_db: float, seed: int) -> lw.Discovery:
     return lw.discover(chain_record(masses).with_noise(snr_db, seed=seed), kilograms)
 
 
-THREE = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[mass]]
-name = "m2"
-mass = 0.01
-[[mass]]
-name = "m3"
-mass = 0.02
-[[link]]
-name = "spring"
-between = ["m1", "base"]
-law = "k*d + c*v"
-coefficients = { k = 30000.0, c = 1.0 }
-[[link]]
-name = "nes1"
-between = ["m2", "m1"]
-law = "alpha*d + beta*d**3 + c*v"
-coefficients = { alpha = -100.0, beta = 1e6, c = 0.02 }
-[[link]]
-name = "friction"
-between = ["m3", "m1"]
-law = "F*tanh(v/s)"
-coefficients = { F = 1.0, s = 0.5 }
-[[link]]
-name = "nes2"
-between = ["m3", "m2"]
-law = "alpha*d + beta*d**3 + c*v"
-coefficients = { alpha = "=nes1.alpha", beta = 8e5, c = 0.03 }
-"""
-
-
-def oscillator(
-    law: str,
-    *,
-    mass: float | lw.Coefficient = 1.0,
-    to: str = "ground",
-    name: str = "link",
-    **values: float | lw.Coefficient,
-) -> lw.Structure:
-    """One mass on one link, to the ground unless `to` the base."""
-    link = lw.Link(
-        name, ("m1", to), Law.parse(law), {key: _coefficient(value) for key, value in values.items()}
+def rubbing_trio() -> lw.Structure:
+    """A mass that carries a bistable sink and a slider, which a second sink with the alpha of the first joins."""
+    return structure(
+        {"m1": 1.0, "m2": 0.01, "m3": 0.02},
+        link("spring", "m1-base", "k*d + c*v", k=30000.0, c=1.0),
+        link("nes1", "m2-m1", NES, alpha=-100.0, beta=1e6, c=0.02),
+        link("friction", "m3-m1", "F*tanh(v/s)", F=1.0, s=0.5),
+        link("nes2", "m3-m2", NES, alpha=lw.Coefficient.shared("nes1.alpha"), beta=8e5, c=0.03),
     )
-    return lw.Structure("oscillator", (lw.Mass("m1", _coefficient(mass)),), (link,))
-
-
-def asked_oscillator(law: str, mass: float | None = None, *, name: str = "spring") -> lw.Structure:
-    """One mass on one link, of which all is unknown but, where it is given, the mass."""
-    unknown = lw.Coefficient.unknown()
-    coefficients: dict[str, Any] = dict.fromkeys(Law.parse(law).coefficients, unknown)
-    return oscillator(law, mass=unknown if mass is None else mass, name=name, **coefficients)
-
-
-def row_of_masses(
-    masses: Sequence[float], **links: tuple[str, Mapping[str, float | lw.Coefficient]]
-) -> lw.Structure:
-    """Masses m1, m2, ... each on a link, by its law and coefficients, to the one before, and the first to the ground."""
-    names = [f"m{k}" for k in range(1, len(masses) + 1)]
-    joined = tuple(
-        lw.Link(name, ends, Law.parse(law), {key: _coefficient(value) for key, value in values.items()})
-        for ends, (name, (law, values)) in zip(
-            zip(names, ["ground", *names[:-1]], strict=True), links.items(), strict=True
-        )
-    )
-    bodies = tuple(lw.Mass(name, _coefficient(mass)) for name, mass in zip(names, masses, strict=True))
-    return lw.Structure("row", bodies, joined)
-
-
-def _coefficient(value: float | lw.Coefficient) -> lw.Coefficient:
-    return value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
 
 
 def truth(structure: lw.Structure, unknown: lw.Structure) -> np.ndarray:
@@ -184,63 +120,41 @@ def truth(structure: lw.Structure, unknown: lw.Structure) -> np.ndarray:
 
 
 def _trio() -> lw.Structure:
-    """A mass on a linear spring, a hardening one between it and the second, friction between that and the third."""
-    number = lw.Coefficient.number
-    masses = tuple(lw.Mass(f"m{k}", number(kilograms)) for k, kilograms in ((1, 1.0), (2, 0.5), (3, 0.2)))
-    links = (
-        lw.Link("spring", ("m1", "ground"), Law.parse("k*d + c*v"), {"k": number(9e3), "c": number(1.5)}),
-        lw.Link(
-            "hardening",
-            ("m2", "m1"),
-            Law.parse("k*d + k3*d**3 + c*v"),
-            {"k": number(2e3), "k3": number(4e7), "c": number(0.4)},
-        ),
-        lw.Link(
-            "quadratic",
-            ("m3", "m2"),
-            Law.parse("k*d + c*v*abs(v)"),
-            {"k": number(900.0), "c": number(2.0)},
-        ),
+    """A mass on a linear spring, a hardening one between it and the second, quadratic damping between that and the third."""
+    return structure(
+        {"m1": 1.0, "m2": 0.5, "m3": 0.2},
+        link("spring", "m1-ground", "k*d + c*v", k=9e3, c=1.5),
+        link("hardening", "m2-m1", HARDENING, k=2e3, k3=4e7, c=0.4),
+        link("quadratic", "m3-m2", "k*d + c*v*abs(v)", k=900.0, c=2.0),
+        name="trio",
     )
-    return lw.Structure("trio", masses, links)
 
 
 def _pair(*more: lw.Link, end: str = "ground") -> lw.Structure:
     """A mass on a spring, a smaller one on a hardening spring; what else there is stands between these two links."""
-    number = lw.Coefficient.number
-    spring = lw.Link("spring", ("m1", end), Law.parse("k*d + c*v"), {"k": number(3e3), "c": number(4.0)})
-    hard = lw.Link(
-        "hard",
-        ("m2", "m1"),
-        Law.parse("k*d + k3*d**3 + c*v"),
-        {"k": number(200.0), "k3": number(1e6), "c": number(0.3)},
-    )
-    masses = (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.1)))
-    return lw.Structure("pair", masses, (spring, *more, hard))
+    spring = link("spring", f"m1-{end}", "k*d + c*v", k=3e3, c=4.0)
+    hard = link("hard", "m2-m1", HARDENING, k=200.0, k3=1e6, c=0.3)
+    return structure({"m1": 1.0, "m2": 0.1}, spring, *more, hard, name="pair")
 
 
 def _gap() -> lw.Structure:
     """A mass on a spring with a stop behind a clearance."""
-    number = lw.Coefficient.number
-    spring = lw.Link("spring", ("m1", "ground"), Law.parse("k*d + c*v"), {"k": number(1e3), "c": number(1.0)})
-    stop = lw.Link(
-        "stop", ("m1", "ground"), Law.parse("k*max(d - g, 0)"), {"k": number(2e4), "g": number(0.005)}
+    spring = link("spring", "m1-ground", "k*d + c*v", k=1e3, c=1.0)
+    return structure(
+        {"m1": 1.0}, spring, link("stop", "m1-ground", "k*max(d - g, 0)", k=2e4, g=0.005), name="gap"
     )
-    return lw.Structure("gap", (lw.Mass("m1", number(1.0)),), (spring, stop))
 
 
 @cache
 def linear_chain(masses: int) -> Problem:
     """The paper's chain with linear springs in place of its sinks."""
     chain = lw.bnes_chain(masses)
-    law, number = Law.parse("k*d + c*v"), lw.Coefficient.number
-    links = [
-        replace(link, law=law, coefficients={"k": number(400.0), "c": number(0.02)})
-        if link.name.startswith("nes")
-        else link
-        for link in chain.links
+    springs = [
+        link(sink.name, "-".join(sink.between), "k*d + c*v", k=400.0, c=0.02)
+        for sink in chain.links
+        if sink.name.startswith("nes")
     ]
-    return Problem(f"linear chain of {masses}", replace(chain, links=tuple(links)), _HIT, 20.0)
+    return Problem(f"linear chain of {masses}", with_links(chain, *springs), _HIT, 20.0)
 
 
 @cache
@@ -252,7 +166,7 @@ def bent_chain(k2: float) -> Problem:
 
 
 _HIT: dict[str, Any] = {"release": {"v:m1": 1.0}}
-_LOAD = lw.Link("load", ("m1", "ground"), Law.parse("f0"), {"f0": lw.Coefficient.number(-3.0)})
+_LOAD = link("load", "m1-ground", "f0", f0=-3.0)
 
 PROBLEMS = {
     problem.name: problem

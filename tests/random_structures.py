@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.errors import LinkwiseError
@@ -107,14 +108,9 @@ def _structure(
     pairs: list[tuple[int, int]],
     laws: list[tuple[str, dict[str, float]]],
 ) -> lw.Structure:
-    number = lw.Coefficient.number
-    masses = sorted(
-        (lw.Mass(name, number(float(mass))) for name, mass in zip(names, kilograms, strict=True)),
-        key=lambda mass: int(mass.name[1:]),
-    )
+    masses = dict(sorted(zip(names, kilograms.tolist(), strict=True), key=lambda mass: int(mass[0][1:])))
     links = []
     for (i, j), (law, numbers) in zip(pairs, laws, strict=True):
-        ends = (names[i], "ground" if j < 0 else names[j])
-        coefficients = {name: number(float(value)) for name, value in numbers.items()}
-        links.append(lw.Link("-".join(ends), ends, lw.Law.parse(law), coefficients))
-    return lw.Structure("random structure", tuple(masses), tuple(links))
+        ends = f"{names[i]}-{'ground' if j < 0 else names[j]}"
+        links.append(link(ends, ends, law, **{key: float(value) for key, value in numbers.items()}))
+    return structure(masses, *links, name="random structure")

@@ -7,7 +7,8 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
-from problems import chain_record, oscillator
+from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from structures import link, named, structure
 
 import linkwise as lw
 
@@ -14,17 +15,12 @@ MOTION = "0.01*sin(5*t)*sin(0.7*t) + 0.003*sin(17*t)"
 
 def rig(law: str, values: dict[str, float], states: dict[str, str] | None = None) -> lw.Structure:
     """A link of this law alone on a rig."""
-    numbers = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    return lw.Structure(
-        "rig", (), (lw.Link("damper", ("base", "ground"), lw.Law.parse(law, states), numbers),)
-    )
+    return structure({}, link("damper", "base-ground", law, states, **values), name="rig")
 
 
 def hysteretic() -> lw.Structure:
     """A Bouc-Wen link alone on a rig, whose coefficients keep their bounds where they are made unknown."""
-    law = lw.named_law("bouc-wen")
-    numbers = {name: lw.Coefficient.number(value) for name, value in BOUC_WEN.items()}
-    return lw.Structure("rig", (), (law.link("damper", ("base", "ground"), numbers),))
+    return structure({}, named("damper", "base-ground", "bouc-wen", **BOUC_WEN), name="rig")
 
 
 def run(structure: lw.Structure, duration: float = 10.0, rate: float = 200.0) -> lw.Record:

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from here import studies_here
+from structures import beam_of_one_mode
 
 import linkwise as lw
 
@@ -51,11 +52,10 @@ LEVELS = {  # files of one test of a beam at two levels that examples read, and 
 @cache
 def level(file: str) -> lw.Record:
     """What an accelerometer at the tip of the beam shows."""
-    number = lw.Coefficient.number
-    mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
-    beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
     sensors, rate = ["a:beam.tip"], 320.0
-    record = lw.simulate(beam, forces={"beam.tip": LEVELS[file]}, duration=2.0, rate=rate, sensors=sensors)
+    record = lw.simulate(
+        beam_of_one_mode(), forces={"beam.tip": LEVELS[file]}, duration=2.0, rate=rate, sensors=sensors
+    )
     return record.with_noise(40.0, seed=1)
 
 

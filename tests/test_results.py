@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from present import some
-from problems import chain_record, oscillator
+from problems import chain_record
 from small_study import small
+from structures import oscillator
 from tapped_beam import tapped
 from test_public_types import public, returned
 

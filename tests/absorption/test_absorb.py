@@ -9,28 +9,26 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record
+from structures import link, structure, with_links
 
 import linkwise as lw
 from linkwise.absorption.decay import Decay
 from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.without_sinks import without_sinks
 from linkwise.model.excitation import Excitation
-from linkwise.model.structure import Coefficient, Link, Mass, Structure
+from linkwise.model.structure import Coefficient, Structure
 
 RELEASE = {"v:m1": 1.0}
 
 
-def structure(text: str, *masses: float, **values: float) -> Structure:
+def built(text: str, *masses: float, **values: float) -> Structure:
     """`"a: m1-ground: law; b: m2-m1: law"` with masses m1, m2, ... in kg and coefficients by name."""
     links = []
     for part in text.split("; "):
         name, ends, law = (entry.strip() for entry in part.split(":"))
-        parsed = lw.Law.parse(law)
-        numbers = {key: Coefficient.number(values[key]) for key in parsed.coefficients}
-        first, second = ends.split("-")
-        links.append(Link(name, (first, second), parsed, numbers))
-    bodies = tuple(Mass(f"m{i}", Coefficient.number(m)) for i, m in enumerate(masses, start=1))
-    return Structure("test", bodies, tuple(links))
+        own = {key: values[key] for key in lw.Law.parse(law).coefficients}
+        links.append(link(name, ends, law, **own))
+    return structure({f"m{i}": mass for i, mass in enumerate(masses, start=1)}, *links)
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +120,7 @@ def test_locked_keeps_momentum_and_adds_the_mass() -> None:
 
 def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
     """What else hangs on the sink's mass sees it ahead of its host by that much, with its law as it was."""
-    three = structure(
+    three = built(
         "a: m1-ground: k*d + c*v; s: m2-m1: p*d + q*d**3; b: m3-m2: k3*d**3", 1.0, 0.1, 0.5,
         k=100.0, c=1.0, p=-10.0, q=1e4, k3=500.0,
     )  # fmt: skip
@@ -150,19 +148,19 @@ def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
 
 def test_which_mass_a_sink_carries() -> None:
     text = "a: m1-ground: k*d; s: m1-m2: p*d + q*d**3; b: m3-m1: k*d"
-    plain = structure(text, 0.1, 5.0, 1.0, k=1.0, p=-1.0, q=1.0)
+    plain = built(text, 0.1, 5.0, 1.0, k=1.0, p=-1.0, q=1.0)
     (leaf,) = find_sinks(plain)
     assert (leaf.mass, leaf.host) == ("m2", "m1")  # nothing else hangs on it, heavy as it is
     (lighter,) = find_sinks(plain, ("b",))
     assert (lighter.mass, lighter.host) == ("m3", "m1")
-    grounded = structure("a: m1-ground: p*d + q*d**3; b: m2-m1: k*d", 1.0, 1.0, p=-1.0, q=1.0, k=1.0)
+    grounded = built("a: m1-ground: p*d + q*d**3; b: m2-m1: k*d", 1.0, 1.0, p=-1.0, q=1.0, k=1.0)
     (sink,) = find_sinks(grounded)
     assert sink.mass is None and sink.host == "ground"
 
 
 def test_a_linear_absorber_may_be_named_and_harvested_from() -> None:
     """The harvester is a damper in parallel: its share to that of the link's own damper is as their dampings."""
-    tuned = structure(
+    tuned = built(
         "a: m1-ground: k*d + c*v; tmd: m2-m1: k2*d + c2*v", 1.0, 0.05, k=900.0, c=0.3, k2=40.0, c2=0.06
     )
     absorption = lw.absorb(tuned, sinks=("tmd",), duration=30.0, release=RELEASE, harvesters={"tmd": 0.02})
@@ -177,7 +175,7 @@ def test_a_linear_absorber_may_be_named_and_harvested_from() -> None:
 
 
 def test_without_damping_nothing_settles() -> None:
-    still = structure("a: m1-ground: k*d; s: m2-m1: p*d + q*d**3", 1.0, 0.01, k=900.0, p=-100.0, q=1e6)
+    still = built("a: m1-ground: k*d; s: m2-m1: p*d + q*d**3", 1.0, 0.01, k=900.0, p=-100.0, q=1e6)
     absorption = lw.absorb(still, duration=2.0, release={"v:m1": 0.1})
     assert absorption.settled == (None, None)
     np.testing.assert_allclose(absorption.with_sinks.dissipated, 0.0, atol=1e-15)
@@ -199,7 +197,7 @@ def test_forced_structures_take_energy_in() -> None:
 
 def test_kinks_and_impulses_are_no_obstacle() -> None:
     """A one-sided stop on the sink: energy still closes, a blow counts as put in."""
-    stop = structure(
+    stop = built(
         "a: m1-ground: k*d + c*v; s: m2-m1: p*d + q*d**3 + c2*v; stop: m2-m1: kk*max(d - g, 0)", 1.0, 0.01,
         k=900.0, c=0.3, p=-100.0, q=1e6, c2=0.02, kk=1e4, g=0.012,
     )  # fmt: skip
@@ -252,16 +250,16 @@ def test_what_cannot_be_asked(changes: dict[str, Any], error: type[Exception], m
 def test_structures_without_an_answer() -> None:
     with pytest.raises(lw.StructureError, match="coefficient alpha is unknown and has no start value"):
         lw.absorb(lw.bnes_chain(2).unknown("nes"), duration=1.0, release=RELEASE)
-    linear = structure("a: m1-ground: k*d; b: m2-m1: k*d", 1.0, 1.0, k=100.0)
+    linear = built("a: m1-ground: k*d; b: m2-m1: k*d", 1.0, 1.0, k=100.0)
     with pytest.raises(
         lw.StructureError,
         match=r"no link of test has more than one stable well.*name the sinks among the links a, b",
     ):
         lw.absorb(linear, duration=1.0, release=RELEASE)
-    through = structure("s: m2-ground: p*d + q*d**3; b: m1-m2: k*d", 1.0, 0.1, k=100.0, p=-1.0, q=1.0)
+    through = built("s: m2-ground: p*d + q*d**3; b: m1-m2: k*d", 1.0, 0.1, k=100.0, p=-1.0, q=1.0)
     with pytest.raises(lw.StructureError, match='link "s": the sink is linked to the ground: locked'):
         lw.absorb(through, duration=1.0, release=RELEASE, without="locked")
-    between = structure("s: m2-ground: p*d + q*d**3; b: m1-m2: p*d + q*d**3", 1.0, 0.1, p=-1.0, q=1.0)
+    between = built("s: m2-ground: p*d + q*d**3; b: m1-m2: p*d + q*d**3", 1.0, 0.1, p=-1.0, q=1.0)
     with pytest.raises(
         lw.StructureError, match="no valid structure is left with the sinks removed: no link has it as an end"
     ):
@@ -269,7 +267,7 @@ def test_structures_without_an_answer() -> None:
 
 
 def test_a_structure_of_sinks_alone_is_refused() -> None:
-    lone = structure("s: m1-ground: p*d + q*d**3", 1.0, p=-1.0, q=1.0)
+    lone = built("s: m1-ground: p*d + q*d**3", 1.0, p=-1.0, q=1.0)
     with pytest.raises(
         lw.StructureError, match=r"every mass \(m1\) would be the mass of a sink.*name fewer sinks"
     ):
@@ -287,11 +285,7 @@ def test_starts_are_said_to_be_no_knowledge() -> None:
     alpha = Coefficient.unknown(-100.0)
     chain = lw.bnes_chain(2)
     sink = chain.link("nes1")
-    guessed = Structure(
-        "guess",
-        chain.masses,
-        (chain.link("spring1"), replace(sink, coefficients={**sink.coefficients, "alpha": alpha})),
-    )
+    guessed = with_links(chain, replace(sink, coefficients={**sink.coefficients, "alpha": alpha}))
     absorption = lw.absorb(guessed, duration=0.5, release=RELEASE)
     assert "nes1.alpha is unknown: this result is for the start values." in absorption.findings
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import chain_discovery, chain_record
+from structures import equal_sinks
 
 import linkwise as lw
 from linkwise.cli import run
@@ -109,11 +110,7 @@ def test_an_estimate_gives_intervals_that_hold_the_truth(fitted: lw.Estimate) ->
 
 def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
     """Two sinks with one unknown alpha: both names are known, and vary as one."""
-    text = lw.format_structure(lw.bnes_chain(4).unknown("nes1.alpha"))
-    head, _, tail = text.partition('name = "nes2"')
-    shared = lw.parse_structure(
-        f'{head}name = "nes2"{tail.replace("alpha = -100.0", "alpha = " + repr("=nes1.alpha"))}'
-    )
+    shared = equal_sinks().unknown("nes1.alpha")
     record = chain_record(4, duration=1.0).with_noise(40.0, seed=1000)
     fit = lw.identify(record, shared, method="weak")
     assert fit.trusted

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import oscillator
+from structures import harvester, link, oscillator, structure
 
 import linkwise as lw
 from linkwise.analysis.modes import natural_frequencies
@@ -17,12 +17,10 @@ RELEASE: dict[str, Any] = {"duration": 2.0, "release": {"v:m1": 1.0}, "sinks": [
 
 def tower(law: str = "k*d + c*v - theta*V", **changes: float) -> lw.Structure:
     """A mass on a spring that carries a small one on a piezo with a resistor."""
-    host = oscillator("k*d + c*v", name="tower", k=3000.0, c=1.0)
-    values = {name: lw.Coefficient.number(value) for name, value in (PIEZO | changes).items()}
+    host = link("tower", "m1-ground", "k*d + c*v", k=3000.0, c=1.0)
     state = lw.LinkState("(-theta*v - V/R)/C", unit="V")
-    piezo = lw.Link("piezo", ("m2", "m1"), lw.Law.parse(law), values, states={"V": state})
-    small = lw.Mass("m2", lw.Coefficient.number(0.05))
-    return lw.Structure("tower", (*host.masses, small), (*host.links, piezo))
+    piezo = link("piezo", "m2-m1", law, {"V": state}, **(PIEZO | changes))
+    return structure({"m1": 1.0, "m2": 0.05}, host, piezo)
 
 
 def test_the_damper_the_resistor_and_the_capacitor_share_what_the_link_takes() -> None:
@@ -109,12 +107,7 @@ def test_a_link_that_delivers_more_than_it_takes_is_not_trusted(power: str) -> N
 
 def test_equilibria_and_modes_are_those_in_a_short_circuit() -> None:
     still = oscillator("k*d + c*v", k=40.0, c=0.4)
-    values = {name: lw.Coefficient.number(value) for name, value in PIEZO.items()}
-    state = lw.LinkState("(-theta*v - V/R)/C", unit="V")
-    link = lw.Link(
-        "piezo", ("m1", "ground"), lw.Law.parse("k*d + c*v - theta*V"), values, states={"V": state}
-    )
-    piezo = lw.Structure("piezo", still.masses, (link,))
+    piezo = harvester(1.0, "ground", "piezo", **PIEZO)
     assert [point.x.tolist() for point in lw.equilibria(piezo).stable] == [[0.0]]
     np.testing.assert_allclose(lw.modes(piezo).frequencies, lw.modes(still).frequencies, rtol=1e-12)
     open_circuit = np.sqrt((40.0 + PIEZO["theta"] ** 2 / PIEZO["C"]) / still.mass_values[0]) / (2.0 * np.pi)
@@ -122,22 +115,15 @@ def test_equilibria_and_modes_are_those_in_a_short_circuit() -> None:
 
 
 def test_a_state_that_does_not_rest_is_refused() -> None:
-    values = {"k": lw.Coefficient.number(40.0), "r": lw.Coefficient.number(2.0)}
-    creeping = lw.Link(
-        "creep", ("m1", "ground"), lw.Law.parse("k*(d - z)"), values, states={"z": "r*(d - z)"}
-    )
-    structure = lw.Structure("creep", oscillator("k*d", k=1.0).masses, (creeping,))
+    creep = lw.Law.parse("k*(d - z)", {"z": "r*(d - z)"})
+    creeping = link("creep", "m1-ground", creep, k=40.0, r=2.0)
     with pytest.raises(
         lw.StructureError, match="the state z does not rest at 0 while the ends of the link do"
     ):
-        lw.equilibria(structure)
+        lw.equilibria(structure({"m1": 1.0}, creeping))
     with pytest.raises(lw.StructureError, match="does not rest at 0"):
         lw.absorb(
-            lw.Structure(
-                "creep",
-                (*structure.masses, lw.Mass("m2", lw.Coefficient.number(0.1))),
-                (creeping, lw.Link("sink", ("m2", "m1"), creeping.law, values, states={"z": "r*(d - z)"})),
-            ),
+            structure({"m1": 1.0, "m2": 0.1}, creeping, link("sink", "m2-m1", creep, k=40.0, r=2.0)),
             duration=1.0,
             release={"v:m1": 1.0},
             sinks=["sink"],

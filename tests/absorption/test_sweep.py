@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from present import some
+from structures import equal_sinks, link, structure
 
 import linkwise as lw
 from linkwise.absorption import sweep
 from linkwise.absorption.barriers import barriers
-from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.plot.absorption_map import map_figure
 
 SHORT: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "settle": 0.5}
@@ -31,8 +31,8 @@ def check(absorption_map: lw.AbsorptionMap, place: tuple[int, ...], single: lw.A
     assert at["crossings"] == sum(len(sink.crossings) for sink in single.sinks)
     assert at["remaining"] == pytest.approx(float(single.with_sinks.remaining[-1]), abs=1e-7)
     shares = {name: value for name, value in at.items() if name.startswith("share:")}
-    for link in some(single.with_sinks.structure.links):
-        assert shares[f"share:{link.name}"] == pytest.approx(single.with_sinks.share(link.name), abs=1e-7)
+    for name in some(own.name for own in single.with_sinks.structure.links):
+        assert shares[f"share:{name}"] == pytest.approx(single.with_sinks.share(name), abs=1e-7)
     assert sum(shares.values()) + at["remaining"] == pytest.approx(1.0, abs=1e-12) and at["closure"] < 1e-12
     powers = {name: value for name, value in at.items() if name.startswith("power:")}
     assert powers == pytest.approx(
@@ -95,12 +95,7 @@ def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
     unknown = lw.bnes_chain(2).unknown("nes1.alpha")
     swept = lw.absorption_map(unknown, {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
     check(swept, (1,), lw.absorb(lw.bnes_chain(2, alpha=-60.0), **SHORT, release=RELEASE))
-    text = lw.format_structure(lw.bnes_chain(4))
-    head, _, tail = text.partition('name = "nes2"')
-    shared = lw.parse_structure(
-        f'{head}name = "nes2"{tail.replace("alpha = -100.0", "alpha = " + repr("=nes1.alpha"))}'
-    )
-    both = lw.absorption_map(shared, {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
+    both = lw.absorption_map(equal_sinks(), {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
     check(both, (0,), lw.absorb(lw.bnes_chain(4, alpha=-150.0), **SHORT, release=RELEASE))
 
 
@@ -115,16 +110,9 @@ def test_a_sweep_may_leave_the_bistable_range() -> None:
 
 
 def test_laws_with_kinks_are_run_one_by_one() -> None:
-    numbers = {"k": 900.0, "c": 0.3, "p": -100.0, "q": 1e6, "F": 0.02, "s": 0.01}
-    links = tuple(
-        Link(name, ends, law, {key: Coefficient.number(numbers[key]) for key in law.coefficients})
-        for name, ends, law in (
-            ("a", ("m1", "ground"), lw.Law.parse("k*d + c*v")),
-            ("s", ("m2", "m1"), lw.Law.parse("p*d + q*d**3 + F*tanh(v/s)")),
-        )
-    )
-    masses = (Mass("m1", Coefficient.number(1.0)), Mass("m2", Coefficient.number(0.01)))
-    rubbing = Structure("rubbing", masses, links)
+    spring = link("a", "m1-ground", "k*d + c*v", k=900.0, c=0.3)
+    slider = link("s", "m2-m1", "p*d + q*d**3 + F*tanh(v/s)", p=-100.0, q=1e6, F=0.02, s=0.01)
+    rubbing = structure({"m1": 1.0, "m2": 0.01}, spring, slider)
     absorption_map = lw.absorption_map(rubbing, {"s.F": [0.02, 0.05]}, **SHORT, release={"v:m1": 0.3})
     check(absorption_map, (1,), lw.absorb(rubbing.with_values({"s.F": 0.05}), **SHORT, release={"v:m1": 0.3}))
 
@@ -187,18 +175,18 @@ def test_tops_and_floors_of_many_laws() -> None:
     }
     tops_and_floors = barriers(law, values, 60)
     for run in range(60):
-        numbers = {name: Coefficient.number(float(value[run])) for name, value in values.items()}
-        link = Link("link", ("m", "ground"), law, numbers)
-        wells = lw.wells(link)
+        numbers = {name: float(value[run]) for name, value in values.items()}
+        spring = link("link", "m-ground", law, **numbers)
+        wells = lw.wells(spring)
         tops = tops_and_floors.tops[run][np.isfinite(tops_and_floors.tops[run])]
         assert len(tops) == len(wells) - 1
         assert tops_and_floors.floor[run] == pytest.approx(
-            min(float(link.potential(d)) for d in wells), rel=1e-9, abs=1e-15
+            min(float(spring.potential(d)) for d in wells), rel=1e-9, abs=1e-15
         )
         for top, below, above in zip(tops, wells[:-1], wells[1:], strict=True):
             assert (
                 below < top < above
-                and abs(float(link.force(top))) < 1e-9 * float(abs(link.stiffness(top))) * 0.1
+                and abs(float(spring.force(top))) < 1e-9 * float(abs(spring.stiffness(top))) * 0.1
             )
 
 

@@ -8,28 +8,22 @@ from itertools import product
 import numpy as np
 import pytest
 from present import some
+from structures import link, structure
 
 from linkwise.analysis.equilibria import Equilibria, equilibria
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law
-from linkwise.model.structure import BASE, GROUND, Link, Mass, Structure
+from linkwise.model.structure import BASE, GROUND, Link, Structure
 
 
-def link(name: str, first: str, second: str, text: str, **values: float) -> Link:
-    coefficients = {key: Coefficient.number(value) for key, value in values.items()}
-    return Link(name, (first, second), Law.parse(text), coefficients)
-
-
-def structure(*links: Link) -> Structure:
+def free(*links: Link) -> Structure:
     names = sorted({end for bond in links for end in bond.between} - {GROUND, BASE})
-    return Structure("", tuple(Mass(name, Coefficient.number(1.0)) for name in names), links)
+    return structure(dict.fromkeys(names, 1.0), *links)
 
 
-def bistable(name: str, first: str, second: str) -> Link:
-    return link(name, first, second, "alpha*d + beta*d**3", alpha=-100.0, beta=1e6)
+def bistable(name: str, between: str) -> Link:
+    return link(name, between, "alpha*d + beta*d**3", alpha=-100.0, beta=1e6)
 
 
 def net_force(subject: Structure, x: Floats) -> Floats:
@@ -83,9 +77,9 @@ def test_ten_sinks_are_cut_at_the_limit_which_is_said_with_the_wells_first() -> 
 
 def test_links_side_by_side_act_as_one_whichever_way_they_point() -> None:
     """The bistable law in two halves, the second one turned round, and a constant force of its own."""
-    halves = structure(link("a", "m", GROUND, "a*d", a=-100.0), link("b", GROUND, "m", "b*d**3", b=1e6))
+    halves = free(link("a", "m-ground", "a*d", a=-100.0), link("b", "ground-m", "b*d**3", b=1e6))
     assert positions(equilibria(halves)) == {(-0.01,), (0.0,), (0.01,)}
-    loaded = structure(link("k", "m", BASE, "k*d", k=50.0), link("f", GROUND, "m", "f0", f0=2.0))
+    loaded = free(link("k", "m-base", "k*d", k=50.0), link("f", "ground-m", "f0", f0=2.0))
     (only,) = equilibria(loaded)
     np.testing.assert_allclose(only.x, [0.04], rtol=1e-12)
     assert only.stable
@@ -94,10 +88,10 @@ def test_links_side_by_side_act_as_one_whichever_way_they_point() -> None:
 
 def test_a_circle_of_linear_springs_under_a_constant_force() -> None:
     """Two masses, three springs, the right one pulled: K x = F by hand."""
-    ring = structure(
-        link("s1", "a", GROUND, "k*d", k=100.0),
-        link("s2", "b", "a", "k*d", k=50.0),
-        link("s3", "b", GROUND, "k*d + f0", k=20.0, f0=-3.0),
+    ring = free(
+        link("s1", "a-ground", "k*d", k=100.0),
+        link("s2", "b-a", "k*d", k=50.0),
+        link("s3", "b-ground", "k*d + f0", k=20.0, f0=-3.0),
     )
     rests = equilibria(ring)
     assert len(rests) == 1
@@ -115,9 +109,7 @@ def test_two_sinks_joined_by_a_soft_spring_have_nine_equilibria_and_by_a_stiff_o
     """Fold of the mixed states: for x1 = -x2, -100 x + 1e6 x**3 + 2 k x = 0 has a root besides 0 only for k < 50."""
 
     def joined(k: float) -> Structure:
-        return structure(
-            bistable("n1", "a", GROUND), bistable("n2", "b", GROUND), link("k", "b", "a", "k*d", k=k)
-        )
+        return free(bistable("n1", "a-ground"), bistable("n2", "b-ground"), link("k", "b-a", "k*d", k=k))
 
     soft, stiff = equilibria(joined(5.0)), equilibria(joined(500.0))
     assert (len(soft), len(soft.stable)) == (9, 4)
@@ -140,7 +132,7 @@ def test_newton_from_given_starts_agrees_with_the_product_of_wells() -> None:
 
 
 def test_a_start_from_which_nothing_balances_is_said() -> None:
-    pushed = structure(link("f", "m", GROUND, "f0 + k*d**2", f0=1.0, k=1.0))
+    pushed = free(link("f", "m-ground", "f0 + k*d**2", f0=1.0, k=1.0))
     assert equilibria(pushed).note == 'there is no equilibrium: the force of link "f" vanishes nowhere'
     rests = equilibria(pushed, start=[0.3])
     assert (len(rests), rests.note) == (
@@ -150,7 +142,7 @@ def test_a_start_from_which_nothing_balances_is_said() -> None:
 
 
 def test_a_floating_structure_is_said_to_float() -> None:
-    flying = structure(bistable("n", "b", "a"))
+    flying = free(bistable("n", "b-a"))
     rests = equilibria(flying)
     assert positions(rests) == {(-0.005, 0.005), (0.005, -0.005), (0.0, 0.0)}
     assert [point.neutral for point in rests] == [1, 1, 1]
@@ -161,17 +153,17 @@ def test_a_floating_structure_is_said_to_float() -> None:
 
 
 def test_a_mass_on_a_damper_alone_is_free_to_rest_anywhere() -> None:
-    balanced = structure(link("s", "a", GROUND, "k*d", k=1.0), link("c", "b", "a", "c*v", c=1.0))
+    balanced = free(link("s", "a-ground", "k*d", k=1.0), link("c", "b-a", "c*v", c=1.0))
     (only,) = equilibria(balanced)
     assert (only.stable, only.neutral) == (True, 1)
-    dampers = structure(link("c", "a", GROUND, "c*v", c=1.0))
+    dampers = free(link("c", "a-ground", "c*v", c=1.0))
     (anywhere,) = equilibria(dampers)
     assert (anywhere.stable, anywhere.neutral) == (True, 1)
     assert "1 rigid-body motion" in equilibria(dampers).note
 
 
 def test_a_cubic_spring_is_stable_and_neutral() -> None:
-    (only,) = equilibria(structure(link("s", "a", GROUND, "k*d**3", k=1.0)))
+    (only,) = equilibria(free(link("s", "a-ground", "k*d**3", k=1.0)))
     assert (only.stable, only.neutral) == (True, 1)
 
 
@@ -186,7 +178,7 @@ def test_starts_and_laws_that_cannot_be_are_refused() -> None:
         StructureError, match=r'link "spring1": coefficient k is unknown and has no start value'
     ):
         equilibria(bnes_chain(2).unknown("all"))
-    pendulum = structure(link("p", "a", GROUND, "F*sin(d/s)", F=1.0, s=0.1))
+    pendulum = free(link("p", "a-ground", "F*sin(d/s)", F=1.0, s=0.1))
     with pytest.raises(StructureError, match=r'link "p": .*give a range of d \(`reach`\)'):
         equilibria(pendulum)
     assert len(equilibria(pendulum, reach=(-0.5, 0.5))) == 3

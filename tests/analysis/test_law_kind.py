@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from structures import link
 
 import linkwise as lw
 from linkwise.analysis.law_kind import law_kind
@@ -28,9 +29,8 @@ from linkwise.analysis.law_kind import law_kind
     ],
 )
 def test_kind_of_a_law(law: str, reach: float, kind: str) -> None:
-    parsed = lw.Law.parse(law)
-    ones = {name: lw.Coefficient.number(1.0) for name in parsed.coefficients}
-    assert law_kind(lw.Link("link", ("m1", "ground"), parsed, ones), reach) == kind
+    ones = dict.fromkeys(lw.Law.parse(law).coefficients, 1.0)
+    assert law_kind(link("link", "m1-ground", law, **ones), reach) == kind
 
 
 def test_estimates_know_the_kinds_of_their_links(fitted: lw.Estimate) -> None:
@@ -38,6 +38,4 @@ def test_estimates_know_the_kinds_of_their_links(fitted: lw.Estimate) -> None:
 
 
 def test_a_term_with_a_coefficient_of_zero_does_not_bend() -> None:
-    law = lw.Law.parse("k*d + q*d**2")
-    numbers = {"k": lw.Coefficient.number(30000.1), "q": lw.Coefficient.number(0.0)}
-    assert law_kind(lw.Link("link", ("m1", "ground"), law, numbers), 0.0123) == "linear"
+    assert law_kind(link("link", "m1-ground", "k*d + q*d**2", k=30000.1, q=0.0), 0.0123) == "linear"

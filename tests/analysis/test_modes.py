@@ -6,27 +6,23 @@ import math
 
 import numpy as np
 import pytest
+from structures import link, structure
 
 from linkwise.analysis.equilibria import equilibria
 from linkwise.analysis.modes import modes, natural_frequencies
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
-from linkwise.model.structure import GROUND, Link, Mass, Structure
+from linkwise.model.structure import GROUND, Structure
 
 SPRING = Law.parse("k*d + c*v")
 
 
 def row(k: list[float], c: list[float], masses: list[float], *, grounded: bool = True) -> Structure:
     """Masses in a row on springs with dampers, the first one on the ground unless it flies."""
-    bodies = tuple(Mass(f"m{i}", Coefficient.number(m)) for i, m in enumerate(masses))
-    ends = [(f"m{i}", f"m{i - 1}" if i else GROUND) for i in range(len(masses))][0 if grounded else 1 :]
-    links = tuple(
-        Link(f"s{i}", end, SPRING, {"k": Coefficient.number(k[i]), "c": Coefficient.number(c[i])})
-        for i, end in enumerate(ends)
-    )
-    return Structure("", bodies, links)
+    ends = [f"m{i}-" + (f"m{i - 1}" if i else GROUND) for i in range(len(masses))][0 if grounded else 1 :]
+    links = (link(f"s{i}", end, SPRING, k=k[i], c=c[i]) for i, end in enumerate(ends))
+    return structure({f"m{i}": m for i, m in enumerate(masses)}, *links)
 
 
 def test_one_mass() -> None:
@@ -91,16 +87,13 @@ def test_damping_ratios_are_those_of_the_eigenvalues_of_the_state_matrix() -> No
 
 def test_equal_frequencies_keep_their_own_damping() -> None:
     """Two equal masses joined by a damper: only the opposite motion works it, so the shapes are (1, 1) and (1, -1)."""
-    bodies = tuple(Mass(name, Coefficient.number(1.0)) for name in ("a", "b"))
-    links = tuple(
-        Link(name, ends, Law.parse(text), {key: Coefficient.number(value) for key, value in values.items()})
-        for name, ends, text, values in (
-            ("s1", ("a", GROUND), "k*d + c*v", {"k": 100.0, "c": 2.0}),
-            ("s2", ("b", GROUND), "k*d + c*v", {"k": 100.0, "c": 2.0}),
-            ("between", ("b", "a"), "c*v", {"c": 1.0}),
-        )
+    pair = structure(
+        {"a": 1.0, "b": 1.0},
+        link("s1", "a-ground", "k*d + c*v", k=100.0, c=2.0),
+        link("s2", "b-ground", "k*d + c*v", k=100.0, c=2.0),
+        link("between", "b-a", "c*v", c=1.0),
     )
-    computed = modes(Structure("", bodies, links))
+    computed = modes(pair)
     np.testing.assert_allclose(computed.frequencies, [10.0 / (2.0 * math.pi)] * 2, rtol=1e-12)
     np.testing.assert_allclose(computed.damping, [0.1, 0.2], rtol=1e-12)
     np.testing.assert_allclose(np.abs(computed.shapes), np.full((2, 2), math.sqrt(0.5)), rtol=1e-12)
@@ -138,10 +131,7 @@ def test_what_cannot_be_is_refused() -> None:
         StructureError, match=r"`at` must have 2 finite displacements in m, one for each mass"
     ):
         modes(bnes_chain(2), [0.0])
-    falling = Structure(
-        "", (Mass("m", Coefficient.number(1.0)),),
-        (Link("f", ("m", GROUND), Law.parse("f0"), {"f0": Coefficient.number(1.0)}),),
-    )  # fmt: skip
+    falling = structure({"m": 1.0}, link("f", "m-ground", "f0", f0=1.0))
     with pytest.raises(
         StructureError, match=r"no stable equilibrium was found: .*vanishes nowhere; give `at`"
     ):

@@ -6,22 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from structures import link
 
 from linkwise.analysis.wells import barrier, rest_points, wells
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law
-from linkwise.model.structure import GROUND, Link
+from linkwise.model.structure import Link
 
 
-def link(text: str, **values: float) -> Link:
-    return Link(
-        "s",
-        ("a", GROUND),
-        Law.parse(text),
-        {name: Coefficient.number(value) for name, value in values.items()},
-    )
+def spring(text: str, **values: float) -> Link:
+    return link("s", "a-ground", text, **values)
 
 
 def rests(bond: Link, lo: float | None = None, hi: float | None = None) -> list[tuple[float, bool]]:
@@ -31,7 +25,7 @@ def rests(bond: Link, lo: float | None = None, hi: float | None = None) -> list[
 @pytest.mark.parametrize(("alpha", "beta"), [(-100.0, 1e6), (-3e-4, 2e9), (-5e5, 1e-2)])
 def test_bistable_law_has_the_closed_form_of_methods_7(alpha: float, beta: float) -> None:
     """Identity, whatever the scale: wells from 1e-7 to 1e4 m."""
-    sink = link("alpha*d + beta*d**3 + c*v", alpha=alpha, beta=beta, c=0.02)
+    sink = spring("alpha*d + beta*d**3 + c*v", alpha=alpha, beta=beta, c=0.02)
     well = math.sqrt(-alpha / beta)
     np.testing.assert_allclose(wells(sink), [-well, well], rtol=1e-12)
     assert barrier(sink) == pytest.approx(alpha**2 / (4.0 * beta), rel=1e-12)
@@ -43,19 +37,19 @@ def test_bistable_law_has_the_closed_form_of_methods_7(alpha: float, beta: float
 
 
 def test_a_spring_has_one_well_and_no_barrier() -> None:
-    assert wells(link("k*d", k=3.0)) == (0.0,)
-    assert barrier(link("k*d", k=3.0)) is None
-    assert wells(link("k*d**3", k=3.0)) == (0.0,)
-    assert wells(link("f0 + k*d", f0=6.0, k=-3.0)) == (), "a negative spring rests on a top"
+    assert wells(spring("k*d", k=3.0)) == (0.0,)
+    assert barrier(spring("k*d", k=3.0)) is None
+    assert wells(spring("k*d**3", k=3.0)) == (0.0,)
+    assert wells(spring("f0 + k*d", f0=6.0, k=-3.0)) == (), "a negative spring rests on a top"
 
 
 def test_a_constant_force_moves_the_well() -> None:
-    np.testing.assert_allclose(wells(link("f0 + k*d", f0=6.0, k=3.0)), [-2.0], rtol=1e-12)
+    np.testing.assert_allclose(wells(spring("f0 + k*d", f0=6.0, k=3.0)), [-2.0], rtol=1e-12)
 
 
 def test_unequal_wells_are_left_from_the_deepest_one() -> None:
     """f = (d + 3)(d - 1)(d - 2), so that U = d**4/4 - 7 d**2/2 + 6 d; the deeper well is at -3."""
-    uneven = link("a*(d + 3)*(d - 1)*(d - 2)", a=1.0)
+    uneven = spring("a*(d + 3)*(d - 1)*(d - 2)", a=1.0)
     energy = [d**4 / 4 - 7 * d**2 / 2 + 6 * d for d in (-3.0, 1.0)]
     np.testing.assert_allclose(wells(uneven), [-3.0, 2.0], rtol=1e-12)
     assert barrier(uneven) == pytest.approx(energy[1] - energy[0], rel=1e-12)
@@ -63,7 +57,7 @@ def test_unequal_wells_are_left_from_the_deepest_one() -> None:
 
 def test_wells_closer_than_the_grid_are_told_apart() -> None:
     """A well and a top between two neighbouring points of the search; the zero of the slope gives them away."""
-    near = link("a*d*(d - 1)*(d - 1.001)", a=1.0)
+    near = spring("a*d*(d - 1)*(d - 1.001)", a=1.0)
     np.testing.assert_allclose(wells(near), [0.0, 1.001], rtol=1e-12)
 
 
@@ -77,21 +71,21 @@ def test_a_range_leaves_out_what_lies_beyond() -> None:
 
 def test_clearance_jump_and_pole() -> None:
     """A gap rests at its middle; a friction-like jump through zero is a well; a pole is no zero."""
-    gap = link("k*(max(d - g, 0) + min(d + g, 0))", k=5.0, g=0.1)
+    gap = spring("k*(max(d - g, 0) + min(d + g, 0))", k=5.0, g=0.1)
     assert rests(gap) == [(0.0, True)]
-    jump = link("k*d + F*sign(d - g)", k=1.0, F=4.0, g=0.5)
+    jump = spring("k*d + F*sign(d - g)", k=1.0, F=4.0, g=0.5)
     np.testing.assert_allclose(wells(jump), [0.5], rtol=1e-12)
-    pole = link("k/(1 + d)", k=1.0)
+    pole = spring("k/(1 + d)", k=1.0)
     assert rests(pole) == []
 
 
 def test_pure_dampers_and_constant_forces_have_no_rest() -> None:
-    assert rests(link("c*v", c=1.0)) == []
-    assert rests(link("f0", f0=1.0)) == []
+    assert rests(spring("c*v", c=1.0)) == []
+    assert rests(spring("f0", f0=1.0)) == []
 
 
 def test_a_periodic_law_asks_for_a_range() -> None:
-    pendulum = link("F*sin(d/s)", F=1.0, s=0.1)
+    pendulum = spring("F*sin(d/s)", F=1.0, s=0.1)
     with pytest.raises(
         StructureError, match=r'link "s": the force vanishes at more than 64 elongations; give a range of d'
     ):
@@ -102,7 +96,7 @@ def test_a_periodic_law_asks_for_a_range() -> None:
 
 def test_an_empty_range_and_a_missing_value_are_refused() -> None:
     with pytest.raises(StructureError, match=r'link "s": the range of d from 1.0 to 1.0 is empty'):
-        wells(link("k*d", k=1.0), 1.0, 1.0)
+        wells(spring("k*d", k=1.0), 1.0, 1.0)
     with pytest.raises(
         StructureError, match=r'link "nes1": coefficient alpha is unknown and has no start value'
     ):

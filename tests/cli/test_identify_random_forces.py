@@ -7,23 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from structures import asked_oscillator
 
 import linkwise as lw
 from linkwise.cli import run
-
-STRUCTURE = """
-name = "oscillator"
-
-[[mass]]
-name = "m1"
-mass = 1.0
-
-[[link]]
-name = "l1"
-between = ["m1", "ground"]
-law = "k*d + c*v"
-coefficients = { k = "unknown", c = "unknown" }
-"""
 
 
 @pytest.fixture
@@ -37,7 +24,7 @@ def files(tmp_path: Path) -> tuple[str, str]:
         [x + 1e-5 * rng.standard_normal(count), force + 0.1 * rng.standard_normal(count)]
     )
     lw.write_record(lw.Record(0.0, rate, ("x:m1", "force:m1"), columns), tmp_path / "run.csv")
-    (tmp_path / "unknown.toml").write_text(STRUCTURE)
+    lw.write_structure(asked_oscillator("k*d + c*v", 1.0), tmp_path / "unknown.toml")
     return str(tmp_path / "run.csv"), str(tmp_path / "unknown.toml")
 
 

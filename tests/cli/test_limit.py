@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.cli import run
@@ -85,10 +86,7 @@ def test_prints_a_table(chain: Path, capsys: pytest.CaptureFixture[str]) -> None
 def test_says_what_sensors_cannot_tell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without a force on it, a motion is the same when mass, stiffness and damping grow together."""
     path = tmp_path / "mass.toml"
-    path.write_text(
-        'name = "one"\n[[mass]]\nname = "m1"\nmass = 1.0\n[[link]]\nname = "spring"\nbetween = ["m1", "ground"]\n'
-        'law = "k*d + c*v"\ncoefficients = { k = 400.0, c = 0.5 }\n'
-    )
+    lw.write_structure(oscillator("k*d + c*v", name="spring", k=400.0, c=0.5), path)
     unknown = ["--unknown", "spring", "--unknown", "mass:m1"]
     assert run(["limit", str(path), *PLAN, "--noise", "20", *unknown]) == 3
     out = capsys.readouterr().out

@@ -7,23 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.cli import run
 
-STOREY = """\
-name = "storey"
-
-[[mass]]
-name = "m1"
-mass = 1.0
-
-[[link]]
-name = "frame"
-between = ["m1", "base"]
-law = "k*d + c*v"
-coefficients = { k = 900.0, c = 1.5 }
-"""
 BASE = "0.004*sin(31*t) + 0.003*sin(47*t + 1) + 0.002*sin(71*t + 2) + 0.01*sin(9*t)"
 LATE = 0.003
 
@@ -31,8 +19,8 @@ LATE = 0.003
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A structure, and two instruments: one on the floor, the other, late, on the ground."""
-    (tmp_path / "storey.toml").write_text(STOREY)
-    structure = lw.read_structure(tmp_path / "storey.toml")
+    structure = oscillator("k*d + c*v", to="base", name="frame", k=900.0, c=1.5)
+    lw.write_structure(structure, tmp_path / "storey.toml")
     lw.write_structure(structure.unknown("all"), tmp_path / "unknown.toml")
     record = lw.simulate(structure, base=BASE, duration=4.0, rate=200.0, sensors=["a", "a:base"])
     record = record.with_noise(40.0, seed=1)

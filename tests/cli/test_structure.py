@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from structures import named, structure
 
 import linkwise as lw
 from linkwise.cli import run
@@ -170,11 +171,9 @@ def test_named_laws_are_listed_and_printed_as_links_to_edit(capsys: pytest.Captu
 
 
 def test_show_tells_states(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    coil = lw.named_law("coil")
-    values = {name: lw.Coefficient.number(2.0) for name in coil.coefficients}
-    masses = (lw.Mass("m1", lw.Coefficient.number(1.0)),)
-    subject = lw.Structure("rig", masses, (coil.link("coil", ("m1", "ground"), values),))
-    lw.write_structure(subject, tmp_path / "rig.toml")
+    values = dict.fromkeys(lw.named_law("coil").coefficients, 2.0)
+    rig = structure({"m1": 1.0}, named("coil", "m1-ground", "coil", **values))
+    lw.write_structure(rig, tmp_path / "rig.toml")
     assert run(["structure", "show", str(tmp_path / "rig.toml")]) == 0
     out = capsys.readouterr().out
     assert "i' = (g*v - R*i)/L; i in A, 0 at the start" in out

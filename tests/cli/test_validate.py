@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.cli import run

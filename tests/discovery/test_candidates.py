@@ -2,50 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import pytest
 from present import some
+from structures import bodies, link
 
 import linkwise as lw
 from linkwise.discovery.candidates import Candidates, all_candidates
 from linkwise.discovery.terms import parse_terms
 
 TERMS = parse_terms("v, d, d**3")
-STATED = """
-[[link]]
-name = "frame"
-between = ["a", "ground"]
-law = "k*d + c*v"
-coefficients = { k = 3.0, c = "unknown" }
-[[link]]
-name = "none"
-between = ["b", "a"]
-law = "0"
-[[link]]
-name = "sink"
-between = ["c", "b"]
-law = "c*v**3 + k9*d"
-coefficients = { c = "unknown", k9 = 0.0 }
-[[link]]
-name = "second"
-between = ["b", "c"]
-law = "q*d**3"
-coefficients = { q = "unknown" }
-"""
+STATED = (
+    link("frame", "a-ground", "k*d + c*v", k=3.0),
+    link("none", "b-a", "0"),
+    link("sink", "c-b", "c*v**3 + k9*d", k9=0.0),
+    link("second", "b-c", "q*d**3"),
+)
 
 
-def masses(*names: str) -> list[lw.Mass]:
-    return [lw.Mass(name, lw.Coefficient.number(1.0)) for name in names]
+def masses(*names: str) -> tuple[lw.Mass, ...]:
+    return bodies(dict.fromkeys(names, 1.0))
 
 
-def structure(links: str, names: Sequence[str] = ("a", "b", "c")) -> lw.Structure:
-    return lw.parse_structure("".join(f'[[mass]]\nname = "{name}"\nmass = 1.0\n' for name in names) + links)
-
-
-def stated(links: str = STATED) -> Candidates:
-    given = structure(links)
-    return all_candidates(given.masses, TERMS, stated=given.links)
+def stated(*links: lw.Link) -> Candidates:
+    return all_candidates(masses("a", "b", "c"), TERMS, stated=links or STATED)
 
 
 def test_every_pair_and_every_mass_with_the_ground() -> None:
@@ -140,9 +119,9 @@ def test_two_stated_links_of_one_pair_are_one_pair() -> None:
     "candidates",
     [
         stated(
-            '[[link]]\nname = "c-b"\nbetween = ["a", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
-            '[[link]]\nname = "b"\nbetween = ["b", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
-            '[[link]]\nname = "c"\nbetween = ["c", "ground"]\nlaw = "k*d"\ncoefficients = { k = 1.0 }\n'
+            link("c-b", "a-ground", "k*d", k=1.0),
+            link("b", "b-ground", "k*d", k=1.0),
+            link("c", "c-ground", "k*d", k=1.0),
         ),
         all_candidates(masses("c", "b-c", "a-b", "a"), TERMS),  # "a-b" with "c", and "a" with "b-c"
     ],

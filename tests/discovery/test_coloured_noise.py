@@ -63,6 +63,7 @@ def test_the_evidence_counts_how_well_gains_are_known() -> None:
         )
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_where_laws_run_away_the_selection_of_white_noise_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*given: object, **keywords: object) -> object:
         raise lw.IdentificationError("the motion runs to infinity")

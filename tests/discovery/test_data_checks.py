@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from judged import masses
 from problems import chain_record
+from structures import link, structure
 
 import linkwise as lw
 
@@ -183,17 +184,12 @@ def test_masses_that_move_in_proportion_are_named(clean: lw.Record, chain: lw.St
 
 def test_one_mode_decides_nothing_of_its_masses() -> None:
     """A light mass that follows a heavy one: as an oscillator of its own, in step with it, it explains the record as well."""
-    number = lw.Coefficient.number
-    law = lw.Law.parse("k*d + c*v")
-    links = tuple(
-        lw.Link(f"{first}-{second}", (first, second), law, {"k": number(k), "c": number(c)})
-        for first, second, k, c in (
-            ("m1", "ground", 4e4, 4.0),
-            ("m2", "m1", 8e3, 1.0),
-            ("m2", "ground", 1.3e4, 4.0),
-        )
+    pair = structure(
+        {"m1": 0.3, "m2": 3.3},
+        link("m1-ground", "m1-ground", "k*d + c*v", k=4e4, c=4.0),
+        link("m2-m1", "m2-m1", "k*d + c*v", k=8e3, c=1.0),
+        link("m2-ground", "m2-ground", "k*d + c*v", k=1.3e4, c=4.0),
     )
-    pair = lw.Structure("pair", (lw.Mass("m1", number(0.3)), lw.Mass("m2", number(3.3))), links)
     clean = lw.simulate(pair, release={"x:m2": 0.05, "x:m1": 0.0084}, duration=2.0, rate=400.0)
     discovery = lw.discover(clean.with_noise(12.0, seed=49001), masses(pair))
     assert "m1 and m2 moved in proportion" in discovery.remarks[0]

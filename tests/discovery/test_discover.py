@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from judged import graph, masses, terms
 from present import present, some
-from problems import chain_discovery, chain_record, linear_chain, row_of_masses
+from problems import chain_discovery, chain_record, linear_chain
 from random_structures import random_case
 from scipy.signal import lfilter
+from structures import link, row_of_masses, structure, with_links
 
 import linkwise as lw
 from linkwise.discovery import screen
@@ -121,24 +122,12 @@ def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int) -> None:
 
 def apart() -> lw.Structure:
     """Two two-mass chains that do not touch, the second on a stiffer spring."""
-    chain, number = lw.bnes_chain(2), lw.Coefficient.number
-    partner = {"m1": "m3", "m2": "m4", "ground": "ground"}
-    stiffer = {"k": number(40000.0), "c": number(1.0)}
-    return lw.Structure(
-        "two chains",
-        (*chain.masses, *(replace(mass, name=partner[mass.name]) for mass in chain.masses)),
-        (
-            *chain.links,
-            *(
-                lw.Link(
-                    f"other-{link.name}",
-                    (partner[link.between[0]], partner[link.between[1]]),
-                    link.law,
-                    stiffer if link.name == "spring1" else link.coefficients,
-                )
-                for link in chain.links
-            ),
-        ),
+    chain = lw.bnes_chain(2)
+    return structure(
+        {"m1": 1.0, "m2": 0.01, "m3": 1.0, "m4": 0.01},
+        *chain.links,
+        link("other-spring1", "m3-ground", "k*d + c*v", k=40000.0, c=1.0),
+        replace(chain.link("nes1"), name="other-nes1", between=("m4", "m3")),
     )
 
 
@@ -154,8 +143,7 @@ def test_structures_that_do_not_touch_have_no_link_between_them(seed: int) -> No
 def test_where_they_do_touch_the_link_is_found() -> None:
     """A tenth of the weaker spring's stiffness between the two frames, and no damper with it."""
     true = apart()
-    weak = lw.Link("touch", ("m3", "m1"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(3000.0)})
-    true = replace(true, links=(*true.links, weak))
+    true = with_links(true, link("touch", "m3-m1", "k*d", k=3000.0))
     record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
     discovery = lw.discover(record.with_noise(20.0, seed=1000), masses(true))
     assert terms(discovery.structure) == terms(true)
@@ -229,8 +217,8 @@ def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
 
 
 def known_not_to_be(masses_: tuple[lw.Mass, ...], *pairs: tuple[str, str]) -> lw.Structure:
-    none = [lw.Link("-".join(pair), pair, lw.Law.parse("0"), {}) for pair in pairs]
-    return lw.Structure("links that are none", masses_, tuple(none))
+    none = (link("-".join(pair), "-".join(pair), "0") for pair in pairs)
+    return structure({mass.name: mass.mass for mass in masses_}, *none)
 
 
 def test_a_link_that_is_known_not_to_be_is_not_found(four: lw.Record) -> None:
@@ -400,11 +388,11 @@ def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
     discovery = lw.discover(record, masses(true))
     assert discovery.trusted and "m1-ground" not in discovery.in_doubt and discovery.in_doubt
-    for link in some(discovery.estimate.links):
-        doubtful = link.link.name in discovery.in_doubt
-        assert (link.covariance is None) == doubtful
+    for estimate in some(discovery.estimate.links):
+        doubtful = estimate.link.name in discovery.in_doubt
+        assert (estimate.covariance is None) == doubtful
         assert all(
-            (coefficient.standard_error is None) == doubtful for coefficient in some(link.coefficients)
+            (coefficient.standard_error is None) == doubtful for coefficient in some(estimate.coefficients)
         )
 
 

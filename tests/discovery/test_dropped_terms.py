@@ -9,6 +9,7 @@ import pytest
 from judged import masses
 from present import present, some
 from problems import chain_record
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
@@ -84,20 +85,11 @@ def test_nothing_dropped_adds_nothing(model: tuple[QuadraticModel, Penalty]) -> 
 
 def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> None:
     """Three dampers of two masses in two modes: most often one is dropped, and the others take its part."""
-    number, law = lw.Coefficient.number, lw.Law.parse
-    true = lw.Structure(
-        "two masses on three dampers",
-        (lw.Mass("m1", number(1.0)), lw.Mass("m2", number(0.5))),
-        (
-            lw.Link("m1-ground", ("m1", "ground"), law("k*d + c*v"), {"k": number(4e3), "c": number(0.4)}),
-            lw.Link(
-                "m2-m1",
-                ("m2", "m1"),
-                law("k*d + k3*d**3 + c*v"),
-                {"k": number(4e3), "k3": number(1e6), "c": number(0.3)},
-            ),
-            lw.Link("m2-ground", ("m2", "ground"), law("k*d + c*v"), {"k": number(2e3), "c": number(0.05)}),
-        ),
+    true = structure(
+        {"m1": 1.0, "m2": 0.5},
+        link("m1-ground", "m1-ground", "k*d + c*v", k=4e3, c=0.4),
+        link("m2-m1", "m2-m1", "k*d + k3*d**3 + c*v", k=4e3, k3=1e6, c=0.3),
+        link("m2-ground", "m2-ground", "k*d + c*v", k=2e3, c=0.05),
     )
     far, far_alone = [], []
     for seed in range(100, 106):

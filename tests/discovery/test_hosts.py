@@ -7,42 +7,36 @@ from functools import cache
 
 import numpy as np
 import pytest
+from structures import CANTILEVER, CANTILEVER_SHAPES, CANTILEVER_SINK, NES, bodies, host, link, structure
 
 import linkwise as lw
 from linkwise.discovery.candidates import all_candidates
 from linkwise.discovery.host_screen import screen_links
 from linkwise.discovery.terms import parse_terms
 
-number = lw.Coefficient.number
-FREQUENCIES = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever
-SHAPES = {"tip": (3.2, -3.2, 3.2), "mid": (1.1, 2.3, 0.06), "root": (0.3, 1.5, 2.8)}
-NEAR = {"near": tuple(1.002 * part for part in SHAPES["tip"])}  # moves as the tip to within the noise
-LAW = lw.Law.parse("alpha*d + beta*d**3 + c*v")
-TRUE = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
-SINK = lw.Mass("sink", number(0.03))
+SINK = bodies({"sink": 0.03})
+NEAR = {
+    "near": tuple(1.002 * part for part in CANTILEVER_SHAPES["tip"])
+}  # moves as the tip to within the noise
 
 
-def host(shapes: Mapping[str, tuple[float, ...]], *, second: float = 1.0) -> lw.Host:
+def beam(shapes: Mapping[str, tuple[float, ...]], *, second: float = 1.0) -> lw.Host:
     """A cantilever by three modes, of which the frequency of the second is off by a factor."""
-    return lw.Host(
-        "beam",
-        tuple(
-            lw.HostMode(
-                number(frequency * (second if r == 1 else 1.0)),
-                number(0.01),
-                {point: shape[r] for point, shape in shapes.items()},
-            )
-            for r, frequency in enumerate(FREQUENCIES)
-        ),
-    )
+    first, middle, last = CANTILEVER
+    return host("beam", [first, middle * second, last], 0.01, shapes)
+
+
+def with_sink(end: str, shapes: Mapping[str, tuple[float, ...]]) -> lw.Structure:
+    """The beam with a bistable sink at one of its points."""
+    sink = link("nes", f"sink-beam.{end}", NES, **CANTILEVER_SINK)
+    return structure({"sink": 0.03}, sink, hosts=[beam(shapes)], name="beam")
 
 
 @cache
 def record(end: str, sensors: tuple[str, ...]) -> lw.Record:
     """Two hammer hits on the beam, which has a bistable sink at one of its points."""
-    link = lw.Link("nes", ("sink", f"beam.{end}"), LAW, {name: number(value) for name, value in TRUE.items()})
     return lw.simulate(
-        lw.Structure("beam", (SINK,), (link,), (host(SHAPES | NEAR),)),
+        with_sink(end, CANTILEVER_SHAPES | NEAR),
         forces={"beam.root": "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 0.375)/0.002)**2)"},
         release={"x:sink": 0.00707},
         duration=0.4,
@@ -52,11 +46,11 @@ def record(end: str, sensors: tuple[str, ...]) -> lw.Record:
 
 
 def discovered(end: str, sensors: tuple[str, ...], known: lw.Host) -> lw.Discovery:
-    return lw.discover(record(end, sensors), lw.PartialStructure((SINK,), (), (known,)), terms="v, d, d**3")
+    return lw.discover(record(end, sensors), lw.PartialStructure(SINK, (), (known,)), terms="v, d, d**3")
 
 
 def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
-    discovery = discovered("mid", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES))
+    discovery = discovered("mid", ("a:beam.tip", "a:beam.mid", "a:sink"), beam(CANTILEVER_SHAPES))
     assert discovery.trusted
     assert [term.name for term in sorted(discovery.kept, key=lambda term: term.name)] == [
         "sink-beam.mid.c",
@@ -64,7 +58,11 @@ def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
         "sink-beam.mid.k3",
     ]
     assert discovery.in_doubt == ()
-    for name, true in (("k", TRUE["alpha"]), ("k3", TRUE["beta"]), ("c", TRUE["c"])):
+    for name, true in (
+        ("k", CANTILEVER_SINK["alpha"]),
+        ("k3", CANTILEVER_SINK["beta"]),
+        ("c", CANTILEVER_SINK["c"]),
+    ):
         estimate = discovery.estimate.coefficient(f"sink-beam.mid.{name}")
         assert estimate.standard_error is not None
         assert (
@@ -75,7 +73,7 @@ def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
 
 
 def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
-    discovery = discovered("tip", ("a:beam.mid", "a:sink"), host(SHAPES | NEAR))
+    discovery = discovered("tip", ("a:beam.mid", "a:sink"), beam(CANTILEVER_SHAPES | NEAR))
     [link] = discovery.in_doubt
     assert link in ("sink-beam.tip", "sink-beam.near")
     exchanged = {"sink-beam.tip", "sink-beam.near"} - {link}
@@ -85,7 +83,9 @@ def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
 
 
 def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
-    discovery = discovered("tip", ("a:beam.tip", "a:beam.mid", "a:sink"), host(SHAPES, second=1.03))
+    discovery = discovered(
+        "tip", ("a:beam.tip", "a:beam.mid", "a:sink"), beam(CANTILEVER_SHAPES, second=1.03)
+    )
     assert not discovery.trusted
     assert any(
         "the frequency of beam.mode2 were 2.9 % less than stated" in text for text in discovery.remarks
@@ -93,14 +93,14 @@ def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
 
 
 def test_the_screen_finds_the_link_before_its_law_is_known() -> None:
-    candidates = all_candidates((SINK,), parse_terms("v, d"), hosts=(host(SHAPES),))
+    candidates = all_candidates(SINK, parse_terms("v, d"), hosts=(beam(CANTILEVER_SHAPES),))
     screened = screen_links(record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")), candidates)
     assert screened == {"sink-beam.mid.c", "sink-beam.mid.k"}
 
 
 def test_candidates_join_points_that_can_move_apart() -> None:
     shapes = {"tip": (3.2, -3.2, 3.2), "twin": (3.2, -3.2, 3.2), "clamp": (0.0, 0.0, 0.0)}
-    pairs = all_candidates((SINK,), parse_terms("d"), hosts=(host(shapes),)).pairs
+    pairs = all_candidates(SINK, parse_terms("d"), hosts=(beam(shapes),)).pairs
     assert [pair.name for pair in pairs] == [
         "beam.tip-ground",
         "beam.twin-ground",
@@ -115,23 +115,18 @@ def test_a_record_without_sensors_of_the_structure_is_refused() -> None:
     values = np.random.default_rng(1).standard_normal((len(full), 2))
     elsewhere = lw.Record(0.0, full.rate, ("a:elsewhere", "force:beam.root"), values)
     with pytest.raises(lw.IdentificationError, match="no channel measures the motion of a mass or point"):
-        lw.check_discovery(elsewhere, lw.PartialStructure((SINK,), (), (host(SHAPES),)))
+        lw.check_discovery(elsewhere, lw.PartialStructure(SINK, (), (beam(CANTILEVER_SHAPES),)))
 
 
 def test_the_truth_of_a_host_is_compared_by_its_links() -> None:
-    def structure(end: str) -> lw.Structure:
-        law = {name: number(value) for name, value in TRUE.items()}
-        return lw.Structure(
-            "b", (SINK,), (lw.Link("nes", ("sink", f"beam.{end}"), LAW, law),), (host(SHAPES),)
-        )
-
-    score = lw.term_score(structure("tip"), structure("mid"))
+    tip, mid = with_sink("tip", CANTILEVER_SHAPES), with_sink("mid", CANTILEVER_SHAPES)
+    score = lw.term_score(tip, mid)
     assert score.missing_links == ("nes",)
     assert score.extra == ("nes.alpha", "nes.beta", "nes.c")
-    assert lw.term_score(structure("tip"), structure("tip")).exact
-    aligned = lw.align_truth(structure("tip"), structure("mid"))
-    assert aligned.link("nes").values == dict.fromkeys(TRUE, 0.0)
-    assert aligned.link("beam.mode1").values["frequency"] == FREQUENCIES[0]
+    assert lw.term_score(tip, tip).exact
+    aligned = lw.align_truth(tip, mid)
+    assert aligned.link("nes").values == dict.fromkeys(CANTILEVER_SINK, 0.0)
+    assert aligned.link("beam.mode1").values["frequency"] == CANTILEVER[0]
 
 
 def test_parameters_of_terms_are_refused_beside_a_host() -> None:
@@ -140,6 +135,6 @@ def test_parameters_of_terms_are_refused_beside_a_host() -> None:
     ):
         lw.check_discovery(
             record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")),
-            lw.PartialStructure((SINK,), (), (host(SHAPES),)),
+            lw.PartialStructure(SINK, (), (beam(CANTILEVER_SHAPES),)),
             terms="v, d, friction",
         )

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
@@ -14,24 +15,11 @@ from linkwise.weak.displacements import read_displacements
 
 TERMS = "v, d, contact(0.004), friction(0.01)"
 MASSES = {"m1": 1.0, "m2": 0.3}
-TRUTH = lw.parse_structure("""
-    [[mass]]
-    name = "m1"
-    mass = 1.0
-    [[mass]]
-    name = "m2"
-    mass = 0.3
-    [[link]]
-    name = "stop"
-    between = ["m1", "ground"]
-    law = "k*d + c*v + kc*max(d - 0.004, 0)"
-    coefficients = { k = 3000.0, c = 1.0, kc = 2e4 }
-    [[link]]
-    name = "slide"
-    between = ["m2", "m1"]
-    law = "k*d + c*v + F*tanh(v/0.01)"
-    coefficients = { k = 1500.0, c = 0.3, F = 0.5 }
-""")
+TRUTH = structure(
+    {"m1": 1.0, "m2": 0.3},
+    link("stop", "m1-ground", "k*d + c*v + kc*max(d - 0.004, 0)", k=3000.0, c=1.0, kc=2e4),
+    link("slide", "m2-m1", "k*d + c*v + F*tanh(v/0.01)", k=1500.0, c=0.3, F=0.5),
+)
 
 
 def struck(velocity: float) -> lw.Record:

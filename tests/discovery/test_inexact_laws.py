@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from problems import chain_record, oscillator
+from problems import chain_record
+from structures import link, oscillator, structure
 
 import linkwise as lw
 from linkwise.discovery import inexact_laws
@@ -16,24 +17,11 @@ from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
 
 RATE, DURATION = 400.0, 10.0
-CHAIN = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[mass]]
-name = "m2"
-mass = 0.8
-[[link]]
-name = "m1-ground"
-between = ["m1", "ground"]
-law = "k*d + c*v + k3*d**3 + q*v*abs(v)"
-coefficients = { k = 1500.0, c = 1.5, k3 = 1e5, q = 3.0 }
-[[link]]
-name = "m2-m1"
-between = ["m2", "m1"]
-law = "k*d + c*v + k3*d**3 + q*v*d**2"
-coefficients = { k = 900.0, c = 1.0, k3 = 8e4, q = 1500.0 }
-"""
+CHAIN = structure(
+    {"m1": 1.0, "m2": 0.8},
+    link("m1-ground", "m1-ground", "k*d + c*v + k3*d**3 + q*v*abs(v)", k=1500.0, c=1.5, k3=1e5, q=3.0),
+    link("m2-m1", "m2-m1", "k*d + c*v + k3*d**3 + q*v*d**2", k=900.0, c=1.0, k3=8e4, q=1500.0),
+)
 
 
 def random_force(rng: np.random.Generator) -> lw.Sampled:
@@ -47,7 +35,7 @@ def random_force(rng: np.random.Generator) -> lw.Sampled:
 
 def test_the_structure_is_found_with_a_model_error() -> None:
     """Each link has a term of damping, 1 to 5 % of its force, that no candidate has."""
-    chain = lw.parse_structure(CHAIN, "test")
+    chain = CHAIN
     seed = 11
     rng = np.random.default_rng(seed)
     forces = {mass: random_force(rng) for mass in chain.mass_names}
@@ -79,19 +67,7 @@ def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
 
 
 def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
-    rig = lw.parse_structure(
-        """
-[[mass]]
-name = "m1"
-mass = 2.5
-[[link]]
-name = "spring"
-between = ["m1", "ground"]
-law = "k*d + c*v + f0"
-coefficients = { k = 2000.0, c = 3.0, f0 = 1.2 }
-""",
-        "test",
-    )
+    rig = oscillator("k*d + c*v + f0", mass=2.5, name="spring", k=2000.0, c=3.0, f0=1.2)
     force = random_force(np.random.default_rng(5))
     record = lw.simulate(rig, forces={"m1": force}, duration=DURATION, rate=RATE).with_noise(40.0, seed=5)
     discovery = lw.discover(record, {"m1": "unknown"}, terms="1, cubic")

@@ -5,41 +5,32 @@ from __future__ import annotations
 import json
 
 import pytest
+from structures import link, named, structure
 
 import linkwise as lw
 from linkwise.discovery.memory_terms import link_with_memory, memory_laws, plain_terms
 from linkwise.discovery.terms import offered_memory
 
-NUMBER = lw.Coefficient.number
 MASSES = {"m1": 1.0, "m2": 1.2}
 HYSTERETIC = {"k": 800.0, "c": 1.0, "F": 6.0, "x0": 0.004, "s": 0.6}
 
 
 def pair(second: lw.Link) -> lw.Structure:
     """A mass on a linear spring, and another on it by a second link."""
-    first = lw.Link(
-        "m1-ground", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": NUMBER(2000.0), "c": NUMBER(1.0)}
-    )
-    masses = tuple(lw.Mass(name, NUMBER(value)) for name, value in MASSES.items())
-    return lw.Structure("two masses", masses, (first, second))
+    return structure(MASSES, link("m1-ground", "m1-ground", "k*d + c*v", k=2000.0, c=1.0), second)
 
 
 def hysteretic() -> lw.Structure:
-    values = {name: NUMBER(value) for name, value in HYSTERETIC.items()}
-    return pair(lw.named_law("bouc-wen").link("m2-m1", ("m2", "m1"), values))
+    return pair(named("m2-m1", "m2-m1", "bouc-wen", **HYSTERETIC))
 
 
 def plain(law: str, **values: float) -> lw.Structure:
-    return pair(
-        lw.Link(
-            "m2-m1", ("m2", "m1"), lw.Law.parse(law), {name: NUMBER(value) for name, value in values.items()}
-        )
-    )
+    return pair(link("m2-m1", "m2-m1", law, **values))
 
 
-def noisy(structure: lw.Structure, seed: int) -> lw.Record:
+def noisy(subject: lw.Structure, seed: int) -> lw.Record:
     force = "9*sin(17*t) + 7*sin(31*t + 1) + 6*sin(53*t + 2)"
-    record = lw.simulate(structure, forces={"m2": force}, duration=6.0, rate=200.0, sensors=("x",))
+    record = lw.simulate(subject, forces={"m2": force}, duration=6.0, rate=200.0, sensors=("x",))
     return record.with_noise(40.0, seed=seed)
 
 
@@ -76,13 +67,7 @@ def test_draws_a_link_with_memory(found: lw.Discovery) -> None:
 
 
 def test_takes_memory_into_a_stated_link() -> None:
-    unknown = {"k": lw.Coefficient.unknown(), "c": lw.Coefficient.unknown()}
-    law = lw.Law.parse("k*d + c*v")
-    known = lw.Structure(
-        "known",
-        tuple(lw.Mass(name, NUMBER(value)) for name, value in MASSES.items()),
-        (lw.Link("leg", ("m1", "ground"), law, unknown), lw.Link("joint", ("m2", "m1"), law, unknown)),
-    )
+    known = structure(MASSES, link("leg", "m1-ground", "k*d + c*v"), link("joint", "m2-m1", "k*d + c*v"))
     found = lw.discover(noisy(hysteretic(), 72), known, terms="linear, bouc-wen")
     assert [(each.link, each.certain) for each in found.memory] == [("joint", True)] and found.trusted
     assert found.memory[0].coefficients == ("joint.F", "joint.s", "joint.x0")

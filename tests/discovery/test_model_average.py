@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 from present import some
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.discovery.candidates import Candidates

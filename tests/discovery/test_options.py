@@ -23,6 +23,7 @@ def test_every_field_has_its_keyword() -> None:
     assert {field.name for field in fields(lw.DiscoveryOptions)} == set(DiscoveryKeywords.__annotations__)
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_an_object_asks_what_keywords_ask(record: lw.Record) -> None:
     options = lw.DiscoveryOptions(terms=["v", "d"])
     short = record[:51]  # few samples for the candidates: 2 terms on m1-m2, m1-ground and m2-ground

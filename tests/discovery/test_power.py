@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from judged import masses
 from present import some
-from problems import row_of_masses
+from structures import row_of_masses
 
 import linkwise as lw
 from linkwise.discovery.result import CERTAIN

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from present import some
 from regressions import Regression
+from structures import bodies, link, structure
 
-import linkwise as lw
 from linkwise.discovery.candidates import all_candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel
@@ -109,9 +109,7 @@ def test_columns_that_move_together_have_no_solution() -> None:
         empty.quadratic.solve([0, 1])
 
 
-POOL = all_candidates(
-    [lw.Mass(name, lw.Coefficient.number(1.0)) for name in ("a", "b", "c")], parse_terms("v, d, d**3")
-)
+POOL = all_candidates(bodies(dict.fromkeys("abc", 1.0)), parse_terms("v, d, d**3"))
 NAMES = tuple(POOL.by_name)  # of a-ground, b-ground, b-a, c-ground, c-a and c-b
 
 
@@ -127,11 +125,8 @@ def test_a_model_pays_for_its_terms_and_for_its_links() -> None:
 
 
 def test_what_is_stated_costs_nothing() -> None:
-    structure = lw.parse_structure(
-        '[[mass]]\nname = "a"\nmass = 1.0\n[[link]]\nname = "frame"\nbetween = ["a", "ground"]\nlaw = "k*d"\n'
-        'coefficients = { k = "unknown" }\n'
-    )
-    pool = all_candidates(structure.masses, parse_terms("v, d, d**3"), stated=structure.links)
+    stated = structure({"a": 1.0}, link("frame", "a-ground", "k*d"))
+    pool = all_candidates(stated.masses, parse_terms("v, d, d**3"), stated=stated.links)
     penalty = Penalty.of(pool, ("frame.k", "frame.c", "frame.k3"), 100)
     assert penalty.pair.tolist() == [-1, 0, 0]
     assert penalty.total([0]) == 0.0

@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 from present import some
-from problems import row_of_masses
+from structures import row_of_masses
 
 import linkwise as lw
 from linkwise.discovery.rival_errors import RivalError

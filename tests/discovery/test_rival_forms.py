@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.discovery.rival_forms import RivalForm, best_rivals

@@ -4,42 +4,36 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from structures import link, structure
 
 import linkwise as lw
 
 
-def structure(*links: tuple[str, str, str, dict[str, float]], masses: str = "m1 m2") -> lw.Structure:
-    """Masses of 1 kg and links given as name, "end end", law and numbers."""
-    number = lw.Coefficient.number
-    return lw.Structure(
-        "two masses",
-        tuple(lw.Mass(name, number(1.0)) for name in masses.split()),
-        tuple(
-            lw.Link(name, tuple(ends.split()), lw.Law.parse(law), {k: number(v) for k, v in numbers.items()})  # type: ignore[arg-type]
-            for name, ends, law, numbers in links
-        ),
-    )
+def built(*links: tuple[str, str, str, dict[str, float]], masses: str = "m1 m2") -> lw.Structure:
+    """Masses of 1 kg and links given as name, ends, law and numbers."""
+    joined = (link(name, ends, law, **numbers) for name, ends, law, numbers in links)
+    return structure(dict.fromkeys(masses.split(), 1.0), *joined)
 
 
-SPRING = ("m1-ground", "m1 ground", "k*d + c*v", {"k": 30000.0, "c": 1.0})
-SINK = ("m2-m1", "m2 m1", "k*d + k3*d**3 + c*v", {"k": -100.0, "k3": 1e6, "c": 0.02})
+SPRING = ("m1-ground", "m1-ground", "k*d + c*v", {"k": 30000.0, "c": 1.0})
+SINK = ("m2-m1", "m2-m1", "k*d + k3*d**3 + c*v", {"k": -100.0, "k3": 1e6, "c": 0.02})
 
 
 def test_other_names_are_the_same_terms(chain: lw.Structure) -> None:
-    score = lw.term_score(structure(SPRING, SINK), chain)
+    score = lw.term_score(built(SPRING, SINK), chain)
     assert score.exact and score.right == tuple(
         f"{link[0]}.{name}" for link in (SPRING, SINK) for name in lw.Law.parse(link[2]).coefficients
     )
 
 
 def test_missing_and_false_terms_are_named(chain: lw.Structure) -> None:
-    lost = ("m2-m1", "m2 m1", "k*d + k2*d**2 + c*v", {"k": -100.0, "k2": 1.0, "c": 0.02})
-    stray = ("m2-ground", "m2 ground", "k*d", {"k": 3.0})
-    score = lw.term_score(structure(SPRING, lost, stray), chain)
+    lost = ("m2-m1", "m2-m1", "k*d + k2*d**2 + c*v", {"k": -100.0, "k2": 1.0, "c": 0.02})
+    stray = ("m2-ground", "m2-ground", "k*d", {"k": 3.0})
+    score = lw.term_score(built(SPRING, lost, stray), chain)
     assert not score.exact
     assert score.missing == ("nes1.beta",) and score.extra == ("m2-m1.k2", "m2-ground.k")
     assert score.missing_links == () and score.extra_links == ("m2-ground",)
-    bare = lw.term_score(structure(SPRING, ("m2-ground", "m2 ground", "k*d", {"k": 3.0})), chain)
+    bare = lw.term_score(built(SPRING, ("m2-ground", "m2-ground", "k*d", {"k": 3.0})), chain)
     assert bare.missing_links == ("nes1",) and set(bare.missing) == {"nes1.alpha", "nes1.beta", "nes1.c"}
 
 
@@ -49,16 +43,16 @@ def test_missing_and_false_terms_are_named(chain: lw.Structure) -> None:
 def test_ends_may_be_exchanged(law: str) -> None:
     """The force that the true link exerts on m2 is the same, whichever end its law is written for."""
     names = lw.Law.parse(law).coefficients
-    true = structure(SPRING, ("gap", "m1 m2", law, {name: 0.3 + k for k, name in enumerate(names)}))
-    aligned = lw.align_truth(structure(SPRING, SINK), true).link("m2-m1")
+    true = built(SPRING, ("gap", "m1-m2", law, {name: 0.3 + k for k, name in enumerate(names)}))
+    aligned = lw.align_truth(built(SPRING, SINK), true).link("m2-m1")
     d, v = np.random.default_rng(1).normal(size=(2, 50))
     np.testing.assert_allclose(aligned.force(d, v), -true.link("gap").force(-d, -v), rtol=1e-12, atol=1e-12)
     assert aligned.between == ("m2", "m1") and aligned.values["k3"] == 0.0
 
 
 def test_a_factor_or_a_number_in_a_law_is_no_other_term() -> None:
-    true = structure(("spring", "m1 ground", "30000*d + c*v", {"c": 1.0}), SINK)
-    discovered = structure(("m1-ground", "m1 ground", "k*2*d + c*v", {"k": 15000.0, "c": 1.0}), SINK)
+    true = built(("spring", "m1-ground", "30000*d + c*v", {"c": 1.0}), SINK)
+    discovered = built(("m1-ground", "m1-ground", "k*2*d + c*v", {"k": 15000.0, "c": 1.0}), SINK)
     assert lw.term_score(discovered, true).exact
     assert lw.align_truth(discovered, true).link("m1-ground").values == pytest.approx(
         {"k": 15000.0, "c": 1.0}, rel=1e-12
@@ -66,25 +60,25 @@ def test_a_factor_or_a_number_in_a_law_is_no_other_term() -> None:
 
 
 def test_two_frictions_that_saturate_elsewhere_are_two_terms() -> None:
-    laws = [("m2-m1", "m2 m1", f"k*d + F*tanh(v/{rate})", {"k": 1.0, "F": 2.0}) for rate in (0.01, 0.02)]
-    first, second = (structure(SPRING, law) for law in laws)
+    laws = [("m2-m1", "m2-m1", f"k*d + F*tanh(v/{rate})", {"k": 1.0, "F": 2.0}) for rate in (0.01, 0.02)]
+    first, second = (built(SPRING, law) for law in laws)
     assert lw.term_score(first, second).extra == lw.term_score(first, second).missing == ("m2-m1.F",)
     assert lw.term_score(first, first).exact
 
 
 def test_a_coefficient_of_zero_is_no_term() -> None:
-    none = ("nes1", "m2 m1", "k*d + k2*d**2 + k3*d**3 + c*v", {"k": -100.0, "k2": 0.0, "k3": 1e6, "c": 0.02})
-    first, second = structure(SPRING, SINK), structure(SPRING, none)
+    none = ("nes1", "m2-m1", "k*d + k2*d**2 + k3*d**3 + c*v", {"k": -100.0, "k2": 0.0, "k3": 1e6, "c": 0.02})
+    first, second = built(SPRING, SINK), built(SPRING, none)
     assert lw.term_score(first, second).exact and lw.term_score(second, first).exact
 
 
 def test_a_false_link_has_no_force_in_truth(chain: lw.Structure) -> None:
-    stray = ("m2-ground", "m2 ground", "k*d", {"k": 3.0})
-    assert lw.align_truth(structure(SPRING, SINK, stray), chain).link("m2-ground").values == {"k": 0.0}
+    stray = ("m2-ground", "m2-ground", "k*d", {"k": 3.0})
+    assert lw.align_truth(built(SPRING, SINK, stray), chain).link("m2-ground").values == {"k": 0.0}
 
 
 def test_other_masses_cannot_be_compared(chain: lw.Structure) -> None:
-    discovered = structure(SPRING, ("x", "big m1", "k*d", {"k": 1.0}), masses="m1 big")
+    discovered = built(SPRING, ("x", "big-m1", "k*d", {"k": 1.0}), masses="m1 big")
     with pytest.raises(
         lw.StructureError, match="does not have the mass big, so the two cannot be compared; it has m1, m2"
     ):

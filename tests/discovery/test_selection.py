@@ -13,6 +13,7 @@ import pytest
 from judged import masses
 from present import present
 from problems import chain_record
+from structures import HARDENING, link, structure
 
 import linkwise as lw
 from linkwise.discovery.criterion import Penalty
@@ -34,6 +35,7 @@ def failing(fit: Callable[..., Any], first: int) -> Callable[..., Any]:
     return refused
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 @pytest.mark.parametrize(("place", "first"), [("selection", 2), ("inexact_laws", 1), ("inexact_laws", 2)])
 def test_laws_that_run_away_in_a_later_round_leave_the_best_of_those_before(
     place: str, first: int, monkeypatch: pytest.MonkeyPatch
@@ -99,27 +101,11 @@ def test_laws_that_run_away_in_the_first_round_are_refused(monkeypatch: pytest.M
 
 def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was() -> None:
     """A second round that would start from -31 g, and trials that come to 0: no warning of a division either."""
-    number, law = lw.Coefficient.number, lw.Law.parse
-    true = lw.Structure(
-        "two masses",
-        (lw.Mass("m1", number(3.2555)), lw.Mass("m2", number(0.13649))),
-        (
-            lw.Link(
-                "m1-ground", ("m1", "ground"), law("k*d + c*v"), {"k": number(342050.0), "c": number(18.966)}
-            ),
-            lw.Link(
-                "m2-m1",
-                ("m2", "m1"),
-                law("k*d + k3*d**3 + c*v"),
-                {"k": number(569.61), "k3": number(-587900.0), "c": number(0.068113)},
-            ),
-            lw.Link(
-                "m2-ground",
-                ("m2", "ground"),
-                law("k*d + k3*d**3 + c*v"),
-                {"k": number(5311.5), "k3": number(-5288900.0), "c": number(0.3622)},
-            ),
-        ),
+    true = structure(
+        {"m1": 3.2555, "m2": 0.13649},
+        link("m1-ground", "m1-ground", "k*d + c*v", k=342050.0, c=18.966),
+        link("m2-m1", "m2-m1", HARDENING, k=569.61, k3=-587900.0, c=0.068113),
+        link("m2-ground", "m2-ground", HARDENING, k=5311.5, k3=-5288900.0, c=0.3622),
     )
     record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
     discovery = lw.discover(record.with_noise(34.15, seed=5081), {"m1": 3.2555, "m2": "unknown"})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from problems import row_of_masses
+from structures import row_of_masses
 
 import linkwise as lw
 

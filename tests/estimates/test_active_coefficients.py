@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
 
-RIG = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[link]]
-name = "spring"
-between = ["m1", "ground"]
-law = "k*d + c*v + fc*tanh(v/0.01)"
-coefficients = { k = 1000.0, c = 2.0, fc = -0.5 }
-"""
+RIG = oscillator("k*d + c*v + fc*tanh(v/0.01)", name="spring", k=1000.0, c=2.0, fc=-0.5)
 
 
 def test_negative_friction_is_named_where_the_link_as_a_whole_dissipates() -> None:
-    rig = lw.parse_structure(RIG, "test")
-    clean = lw.simulate(rig, release={"x:m1": 0.1}, duration=4.0, rate=500.0)
-    fit = lw.identify(clean.with_noise(40.0, seed=3), rig.unknown("all"))
+    clean = lw.simulate(RIG, release={"x:m1": 0.1}, duration=4.0, rate=500.0)
+    fit = lw.identify(clean.with_noise(40.0, seed=3), RIG.unknown("all"))
     high = (fit.coefficient("spring.fc").interval or (np.nan, np.nan))[1]
     assert fit.trusted and high < 0.0
     assert [line for line in fit.findings if line.startswith("spring.fc is negative")]

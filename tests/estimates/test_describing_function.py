@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from structures import link
 
-import linkwise as lw
 from linkwise import equivalent
 from linkwise.estimates.link_estimate import LinkEstimate
 
@@ -17,13 +17,9 @@ OMEGA = 2.0 * np.pi * FREQUENCY
 def link_estimate(
     law: str, covariance: np.ndarray | None = None, free: tuple[str, ...] = (), **values: float
 ) -> LinkEstimate:
-    link = lw.Link(
-        "link",
-        ("m1", "ground"),
-        lw.Law.parse(law),
-        {name: lw.Coefficient.number(v) for name, v in values.items()},
+    return LinkEstimate(
+        link("link", "m1-ground", law, **values), (), (-0.05, 0.05), (-1.0, 1.0), free, covariance, 1.0
     )
-    return LinkEstimate(link, (), (-0.05, 0.05), (-1.0, 1.0), free, covariance, 1.0)
 
 
 def test_a_linear_link_is_its_own_equivalent() -> None:

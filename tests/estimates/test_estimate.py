@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record
+from structures import NES, link
 
 import linkwise as lw
 from linkwise.atomic import to_json
@@ -26,12 +27,8 @@ COVARIANCE = (
 def sink(
     alpha: float = ALPHA, beta: float = BETA, covariance: np.ndarray | None = COVARIANCE
 ) -> LinkEstimate:
-    law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
-    values = {"alpha": alpha, "beta": beta, "c": 0.02}
-    link = lw.Link(
-        "nes1", ("m2", "m1"), law, {name: lw.Coefficient.number(value) for name, value in values.items()}
-    )
-    return LinkEstimate(link, (), (-0.03, 0.03), (-5.0, 5.0), ("alpha", "beta", "c"), covariance, MOVING)
+    nes = link("nes1", "m2-m1", NES, alpha=alpha, beta=beta, c=0.02)
+    return LinkEstimate(nes, (), (-0.03, 0.03), (-5.0, 5.0), ("alpha", "beta", "c"), covariance, MOVING)
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record
+from structures import link
 
 import linkwise as lw
 from linkwise.estimates.energy_supply import supplied_power
@@ -24,12 +25,6 @@ def link_estimate(
     correlation: float = 0.0,
 ) -> LinkEstimate:
     """A link identified with these standard errors, the first two coefficients correlated."""
-    link = lw.Link(
-        "sink",
-        ("m2", "m1"),
-        lw.Law.parse(law),
-        {name: lw.Coefficient.number(value) for name, value in values.items()},
-    )
     covariance = np.diag(np.square(errors))
     if len(errors) > 1:
         covariance[0, 1] = covariance[1, 0] = correlation * errors[0] * errors[1]
@@ -37,7 +32,15 @@ def link_estimate(
         CoefficientEstimate(f"sink.{name}", value, "?", False, error, (value - 2 * error, value + 2 * error))
         for (name, value), error in zip(values.items(), errors, strict=True)
     )
-    return LinkEstimate(link, coefficients, reach, (-1.0, 1.0), tuple(values), covariance, 0.01)
+    return LinkEstimate(
+        link("sink", "m2-m1", law, **values),
+        coefficients,
+        reach,
+        (-1.0, 1.0),
+        tuple(values),
+        covariance,
+        0.01,
+    )
 
 
 def sentences(estimate: LinkEstimate) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from problems import chain_record
 from rigs import BOUC_WEN, hysteretic, measured, rig, run
+from structures import hysteretic_oscillator
 
 import linkwise as lw
 from linkwise.estimates.force_loop import force_loop, has_loop
@@ -50,9 +51,7 @@ def test_the_loop_of_a_link_with_memory_has_its_states() -> None:
 
 
 def test_a_link_with_memory_between_masses_has_a_loop_with_its_states() -> None:
-    numbers = {name: lw.Coefficient.number(value) for name, value in BOUC_WEN.items()}
-    joint = lw.named_law("bouc-wen").link("joint", ("m1", "ground"), numbers)
-    structure = lw.Structure("joint", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (joint,))
+    structure = hysteretic_oscillator(**BOUC_WEN)
     exact = lw.simulate(
         structure, duration=2.0, rate=500.0, sensors=["x", "f"], forces={"m1": "150*sin(40*t) + 60*sin(97*t)"}
     )

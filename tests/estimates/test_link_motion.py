@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from problems import chain_record
+from structures import link, structure, with_links
 
 import linkwise as lw
 
@@ -17,19 +18,7 @@ def quiet() -> lw.Record:
 def test_measured_force_is_the_true_one_even_where_the_law_is_wrong(quiet: lw.Record) -> None:
     chain = lw.bnes_chain(2)
     sink = chain.link("nes1")
-    wrong = lw.Structure(
-        "no cubic term",
-        chain.masses,
-        (
-            chain.link("spring1"),
-            lw.Link(
-                "nes1",
-                sink.between,
-                lw.Law.parse("k*d + c*v"),
-                {name: lw.Coefficient.unknown() for name in ("k", "c")},
-            ),
-        ),
-    )
+    wrong = with_links(chain, link("nes1", "m2-m1", "k*d + c*v"))
     motion = lw.identify(quiet, wrong, method="weak").motion
     assert motion.force is not None
     true = sink.force(motion.d[:, 1], motion.v[:, 1])
@@ -41,24 +30,8 @@ def test_measured_force_is_the_true_one_even_where_the_law_is_wrong(quiet: lw.Re
 
 
 def test_links_that_close_a_circle_have_no_measured_force() -> None:
-    parallel = lw.parse_structure(
-        """
-        [[mass]]
-        name = "m1"
-        mass = 1.0
-        [[link]]
-        name = "one"
-        between = ["m1", "ground"]
-        law = "k*d"
-        coefficients = { k = "unknown" }
-        [[link]]
-        name = "two"
-        between = ["m1", "ground"]
-        law = "k3*d**3"
-        coefficients = { k3 = 1e6 }
-        """,
-        "test",
-    )
+    one, two = link("one", "m1-ground", "k*d"), link("two", "m1-ground", "k3*d**3", k3=1e6)
+    parallel = structure({"m1": 1.0}, one, two)
     true = parallel.with_values({"one.k": 900.0})
     record = lw.simulate(true, release={"x:m1": 0.01}, duration=1.0, rate=1000.0).with_noise(60.0, seed=0)
     assert lw.identify(record, parallel, method="weak").motion.force is None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
-from problems import oscillator
+from structures import link, oscillator
 
 import linkwise as lw
 
@@ -60,6 +60,6 @@ def test_nmse_of_a_force_that_does_not_vary(forced: lw.Record) -> None:
     constant = oscillator("f0", name="spring", f0=3.0).links[0]
     with pytest.raises(lw.RecordError, match='true force of link "spring" does not vary'):
         lw.nmse(constant, constant, forced)
-    elsewhere = lw.Link("spring", ("m7", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(1.0)})
+    elsewhere = link("spring", "m7-ground", "k*d", k=1.0)
     with pytest.raises(lw.RecordError, match=r"x:m7.*is not in the record"):
         lw.nmse(elsewhere, elsewhere, replace(forced, simulated=None))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import PROBLEMS, chain_record
+from structures import link
 
 import linkwise as lw
 from linkwise.identification.methods import METHODS
@@ -18,14 +19,6 @@ from linkwise.sindy import estimate as classical
 
 UNKNOWN = lw.Coefficient.unknown
 SAMPLING: dict[str, Any] = {"duration": 4.0, "rate": 1000.0}
-
-
-def link(name: str, between: tuple[str, str], law: str, **values: float | lw.Coefficient) -> lw.Link:
-    given = {
-        name: value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
-        for name, value in values.items()
-    }
-    return lw.Link(name, between, lw.Law.parse(law), given)
 
 
 def weak(record: lw.Record, structure: lw.Structure) -> lw.Estimate:
@@ -133,7 +126,7 @@ def test_gaps_and_single_missing_samples(record: lw.Record, chain: lw.Structure)
 
 
 def test_a_law_without_its_cubic_term_is_refused(record: lw.Record, chain: lw.Structure) -> None:
-    short = link("nes1", ("m2", "m1"), "alpha*d + c*v", alpha=UNKNOWN(), c=UNKNOWN())
+    short = link("nes1", "m2-m1", "alpha*d + c*v", alpha=UNKNOWN(), c=UNKNOWN())
     fit = weak(record, replace(chain, links=(chain.links[0], short)))
     assert not fit.trusted and fit.status == "chi-square off"
     # misfit in power ten times that of the noise; measured 20
@@ -148,7 +141,7 @@ def test_a_law_without_its_cubic_term_is_refused(record: lw.Record, chain: lw.St
 
 def test_a_missing_link_is_refused(pair: lw.Structure) -> None:
     """The small mass is also held by the ground, and the structure does not say so."""
-    linked = replace(pair, links=(*pair.links, link("extra", ("m2", "ground"), "k*d", k=150.0)))
+    linked = replace(pair, links=(*pair.links, link("extra", "m2-ground", "k*d", k=150.0)))
     record = lw.simulate(linked, release={"v:m1": 1.0}, **SAMPLING).with_noise(40.0, seed=1)
     assert weak(record, linked.unknown("all")).trusted
     assert not weak(record, pair.unknown("all")).trusted
@@ -264,9 +257,7 @@ def test_noise_in_derivatives_is_not_trusted(
 
 
 def test_a_term_that_adds_nothing_is_dropped_and_named(chain: lw.Structure) -> None:
-    wide = link(
-        "nes1", ("m2", "m1"), "alpha*d + beta*d**3 + c*v + q*d**2", alpha=-100.0, beta=1e6, c=0.02, q=0.0
-    )
+    wide = link("nes1", "m2-m1", "alpha*d + beta*d**3 + c*v + q*d**2", alpha=-100.0, beta=1e6, c=0.02, q=0.0)
     clean = chain_record(2, duration=3.0, rate=2000.0, sensors=("x", "v", "a"))
     fit = lw.identify(clean, replace(chain, links=(chain.links[0], wide)).unknown("nes"), method="sindy")
     assert fit.findings[0] == "nes1.q was dropped: its term adds less than the threshold."

@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy
-from problems import oscillator, truth
+from problems import truth
+from structures import oscillator
 
 import linkwise as lw
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from present import present, some
+from structures import oscillator
 
 import linkwise as lw
 from linkwise import equivalent
@@ -14,23 +15,13 @@ from linkwise.identification.law_path import law_of, law_path
 
 pytestmark = pytest.mark.filterwarnings("ignore:linkwise.law_path:DeprecationWarning")
 
-DUFFING = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[link]]
-name = "beam"
-between = ["m1", "ground"]
-law = "k*d + k3*d**3 + c*v + c2*v*abs(v)"
-coefficients = { k = 900.0, k3 = 4e6, c = 0.3, c2 = 4.0 }
-"""
+DUFFING = oscillator("k*d + k3*d**3 + c*v + c2*v*abs(v)", name="beam", k=900.0, k3=4e6, c=0.3, c2=4.0)
 
 
 @pytest.fixture(scope="module")
 def decay() -> tuple[lw.Record, lw.Structure]:
-    structure = lw.parse_structure(DUFFING, "test")
-    record = lw.simulate(structure, release={"x:m1": 0.02}, duration=4.0, rate=200.0).with_noise(50.0, seed=1)
-    return record, structure
+    record = lw.simulate(DUFFING, release={"x:m1": 0.02}, duration=4.0, rate=200.0).with_noise(50.0, seed=1)
+    return record, DUFFING
 
 
 def test_the_true_terms_come_first_and_leave_the_noise(decay: tuple[lw.Record, lw.Structure]) -> None:
@@ -59,8 +50,7 @@ def test_it_warns_that_discover_replaces_it(decay: tuple[lw.Record, lw.Structure
 def test_laws_that_are_taken_for_exact_have_no_model_error(decay: tuple[lw.Record, lw.Structure]) -> None:
     """By default one is found, which explains what the laws leave."""
     record, _ = decay
-    short = lw.parse_structure(DUFFING.replace(" + c2*v*abs(v)", "").replace(", c2 = 4.0", ""), "test")
-    unknown = short.unknown("all")
+    unknown = oscillator("k*d + k3*d**3 + c*v", name="beam").unknown("all")
     loose, exact = lw.identify(record, unknown), lw.identify(record, unknown, exact=True)
     assert loose.model_error > 0.0 and present(loose.chi_square_per_sample) < 2.0
     assert exact.model_error == 0.0 and present(exact.chi_square_per_sample) > 2.0
@@ -93,10 +83,9 @@ def test_a_start_that_cannot_be_fitted_is_said(decay: tuple[lw.Record, lw.Struct
 
 def test_magnet_beam_in_eight_coefficients(shared_data: Path) -> None:
     record = lw.read_record(shared_data / "magnet_beam_decay.csv")
-    structure = lw.parse_structure(DUFFING, "test")
     path = law_path(
         record,
-        structure,
+        DUFFING,
         "beam",
         start=("d", "v", "d**3", "d**4"),  # the first that come, from a path of all six candidates
         candidates=("d**2", "d**5", "v*abs(d)", "v*d**2"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import oscillator
+from structures import harvester, oscillator
 
 import linkwise as lw
 
@@ -45,11 +45,7 @@ def test_validation_scores_a_load_cell(record: lw.Record) -> None:
 
 
 def test_a_unit_of_a_state_must_be_of_its_kind(tmp_path: Path) -> None:
-    law, states = "k*d + c*v - theta*V", {"V": lw.LinkState("(-theta*v - V/R)/C", unit="V")}
-    names = ("k", "c", "theta", "R", "C")
-    unknown = {name: lw.Coefficient.unknown() for name in names}
-    piezo = lw.Link("piezo", ("m1", "ground"), lw.Law.parse(law, states), unknown)
-    structure = lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (piezo,))
+    structure = harvester(1.0, "ground", "piezo")
     time = np.arange(200) / 200.0
     for unit, factor in (("mV", 1e-3), ("mm", 1e-3)):
         path = tmp_path / f"{unit}.csv"

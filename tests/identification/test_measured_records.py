@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from present import present, some
-from problems import asked_oscillator
+from structures import asked_oscillator, link, structure
 
 import linkwise as lw
 from linkwise.cli import run
@@ -20,39 +20,13 @@ from linkwise.cli import run
 PER_MASS = {"k": 1.84325e5, "k2": -6.37e3, "k3": 7.294e5, "c": 41.89}
 GAIN = 1.8608e5
 
-CIRCUIT = """\
-name = "circuit"
+CIRCUIT = structure(
+    {"m1": lw.Coefficient.unknown()},
+    link("spring", "m1-ground", "k*d + k2*d**2 + k3*d**3 + c*v"),
+    link("offset", "m1-ground", "f0"),
+)
 
-[[mass]]
-name = "m1"
-mass = "unknown"
-
-[[link]]
-name = "spring"
-between = ["m1", "ground"]
-law = "k*d + k2*d**2 + k3*d**3 + c*v"
-coefficients = { k = "unknown", k2 = "unknown", k3 = "unknown", c = "unknown" }
-
-[[link]]
-name = "offset"
-between = ["m1", "ground"]
-law = "f0"
-coefficients = { f0 = "unknown" }
-"""
-
-BEAM = """\
-name = "beam"
-
-[[mass]]
-name = "m1"
-mass = 1.0
-
-[[link]]
-name = "beam"
-between = ["m1", "ground"]
-law = "k*d + k3*d**3 + c*v + c3*v*d**2"
-coefficients = { k = "unknown", k3 = "unknown", c = "unknown", c3 = "unknown" }
-"""
+BEAM = asked_oscillator("k*d + k3*d**3 + c*v + c3*v*d**2", 1.0, name="beam")
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +45,9 @@ def test_circuit(circuit: lw.Record, two_links: bool) -> None:
     the last fifth below 0.5 mV (2 mV is asked). The constant force may stand in the law or in a link of its own.
     """
     single = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
-    structure = lw.parse_structure(CIRCUIT) if two_links else single
+    asked = CIRCUIT if two_links else single
     cut = len(circuit) * 4 // 5
-    fit = lw.identify(circuit[:cut], structure, method="weak")
+    fit = lw.identify(circuit[:cut], asked, method="weak")
     mass = fit.masses[0].value
     assert mass == pytest.approx(1 / GAIN, rel=0.03)
     for name, value in PER_MASS.items():
@@ -122,13 +96,13 @@ def test_more_terms_explain_more_of_the_beam(beam: lw.Record) -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "structure"), [("silverbox_multisine.csv", CIRCUIT), ("magnet_beam_decay.csv", BEAM)]
+    ("file", "asked"), [("silverbox_multisine.csv", CIRCUIT), ("magnet_beam_decay.csv", BEAM)]
 )
 def test_from_the_command_line(
-    shared_data: Path, tmp_path: Path, file: str, structure: str, capsys: pytest.CaptureFixture[str]
+    shared_data: Path, tmp_path: Path, file: str, asked: lw.Structure, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Neither file is edited; the answer is written, and exit code 3 says that the laws leave more than noise."""
-    (tmp_path / "unknown.toml").write_text(structure, encoding="utf-8")
+    lw.write_structure(asked, tmp_path / "unknown.toml")
     arguments = [
         str(shared_data / file),
         str(tmp_path / "unknown.toml"),
@@ -143,6 +117,6 @@ def test_from_the_command_line(
     assert result["status"] == "chi-square off"
     known = lw.read_structure(tmp_path / "answer" / "structure.toml")
     assert known.parameters == ()
-    for link in some(result["links"]):
-        values = {name: coefficient["value"] for name, coefficient in link["coefficients"].items()}
-        assert known.link(link["name"]).values == pytest.approx(values)
+    for answer in some(result["links"]):
+        values = {name: coefficient["value"] for name, coefficient in answer["coefficients"].items()}
+        assert known.link(answer["name"]).values == pytest.approx(values)

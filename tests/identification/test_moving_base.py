@@ -10,6 +10,7 @@ import pytest
 import scipy
 from present import some
 from problems import truth
+from structures import HARDENING, link, structure
 
 import linkwise as lw
 
@@ -27,17 +28,9 @@ SENSORS = {
 
 @cache
 def two_storeys() -> lw.Structure:
-    def link(name: str, between: tuple[str, str], law: str, **values: float) -> lw.Link:
-        given = {key: lw.Coefficient.number(value) for key, value in values.items()}
-        return lw.Link(name, between, lw.Law.parse(law), given)
-
-    return lw.Structure(
-        "two storeys",
-        (lw.Mass("m1", lw.Coefficient.number(1.0)), lw.Mass("m2", lw.Coefficient.number(0.5))),
-        (
-            link("lower", ("m1", "base"), "k*d + c*v", k=2000.0, c=1.0),
-            link("upper", ("m2", "m1"), "k*d + k3*d**3 + c*v", k=1500.0, k3=4e6, c=0.5),
-        ),
+    lower = link("lower", "m1-base", "k*d + c*v", k=2000.0, c=1.0)
+    return structure(
+        {"m1": 1.0, "m2": 0.5}, lower, link("upper", "m2-m1", HARDENING, k=1500.0, k3=4e6, c=0.5)
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from present import some
 from problems import PROBLEMS, Problem
+from structures import link, with_links
 
 import linkwise as lw
 
@@ -50,11 +51,8 @@ def test_a_linear_law_in_place_of_the_last_one_is_refused(problem: Problem) -> N
     unknown_structure = problem.unknown_structure
     last = unknown_structure.links[-1]
     unknown = lw.Coefficient.unknown(start=1.0)
-    linear = lw.Link(last.name, last.between, lw.Law.parse("k*d + c*v"), {"k": unknown, "c": unknown})
-    wrong = lw.Structure(
-        unknown_structure.name, unknown_structure.masses, (*unknown_structure.links[:-1], linear)
-    )
-    fit = lw.identify(problem.record(seed=13), wrong)
+    linear = link(last.name, "-".join(last.between), "k*d + c*v", k=unknown, c=unknown)
+    fit = lw.identify(problem.record(seed=13), with_links(unknown_structure, linear))
     assert not fit.trusted and all(
         coefficient.interval is None for coefficient in some(fit.links[-1].coefficients)
     )

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from problems import oscillator
 from record_faults import Fault, chain, faulty, forced, kinds
+from structures import oscillator
 
 import linkwise as lw
 

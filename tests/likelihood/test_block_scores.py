@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from problems import asked_oscillator, chain_record
+from problems import chain_record
+from structures import asked_oscillator
 
 import linkwise as lw
 from linkwise.likelihood.block_scores import block_scores, error_ratios

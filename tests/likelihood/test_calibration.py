@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record
+from structures import asked_oscillator, oscillator
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
@@ -127,11 +128,7 @@ def test_the_expected_cost_of_noise_is_that_of_many_draws() -> None:
 
 
 def test_an_absolute_displacement_beside_an_acceleration_of_the_base_is_refused_with_the_way_out() -> None:
-    isolated = lw.parse_structure(
-        '[[mass]]\nname = "m1"\nmass = 1.0\n[[link]]\nname = "mount"\nbetween = ["m1", "base"]\nlaw = "k*d + c*v"\n'
-        "coefficients = { k = { start = 900.0 }, c = { start = 1.0 } }\n",
-        "test",
-    )
+    isolated = oscillator("k*d + c*v", to="base", name="mount", k=900.0, c=1.0).unknown("all")
     time = np.arange(400) / 200.0
     record = lw.Record.from_arrays(time, {"x:m1": np.sin(20.0 * time), "a:base": np.cos(20.0 * time)})
     starts = {"mount.k": 900.0, "mount.c": 1.0}
@@ -143,11 +140,7 @@ def test_an_absolute_displacement_beside_an_acceleration_of_the_base_is_refused_
 
 
 def test_a_law_that_is_not_finite_where_the_link_went_is_refused() -> None:
-    rooted = lw.parse_structure(
-        '[[mass]]\nname = "m1"\nmass = 1.0\n[[link]]\nname = "root"\nbetween = ["m1", "ground"]\nlaw = "k*d + b*sqrt(d)"\n'
-        'coefficients = { k = "unknown", b = "unknown" }\n',
-        "test",
-    )
+    rooted = asked_oscillator("k*d + b*sqrt(d)", 1.0, name="root")
     time = np.arange(800) / 200.0
     record = lw.Record.from_arrays(time, {"x:m1": np.sin(20.0 * time)}).with_noise(40.0, seed=0)
     for method in ("weak", "ml"):

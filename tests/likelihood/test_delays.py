@@ -12,6 +12,7 @@ import pytest
 from numpy.polynomial import Polynomial
 from present import present, some
 from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
@@ -146,16 +147,7 @@ def test_the_motion_between_samples_is_of_degree_11(kind: int, delay: float, deg
 
 
 QUAKE = "0.0004*sin(61*t) + 0.0003*sin(97*t + 1) + 0.0002*sin(131*t + 2) + 0.0001*sin(210*t)"
-STOREY = lw.parse_structure("""
-    [[mass]]
-    name = "m1"
-    mass = 1.0
-    [[link]]
-    name = "frame"
-    between = ["m1", "base"]
-    law = "k*d + c*v"
-    coefficients = { k = 19000.0, c = 1.2 }
-""")
+STOREY = oscillator("k*d + c*v", to="base", name="frame", k=19000.0, c=1.2)
 
 
 def shaken(duration: float, late: float) -> lw.Record:

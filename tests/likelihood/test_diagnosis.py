@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from problems import chain_record, row_of_masses
+from problems import chain_record
+from structures import link, oscillator, row_of_masses, structure, with_links
 
 import linkwise as lw
 from linkwise.likelihood.diagnosis import link_forces
@@ -86,19 +87,11 @@ def test_a_filter_of_all_sensors_is_named(snr_db: float) -> None:
 @pytest.mark.parametrize("seed", [50, 51])
 def test_missing_friction_is_no_filter(seed: int) -> None:
     """To first order, sensors that raise what is near 5 Hz explain as much; no sensor and no amplifier does that."""
-    number = lw.Coefficient.number
-    friction = lw.Law.parse("k*d + F*tanh(v/0.01)")
-    leg = lw.Link(
-        "leg", ("table", "ground"), lw.Law.parse("k*d + c*v"), {"k": number(4000.0), "c": number(1.0)}
-    )
-    slider = lw.Link("slider", ("block", "table"), friction, {"k": number(500.0), "F": number(0.4)})
-    masses = (lw.Mass("table", number(2.0)), lw.Mass("block", number(0.3)))
-    true = lw.Structure("table", masses, (leg, slider))
+    leg = link("leg", "table-ground", "k*d + c*v", k=4000.0, c=1.0)
+    slider = link("slider", "block-table", "k*d + F*tanh(v/0.01)", k=500.0, F=0.4)
+    true = structure({"table": 2.0, "block": 0.3}, leg, slider)
     record = lw.simulate(true, release={"v:table": 0.5}, duration=4.0, rate=500.0).with_noise(30.0, seed=seed)
-    viscous = lw.Link(
-        "slider", slider.between, lw.Law.parse("k*d + c*v"), {"k": number(500.0), "c": number(1.0)}
-    )
-    fit = lw.identify(record, replace(true, links=(leg, viscous)).unknown("slider"))
+    fit = lw.identify(record, with_links(true, link("slider", "block-table", "k*d + c*v")))
     assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
     assert fit.diagnosis[0].kind == "term" and "filter" not in [cause.kind for cause in fit.diagnosis]
 
@@ -110,21 +103,12 @@ def test_a_clean_record_has_no_cause(seed: int) -> None:
     assert fit.to_dict()["model_error_percent"] == 0.0
 
 
-OSCILLATOR = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[link]]
-name = "spring"
-between = ["m1", "ground"]
-law = "k*d + c*v + k3*d**3"
-coefficients = { k = 1000.0, c = 2.0, k3 = 4e5 }
-"""
+OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=4e5)
 RATE, DURATION = 200.0, 20.0
 
 
 def driven(
-    structure: lw.Structure, seed: int = 1, change: Callable[[np.ndarray], np.ndarray] | None = None
+    subject: lw.Structure, seed: int = 1, change: Callable[[np.ndarray], np.ndarray] | None = None
 ) -> lw.Record:
     """The oscillator under a random force from 1 to 12 Hz, whose channel is changed after the simulation."""
     samples = round(RATE * DURATION) + 1
@@ -134,7 +118,7 @@ def driven(
     force = np.fft.irfft(spectrum, samples)
     force *= 5.0 / force.std()
     clean = lw.simulate(
-        structure,
+        subject,
         forces={"m1": lw.Sampled(0.0, RATE, force, band_limited=True)},
         duration=DURATION,
         rate=RATE,
@@ -150,22 +134,22 @@ def driven(
 
 
 def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
-    structure = lw.parse_structure(OSCILLATOR, "test")
-    scaled = lw.identify(driven(structure, change=lambda force: 1.02 * force), structure.unknown("all"))
+    known = OSCILLATOR
+    scaled = lw.identify(driven(known, change=lambda force: 1.02 * force), known.unknown("all"))
     assert {cause.kind for cause in scaled.diagnosis[:2]} <= {
         "mass",
         "force gain",
         "gain",
     }  # one ratio of them is seen
     late = lw.identify(
-        driven(structure, change=lambda force: np.concatenate([force[:1], force[:-1]])),
-        structure.unknown("all"),
+        driven(known, change=lambda force: np.concatenate([force[:1], force[:-1]])),
+        known.unknown("all"),
     )
     kinds = [cause.kind for cause in late.diagnosis[:2]]
     assert set(kinds) <= {"force delay", "delay"}  # a force that is late, or a response that is early
     # a delay of one sample, told to first order in its length; measured 0.3 % off
     assert abs(late.diagnosis[0].size) == pytest.approx(1.0 / RATE, rel=0.1)
-    right = lw.identify(driven(structure), structure.unknown("all"))
+    right = lw.identify(driven(known), known.unknown("all"))
     assert right.trusted and right.diagnosis == ()
 
 

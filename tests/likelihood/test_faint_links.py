@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from problems import row_of_masses, truth
+from problems import truth
+from structures import row_of_masses
 
 import linkwise as lw
 from linkwise.likelihood.faint_links import elongation_energy

@@ -9,34 +9,18 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record
+from structures import equal_sinks, link, structure, with_links
 
 import linkwise as lw
 from linkwise.likelihood.shooting.loss import Huber, Student
 
-PENDULUM = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[mass]]
-name = "m2"
-mass = 0.2
-[[link]]
-name = "frame"
-between = ["m1", "{ground}"]
-law = "k*d + c*v"
-coefficients = {{ k = 4000.0, c = 2.0 }}
-[[link]]
-name = "{name}"
-between = ["m2", "m1"]
-law = "{law}"
-coefficients = {{ {coefficients} }}
-"""
 FORCE = "30*sin(50*t) + 20*sin(71*t + 1)"
 
 
-def two(law: str, coefficients: str, *, name: str = "link", ground: str = "ground") -> lw.Structure:
+def two(law: str, *, ground: str = "ground", **values: float) -> lw.Structure:
     """A frame of 1 kg at 10 Hz that carries 0.2 kg through a link under `law`."""
-    return lw.parse_structure(PENDULUM.format(law=law, coefficients=coefficients, name=name, ground=ground))
+    frame = link("frame", f"m1-{ground}", "k*d + c*v", k=4000.0, c=2.0)
+    return structure({"m1": 1.0, "m2": 0.2}, frame, link("link", "m2-m1", law, **values))
 
 
 def starting(structure: lw.Structure, **starts: float) -> lw.Structure:
@@ -100,7 +84,7 @@ def clean() -> lw.Record:
 
 
 def test_a_gap_is_found_with_its_stiffness() -> None:
-    true = two("k*d + c*v + s*max(d - g, 0)", "k = 500.0, c = 0.5, s = 8000.0, g = 0.004")
+    true = two("k*d + c*v + s*max(d - g, 0)", k=500.0, c=0.5, s=8000.0, g=0.004)
     unknown = starting(true, k=600.0, c=0.3, s=5000.0, g=0.005)
     fit = lw.identify(shaken(true).with_noise(40.0, seed=1), unknown)
     assert np.abs(errors(fit, true)).max() < WITHIN
@@ -109,7 +93,7 @@ def test_a_gap_is_found_with_its_stiffness() -> None:
 
 
 def test_friction_is_found_with_the_width_of_its_step() -> None:
-    true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
+    true = two("k*d + F*tanh(v/s)", k=500.0, F=3.0, s=0.1)
     unknown = starting(true, k=600.0, F=2.0, s=0.2)
     fit = lw.identify(shaken(true).with_noise(40.0, seed=2), unknown)
     assert np.abs(errors(fit, true)).max() < WITHIN
@@ -118,10 +102,7 @@ def test_friction_is_found_with_the_width_of_its_step() -> None:
 
 def test_a_shared_coefficient_is_one_unknown() -> None:
     true = lw.bnes_chain(4)
-    text = lw.format_structure(true.unknown("nes"))
-    first, second = 'alpha = "unknown"', 'alpha = "=nes1.alpha"'
-    place = text.rindex(first)
-    shared = lw.parse_structure(text[:place] + second + text[place + len(first) :])
+    shared = equal_sinks().unknown("nes")
     record = chain_record(4, duration=2.0).with_noise(30.0, seed=3)
     fit, apart = lw.identify(record, shared), lw.identify(record, true.unknown("nes"))
     assert len(fit.parameters) == 5
@@ -160,7 +141,7 @@ def test_a_bound_that_stops_a_coefficient_is_said(chain: lw.Structure, clean: lw
 
 
 def test_a_mass_is_found_where_a_force_sets_the_scale() -> None:
-    true = two("k*d + c*v", "k = 500.0, c = 0.5")
+    true = two("k*d + c*v", k=500.0, c=0.5)
     record = shaken(true).with_noise(40.0, seed=5)
     assert "force:m1" in record.channels
     fit = lw.identify(record, true.unknown("all", "mass:m1", "mass:m2"))
@@ -173,12 +154,12 @@ def test_a_mass_is_found_where_a_force_sets_the_scale() -> None:
 
 
 def test_a_structure_on_a_moving_base() -> None:
-    true = two("k*d + c*v + b*d**3", "k = 500.0, c = 0.5, b = 1e6", ground="base")
+    true = two("k*d + c*v + b*d**3", k=500.0, c=0.5, b=1e6, ground="base")
     record = shaken(true, base="0.002*sin(55*t) + 0.001*sin(83*t)").with_noise(40.0, seed=6)
     assert record.inputs == ("x:base",)
     fit = lw.identify(record, true.unknown("all"))
     assert np.abs(errors(fit, true)).max() < WITHIN
-    still = lw.parse_structure(lw.format_structure(true.unknown("all")).replace('"base"', '"ground"'))
+    still = two("k*d + c*v + b*d**3").unknown("all")
     wrong = lw.identify(record.select(["x:m1", "x:m2"]), still)
     assert not wrong.trusted  # the ground does not move that frame
 
@@ -313,11 +294,7 @@ def test_noise_stated_wrong_is_caught(chain: lw.Structure, clean: lw.Record, fac
 
 
 def test_a_wrong_law_is_not_trusted(chain: lw.Structure, clean: lw.Record) -> None:
-    straight = lw.parse_structure(
-        lw.format_structure(chain).replace("alpha*d + beta*d**3 + c*v", "k*d + c*v").replace(
-            "{ alpha = -100.0, beta = 1000000.0, c = 0.02 }", '{ k = "unknown", c = "unknown" }'
-        )
-    )  # fmt: skip
+    straight = with_links(chain, link("nes1", "m2-m1", "k*d + c*v"))
     fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=15), straight)
     assert not fit.trusted
     assert fit.coefficient("nes1.k").interval is None
@@ -327,8 +304,8 @@ def test_a_wrong_law_is_not_trusted(chain: lw.Structure, clean: lw.Record) -> No
 def test_a_law_that_is_a_little_wrong_is_not_trusted_and_says_what_it_lacks() -> None:
     """The true law has a small quintic term more; the values are those of the nearest cubic law."""
     law = "k*d + b*d**3 + c*v"
-    true = two(f"{law} + z*d**5", "k = 500.0, b = 1e6, c = 0.5, z = 4e8")
-    unknown = two(law, "k = 500.0, b = 1e6, c = 0.5").unknown("link")
+    true = two(f"{law} + z*d**5", k=500.0, b=1e6, c=0.5, z=4e8)
+    unknown = two(law, k=500.0, b=1e6, c=0.5).unknown("link")
     record = shaken(true)
     fits = [lw.identify(record.with_noise(50.0, seed=seed), unknown) for seed in range(3)]
     for fit in fits:
@@ -407,7 +384,7 @@ def test_progress_tells_every_step(chain: lw.Structure, clean: lw.Record) -> Non
 
 
 def test_without_any_start_it_says_which_is_missing() -> None:
-    true = two("k*d + F*tanh(v/s)", "k = 500.0, F = 3.0, s = 0.1")
+    true = two("k*d + F*tanh(v/s)", k=500.0, F=3.0, s=0.1)
     record = shaken(true, sensors=("v:m1",)).with_noise(40.0, seed=20)
     with pytest.raises(lw.IdentificationError, match=r"no starting value for .*link\.s.*start = "):
         lw.identify(record, true.unknown("link"))

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from present import present
-from problems import oscillator, truth
+from present import present, some
+from problems import truth
+from structures import oscillator
 
 import linkwise as lw
 
@@ -60,11 +61,10 @@ def test_an_error_that_intervals_hold_leaves_trust(change: Change, kind: str) ->
     assert "the intervals allow for that" in fit.message
     off, covariance = np.abs(fit.values - truth(TRUE, unknown)), np.asarray(fit.covariance)
     assert np.all(off < CHANCE * np.sqrt(covariance.diagonal()))
-    for cause in fit.diagnosis:
-        if cause.is_instrument:
-            number = [parameter.name for parameter in fit.parameters].index(cause.shifted)
-            before = np.sqrt((covariance - present(fit.for_dropped_terms))[number, number])
-            assert cause.shift <= 3.0 and before < np.sqrt(covariance[number, number])
+    for cause in some(cause for cause in fit.diagnosis if cause.is_instrument):
+        number = [parameter.name for parameter in fit.parameters].index(cause.shifted)
+        before = np.sqrt((covariance - present(fit.for_dropped_terms))[number, number])
+        assert cause.shift <= 3.0 and before < np.sqrt(covariance[number, number])
 
 
 @pytest.mark.parametrize("change", [late(2e-3), lambda record: 1.02 * record.channel("x:m1")])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach

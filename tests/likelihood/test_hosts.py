@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from present import some
+from structures import (
+    CANTILEVER,
+    CANTILEVER_SHAPES,
+    CANTILEVER_SINK,
+    HARDENING,
+    NES,
+    host,
+    link,
+    structure,
+    with_links,
+)
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
@@ -21,22 +33,14 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.starts.values import starting_values
 
 number = lw.Coefficient.number
-FREQUENCIES = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever
-SHAPES = {"tip": (3.2, -3.2, 3.2), "mid": (1.1, 2.3, 0.06), "root": (0.3, 1.5, 2.8)}
-LAW = lw.Law.parse("alpha*d + beta*d**3 + c*v")
-TRUE = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
 
 
-def beam(
-    frequencies: tuple[lw.Coefficient, ...] = tuple(map(number, FREQUENCIES)), end: str = "tip"
-) -> lw.Structure:
+def beam(frequencies: Sequence[lw.Coefficient | float] = CANTILEVER, end: str = "tip") -> lw.Structure:
     """A cantilever by three modes with a bistable sink at one of its points."""
-    modes = tuple(
-        lw.HostMode(frequency, number(0.01), {point: shape[r] for point, shape in SHAPES.items()})
-        for r, frequency in enumerate(frequencies)
+    sink = link("nes", f"sink-beam.{end}", NES, **CANTILEVER_SINK)
+    return structure(
+        {"sink": 0.03}, sink, hosts=[host("beam", frequencies, 0.01, CANTILEVER_SHAPES)], name="beam"
     )
-    link = lw.Link("nes", ("sink", f"beam.{end}"), LAW, {name: number(value) for name, value in TRUE.items()})
-    return lw.Structure("beam", (lw.Mass("sink", number(0.03)),), (link,), (lw.Host("beam", modes),))
 
 
 @cache
@@ -60,8 +64,8 @@ def first_hit() -> lw.Record:
 
 def errors(fit: lw.Estimate) -> np.ndarray:
     """Errors of the coefficients of the sink in standard errors."""
-    estimates = [fit.coefficient(f"nes.{name}") for name in TRUE]
-    pairs = zip(estimates, TRUE.values(), strict=True)
+    estimates = [fit.coefficient(f"nes.{name}") for name in CANTILEVER_SINK]
+    pairs = zip(estimates, CANTILEVER_SINK.values(), strict=True)
     return np.array(
         [(estimate.value - true) / (estimate.standard_error or np.nan) for estimate, true in pairs]
     )
@@ -83,13 +87,13 @@ def test_a_sink_on_a_beam_is_identified_with_fewer_sensors_than_modes() -> None:
 def test_frequencies_known_to_within_are_found() -> None:
     within = tuple(
         lw.Coefficient.unknown(frequency * factor, sigma=0.01 * frequency)
-        for frequency, factor in zip(FREQUENCIES, (1.01, 0.992, 1.004), strict=True)
+        for frequency, factor in zip(CANTILEVER, (1.01, 0.992, 1.004), strict=True)
     )
     fit = lw.identify(record(), beam(within).unknown("nes"))
     assert fit.trusted
     # four standard errors: 6e-5 of chance each
     assert np.abs(errors(fit)).max() < 4.0
-    for number_, true in enumerate(FREQUENCIES, start=1):
+    for number_, true in enumerate(CANTILEVER, start=1):
         estimate = fit.coefficient(f"beam.mode{number_}.frequency")
         assert estimate.standard_error is not None
         # the prior: the record adds to what is stated
@@ -99,7 +103,7 @@ def test_frequencies_known_to_within_are_found() -> None:
 
 
 def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
-    wrong = tuple(number(frequency * (1.03 if r == 1 else 1.0)) for r, frequency in enumerate(FREQUENCIES))
+    wrong = tuple(number(frequency * (1.03 if r == 1 else 1.0)) for r, frequency in enumerate(CANTILEVER))
     fit = lw.identify(first_hit(), beam(wrong).unknown("nes"))
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("frequency", "beam.mode2")
@@ -109,7 +113,7 @@ def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
 
 
 def test_a_mode_without_a_start_is_told() -> None:
-    open_mode = (lw.Coefficient.unknown(), *map(number, FREQUENCIES[1:]))
+    open_mode = (lw.Coefficient.unknown(), *map(number, CANTILEVER[1:]))
     with pytest.raises(lw.IdentificationError, match=r"no starting value for beam\.mode1\.frequency"):
         lw.identify(record(), beam(open_mode).unknown("nes"))
 
@@ -131,10 +135,7 @@ def test_a_wrong_shape_is_named() -> None:
         replace(mode, shape={**mode.shape, "tip": mode.shape["tip"] / 1.05}) if number == 1 else mode
         for number, mode in enumerate(wrong.hosts[0].modes)
     ]
-    host = lw.Host("beam", tuple(modes))
-    fit = lw.identify(
-        first_hit(), lw.Structure("beam", (wrong.mass("sink"),), (wrong.unknown("nes").link("nes"),), (host,))
-    )
+    fit = lw.identify(first_hit(), beside(wrong, replace(beam().hosts[0], modes=tuple(modes))))
     assert not fit.trusted
     assert ("shape", "beam.tip", "beam.mode2") in [
         (cause.kind, cause.where, cause.source) for cause in fit.diagnosis[:2]
@@ -144,18 +145,10 @@ def test_a_wrong_shape_is_named() -> None:
 @pytest.mark.parametrize("frequency", [240.0, 450.0])
 def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis(frequency: float) -> None:
     """Its states are lost in rounding beside those of the slow modes, at half of the sampling rate of 500 Hz and above it."""
-    shapes = ((5.2, 1.0, 0.62), (21.0, -1.0, 0.3), (frequency, 0.3, 0.2))
-    modes = tuple(
-        lw.HostMode(number(f), number(0.01), {"tip": tip, "joint": joint}) for f, tip, joint in shapes
-    )
+    shapes = {"tip": (1.0, -1.0, 0.3), "joint": (0.62, 0.3, 0.2)}
     true = {"k": 200.0, "k3": 2e6, "c": 0.05}
-    link = lw.Link(
-        "payload",
-        ("store", "wing.tip"),
-        lw.Law.parse("k*d + k3*d**3 + c*v"),
-        {name: number(value) for name, value in true.items()},
-    )
-    wing = lw.Structure("wing", (lw.Mass("store", number(0.05)),), (link,), (lw.Host("wing", modes),))
+    payload = link("payload", "store-wing.tip", HARDENING, **true)
+    wing = structure({"store": 0.05}, payload, hosts=[host("wing", (5.2, 21.0, frequency), 0.01, shapes)])
     recorded = lw.simulate(
         wing,
         forces={"wing.joint": "5*sin(33*t)"},
@@ -170,7 +163,7 @@ def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis(freq
         assert estimate.standard_error is not None
         assert estimate.standard_error < 0.05 * abs(value)
         assert abs(estimate.value - value) < 4.0 * estimate.standard_error
-    heavy = replace(wing, masses=(*wing.masses[:-1], lw.Mass("store", number(0.055)))).unknown("payload")
+    heavy = structure({"store": 0.055}, payload, hosts=wing.hosts).unknown("payload")
     wrong = lw.identify(recorded[:201], heavy)  # of a wrong mass 0.4 s show enough
     assert not wrong.trusted
     assert (wrong.diagnosis[0].kind, wrong.diagnosis[0].where) == ("mass", "store")
@@ -203,18 +196,16 @@ def test_what_a_start_does_not_take_is_told() -> None:
     _refused({"channels": channels}, "channel a:beam.tup belongs to no mass or point of the structure")
     _refused({"values": whole.values[:8]}, "8 samples, too few to determine the motion of a host")
     free = beam().unknown("nes")
-    law = lw.Law.parse("k*d + F*z", {"z": "(v - abs(v)*z)/x0"})
-    joint = lw.Link(
-        "joint", ("sink", "beam.mid"), law, dict.fromkeys(("k", "F", "x0"), lw.Coefficient.unknown(1.0))
-    )
-    _refused({}, "has memory", replace(free, links=(*free.links, joint)))
-    shaker = lw.Link("shaker", ("beam.mid", lw.BASE), lw.Law.parse("k*d"), {"k": number(10.0)})
-    _refused({}, "moving base beside a host", replace(free, links=(*free.links, shaker)))
+    starts = dict.fromkeys(("k", "F", "x0"), lw.Coefficient.unknown(1.0))
+    joint = link("joint", "sink-beam.mid", "k*d + F*z", {"z": "(v - abs(v)*z)/x0"}, **starts)
+    _refused({}, "has memory", with_links(free, joint))
+    shaker = link("shaker", "beam.mid-base", "k*d", k=10.0)
+    _refused({}, "moving base beside a host", with_links(free, shaker))
 
 
-def beside(structure: lw.Structure, host: lw.Host) -> lw.Structure:
+def beside(subject: lw.Structure, host: lw.Host) -> lw.Structure:
     """The structure with another host of the same points and the sink unknown."""
-    return lw.Structure("beam", (structure.mass("sink"),), (structure.unknown("nes").link("nes"),), (host,))
+    return structure({"sink": 0.03}, subject.unknown("nes").link("nes"), hosts=[host], name="beam")
 
 
 def mistaken(seed: int, part: float = 0.02) -> lw.Host:
@@ -224,7 +215,7 @@ def mistaken(seed: int, part: float = 0.02) -> lw.Host:
         size = part * max(map(abs, mode.shape.values()))
         shape = {point: value + size * rng.standard_normal() for point, value in mode.shape.items()}
         modes.append(replace(mode, shape=shape))
-    return lw.Host("beam", tuple(modes))
+    return replace(beam().hosts[0], modes=tuple(modes))
 
 
 def test_sensitivities_to_shapes_are_those_of_differences() -> None:
@@ -234,7 +225,8 @@ def test_sensitivities_to_shapes_are_those_of_differences() -> None:
     segments = cut_segments([shown], structure, System.of(structure), samples=5, refine=4)
     segments = replace(segments, tangent_refine=4)
     values = [
-        structure.coefficient(p.name).value or TRUE[p.name.removeprefix("nes.")] for p in structure.parameters
+        structure.coefficient(p.name).value or CANTILEVER_SINK[p.name.removeprefix("nes.")]
+        for p in structure.parameters
     ]
     theta = np.array(values) * (1.0 + 0.03 * np.sin(np.arange(len(values))))  # off what the structure states
     truth = shown.simulated
@@ -282,7 +274,7 @@ def test_shapes_known_to_within_are_found_and_counted() -> None:
     assert fit.structure.coefficient("beam.mode1.shape.tip").value == first["shape"]["tip"]["value"]
     assert "... and 3 more" in str(fit)
     known = with_exact_host()
-    for name in TRUE:
+    for name in CANTILEVER_SINK:
         wide, narrow = (answer.coefficient(f"nes.{name}").standard_error for answer in (fit, known))
         assert wide is not None
         assert narrow is not None
@@ -294,14 +286,14 @@ def test_a_prior_of_a_shape_that_the_record_contradicts_is_named() -> None:
     wrong = replace(
         modes[1], shape={**modes[1].shape, "tip": 1.05 * modes[1].shape["tip"]}, shape_sigma={"tip": 0.01}
     )
-    fit = lw.identify(record(), beside(beam(), lw.Host("beam", (modes[0], wrong, *modes[2:]))))
+    fit = lw.identify(record(), beside(beam(), replace(beam().hosts[0], modes=(modes[0], wrong, *modes[2:]))))
     assert not fit.trusted
     assert ("prior", "beam.mode2.shape.tip") in [(cause.kind, cause.where) for cause in fit.diagnosis]
 
 
 def test_a_shape_that_nothing_tells_is_left_alone() -> None:
     modes = tuple(replace(mode, shape={**mode.shape, "wall": 0.5}) for mode in beam().hosts[0].modes)
-    host = lw.Host("beam", modes)
+    host = replace(beam().hosts[0], modes=modes)
     free = beside(beam(), replace(host, modes=tuple(replace(m, shape_sigma={"wall": 0.1}) for m in modes)))
     fit, without = (lw.identify(record(), structure) for structure in (free, beside(beam(), host)))
     assert not fit.shapes
@@ -309,11 +301,9 @@ def test_a_shape_that_nothing_tells_is_left_alone() -> None:
 
 
 def test_limit_counts_shapes_known_to_within() -> None:
-    structure = beside(beam(), beam().hosts[0])
-
     def planned(host: lw.Host) -> lw.Limit:
         return lw.limit(
-            lw.Structure("beam", (structure.mass("sink"),), (beam().link("nes"),), (host,)),
+            structure({"sink": 0.03}, beam().link("nes"), hosts=[host]),
             duration=0.5,
             rate=1000.0,
             noise=30.0,
@@ -333,8 +323,8 @@ def test_limit_counts_shapes_known_to_within() -> None:
 def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
     """The likelihood has several peaks within the prior, of which the curvature of one says too little."""
     hidden = lw.HostMode(number(180.0), number(0.01), {"tip": 0.3, "mid": 0.12, "root": 0.1})
-    true = beside(beam(), lw.Host("beam", (*beam().hosts[0].modes, hidden))).with_values(
-        {f"nes.{name}": value for name, value in TRUE.items()}
+    true = beside(beam(), replace(beam().hosts[0], modes=(*beam().hosts[0].modes, hidden))).with_values(
+        {f"nes.{name}": value for name, value in CANTILEVER_SINK.items()}
     )
     shown = lw.simulate(
         true,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy
 from present import present
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.arrays import Floats

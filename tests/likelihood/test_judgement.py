@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy
 from present import present
-from problems import chain_record, oscillator, row_of_masses, truth
+from problems import chain_record, truth
+from structures import link, oscillator, row_of_masses, with_links
 
 import linkwise as lw
 from linkwise.likelihood.judgement import _decisive
@@ -224,8 +225,8 @@ def test_a_negative_variance_is_not_trusted(fitted: lw.Estimate) -> None:
 
 def test_a_record_too_short_for_blocks_is_not_trusted_with_a_missing_term(chain: lw.Structure) -> None:
     """Intervals count what follows the motion only where blocks of the record can be compared."""
-    text = lw.format_structure(chain).replace("beta*d**3", "beta*d**3 + q*d**5")
-    quintic = lw.parse_structure(text.replace("c = 0.02 }", "c = 0.02, q = 3e7 }"))
+    law = "alpha*d + beta*d**3 + q*d**5 + c*v"
+    quintic = with_links(chain, link("nes1", "m2-m1", law, alpha=-100.0, beta=1e6, q=3e7, c=0.02))
     short = record(quintic)[:490].with_noise(50.0, seed=1)  # 98 segments of the 100 that blocks need
     fit = lw.identify(short, chain.unknown("nes"))
     assert 0.0 < fit.diagnosis[0].share < 0.05  # a longer record would be trusted with such a term
@@ -257,8 +258,7 @@ def test_noise_that_a_filter_of_all_sensors_has_coloured_is_not_trusted() -> Non
 
 def with_link(chain: lw.Structure, law: str, **values: float) -> lw.Structure:
     """The chain and a link from its sink to the ground."""
-    given = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    return replace(chain, links=(*chain.links, lw.Link("extra", ("m2", "ground"), lw.Law.parse(law), given)))
+    return with_links(chain, link("extra", "m2-ground", law, **values))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record, truth
+from structures import HARDENING, link, structure
 
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
@@ -89,20 +90,11 @@ def test_a_look_that_ends_early_has_seen_a_lower_bound_of_the_rise(
 @pytest.mark.parametrize("seed", [1, 2, 6])
 def test_a_valley_that_bends_is_told(seed: int) -> None:
     """Two masses that move in one mode: two dampers share its decay, and were up to 22 standard errors off, and trusted."""
-    ends = {"m2-ground": ("m2", "ground"), "m1-m2": ("m1", "m2")}
-    values = {
-        "m2-ground": {"k": 1830.0, "k3": -2.4e4, "c": 0.565},
-        "m1-m2": {"k": 6900.0, "k3": -1.4e6, "c": 1.47},
-    }
-    law = lw.Law.parse("k*d + k3*d**3 + c*v")
-    links = tuple(
-        lw.Link(
-            name, ends[name], law, {key: lw.Coefficient.number(value) for key, value in coefficients.items()}
-        )
-        for name, coefficients in values.items()
+    pair = structure(
+        {"m1": 3.4, "m2": 0.38},
+        link("m2-ground", "m2-ground", HARDENING, k=1830.0, k3=-2.4e4, c=0.565),
+        link("m1-m2", "m1-m2", HARDENING, k=6900.0, k3=-1.4e6, c=1.47),
     )
-    masses = (lw.Mass("m1", lw.Coefficient.number(3.4)), lw.Mass("m2", lw.Coefficient.number(0.38)))
-    pair = lw.Structure("pair", masses, links)
     clean = lw.simulate(pair, release={"v:m2": -1.168, "v:m1": -1.2275}, duration=15.64, rate=300.0)
     fit = lw.identify(clean.with_noise(17.0, seed=seed), pair.unknown("all"))
     off = np.abs(fit.values - truth(pair, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record
+from structures import HARDENING, link, named, structure, with_links
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -31,54 +32,47 @@ from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.model.law import Law
 from linkwise.signals.base_frame import framed
 
-HARD = Law.parse("k*d + k3*d**3 + c*v")
 RELAXATIONS = (1.0, 1e-2, 1e-5)
-NUMBER = lw.Coefficient.number
 
 
-def structure(name: str, pairs: Iterable[tuple[int, int]], count: int) -> lw.Structure:
+def linked(name: str, pairs: Iterable[tuple[int, int]], count: int, **values: lw.Coefficient) -> lw.Structure:
     """Masses of 1 kg with hardening links between pairs of them, -1 for the ground."""
-    links = tuple(
-        lw.Link(
+    links = (
+        link(
             f"l{number}",
-            (f"m{first}", "ground" if second < 0 else f"m{second}"),
-            HARD,
-            {"k": NUMBER(2e4 + 500.0 * number), "k3": NUMBER(3e7), "c": NUMBER(2.0)},
+            f"m{first}-" + ("ground" if second < 0 else f"m{second}"),
+            HARDENING,
+            **({"k": 2e4 + 500.0 * number, "k3": 3e7, "c": 2.0} | (values if number else {})),
         )
         for number, (first, second) in enumerate(pairs)
     )
-    return lw.Structure(name, tuple(lw.Mass(f"m{k}", NUMBER(1.0)) for k in range(count)), links)
+    return structure({f"m{k}": 1.0 for k in range(count)}, *links, name=name)
 
 
 def grid(side: int) -> lw.Structure:
     across = [(side * i + j, side * i + j + 1) for i in range(side) for j in range(side - 1)]
     down = [(side * i + j, side * i + j + side) for i in range(side - 1) for j in range(side)]
-    return structure("grid", [(0, -1), *across, *down], side * side)
+    return linked("grid", [(0, -1), *across, *down], side * side)
 
 
 def tree(count: int) -> lw.Structure:
-    return structure("tree", [(k, (k - 1) // 2 if k else -1) for k in range(count)], count)
+    return linked("tree", [(k, (k - 1) // 2 if k else -1) for k in range(count)], count)
 
 
 def star(count: int) -> lw.Structure:
-    return structure("star", [(k, 0 if k else -1) for k in range(count)], count)
+    return linked("star", [(k, 0 if k else -1) for k in range(count)], count)
 
 
 def with_memory(count: int) -> lw.Structure:
     """A chain with a hysteretic link in its middle."""
-    chain = structure("chain with memory", [(k, k - 1) for k in range(count) if k != 5], count)
-    values = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.002, "s": 0.7}
-    joint = lw.named_law("bouc-wen").link(
-        "joint", ("m5", "m4"), {name: NUMBER(value) for name, value in values.items()}
-    )
-    return lw.Structure(chain.name, chain.masses, (*chain.links, joint))
+    chain = linked("chain with memory", [(k, k - 1) for k in range(count) if k != 5], count)
+    return with_links(chain, named("joint", "m5-m4", "bouc-wen", k=400.0, c=1.5, F=12.0, x0=0.002, s=0.7))
 
 
 def shared(count: int) -> lw.Structure:
     """A chain of which all links have the same damping."""
-    text = lw.format_structure(structure("shared", [(k, k - 1) for k in range(count)], count))
-    first, *others = text.split("c = 2.0")
-    return lw.parse_structure("c = 2.0".join([first, 'c = "=l0.c"'.join(others)]))
+    damping = lw.Coefficient.shared("l0.c")
+    return linked("shared", [(k, k - 1) for k in range(count)], count, c=damping)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from present import present, some
+from structures import HARDENING, asked_oscillator, harvester, hysteretic_oscillator, link, named, structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -24,10 +25,6 @@ TRUE = {"m1.mass": 2.0, "bw.c": 10.0, "bw.k": 5e4, "bw.alpha": 5e4, "bw.bg": 800
 """Of the Bouc-Wen benchmark, Noel and Schoukens 2016; bg and bd are beta times gamma and delta."""
 
 
-def numbers(values: dict[str, float]) -> dict[str, lw.Coefficient]:
-    return {name: lw.Coefficient.number(value) for name, value in values.items()}
-
-
 def multisine(amplitude: float, fastest: float) -> str:
     """A force in N of twelve sines up to `fastest` rad/s."""
     rng = np.random.default_rng(1)
@@ -36,8 +33,7 @@ def multisine(amplitude: float, fastest: float) -> str:
 
 
 def joint() -> lw.Structure:
-    link = lw.named_law("bouc-wen").link("joint", ("m1", "ground"), numbers(BOUC_WEN))
-    return lw.Structure("joint", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
+    return hysteretic_oscillator(**BOUC_WEN)
 
 
 @pytest.fixture(scope="module")
@@ -49,17 +45,12 @@ def hysteretic() -> lw.Record:
 
 def two_masses() -> lw.Structure:
     """A Bouc-Wen link to the ground and a transducer between two masses: three laws, two states."""
-    links = (
-        lw.named_law("bouc-wen").link("joint", ("m1", "ground"), numbers(BOUC_WEN)),
-        lw.Link("spring", ("m2", "ground"), lw.Law.parse("k*d"), numbers({"k": 50.0})),
-        lw.named_law("piezo").link(
-            "piezo",
-            ("m2", "m1"),
-            numbers({"k": 60.0, "c": 0.2, "theta": 0.02, "C": 5e-5, "R": 4e3}),
-        ),
+    return structure(
+        {"m1": 1.0, "m2": 0.3},
+        named("joint", "m1-ground", "bouc-wen", **BOUC_WEN),
+        link("spring", "m2-ground", "k*d", k=50.0),
+        named("piezo", "m2-m1", "piezo", k=60.0, c=0.2, theta=0.02, C=5e-5, R=4e3),
     )
-    masses = tuple(lw.Mass(name, lw.Coefficient.number(value)) for name, value in (("m1", 1.0), ("m2", 0.3)))
-    return lw.Structure("two", masses, links)
 
 
 def nodes_and_system() -> tuple[Floats, System, Floats, Floats]:
@@ -128,16 +119,13 @@ def test_a_hysteretic_link_is_identified_from_no_starts(hysteretic: lw.Record, c
 
 
 def test_a_law_of_d_and_v_alone_is_refused_on_a_hysteretic_record(hysteretic: lw.Record) -> None:
-    law = lw.Law.parse("k*d + k3*d**3 + c*v")
-    plain = lw.Link("joint", ("m1", "ground"), law, {n: lw.Coefficient.unknown() for n in law.coefficients})
-    structure = lw.Structure("plain", joint().masses, (plain,))
-    fit = lw.identify(hysteretic.select(["x:m1", "force:m1"]), structure)
+    plain = asked_oscillator(HARDENING, 1.0)
+    fit = lw.identify(hysteretic.select(["x:m1", "force:m1"]), plain)
     assert not fit.trusted
 
 
 def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> None:
-    link = lw.named_law("piezo-harvester").link("piezo", ("m1", "ground"), numbers(HARVESTER))
-    true = lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(0.02)),), (link,))
+    true = harvester(0.02, "ground", **HARVESTER)
     forces = {"m1": multisine(0.25, 90.0)}
     record = lw.simulate(
         true, duration=3.0, rate=500.0, sensors=["x", "state"], forces=forces, release={"x:m1": 0.02}
@@ -152,22 +140,21 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
         assert abs(estimate.value - value) < 3.5 * present(estimate.standard_error), name
 
 
-def nearby(structure: lw.Structure, part: float) -> lw.Structure:
+def nearby(subject: lw.Structure, part: float) -> lw.Structure:
     """All coefficients unknown, with starts that are off by a part, up and down in turn."""
-    unknown = structure.unknown("all")
+    unknown = subject.unknown("all")
     factors = {p.name: 1.0 + part * (-1.0) ** number for number, p in enumerate(unknown.parameters)}
     links = []
-    for link in unknown.links:
+    for own in unknown.links:
         starts = {
             key: replace(
                 coefficient,
-                value=present(structure.coefficient(f"{link.name}.{key}").value)
-                * factors[f"{link.name}.{key}"],
+                value=present(subject.coefficient(f"{own.name}.{key}").value) * factors[f"{own.name}.{key}"],
             )
-            for key, coefficient in link.coefficients.items()
+            for key, coefficient in own.coefficients.items()
         }
-        links.append(replace(link, coefficients=starts))
-    return lw.Structure(structure.name, structure.masses, tuple(links))
+        links.append(replace(own, coefficients=starts))
+    return replace(unknown, links=tuple(links))
 
 
 def within_five_deviations(fit: lw.Estimate, true: lw.Structure) -> None:
@@ -180,8 +167,7 @@ def within_five_deviations(fit: lw.Estimate, true: lw.Structure) -> None:
 
 
 def test_a_harvester_is_identified_from_its_voltage_alone() -> None:
-    link = lw.named_law("piezo-harvester").link("piezo", ("m1", "base"), numbers(HARVESTER))
-    true = lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(0.02)),), (link,))
+    true = harvester(0.02, **HARVESTER)
     base = "0.004*sin(40*t) + 0.003*sin(57*t + 1) + 0.002*sin(33*t + 2)"
     record = lw.simulate(true, duration=3.0, rate=500.0, base=base, sensors=["state", "x:base"])
     noisy = record.with_noise(20.0, seed=4).values.copy()
@@ -209,9 +195,9 @@ def test_a_record_without_any_motion_is_refused(hysteretic: lw.Record) -> None:
 
 
 def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
-    structure = lw.Structure("other", joint().masses, (lw.named_law("dahl").link("rail", ("m1", "ground")),))
+    other = structure({"m1": 1.0}, named("rail", "m1-ground", "dahl"))
     with pytest.raises(lw.IdentificationError, match="f:joint belongs to no link or state"):
-        lw.identify(hysteretic.select(["x:m1", "f:joint", "force:m1"]), structure, starts=dict.fromkeys(
+        lw.identify(hysteretic.select(["x:m1", "f:joint", "force:m1"]), other, starts=dict.fromkeys(
             ("rail.sigma", "rail.Fc", "rail.c"), 1.0
         ))  # fmt: skip
 
@@ -227,15 +213,9 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> Non
     record = lw.Record(
         start=0.0, rate=750.0, channels=("x:m1", "force:m1"), values=np.column_stack([shown, force])
     )
-    names = ("k", "c", "alpha", "bg", "bd")
-    link = lw.Link(
-        "bw",
-        ("m1", "ground"),
-        lw.Law.parse("k*d + c*v + z"),
-        {name: lw.Coefficient.unknown() for name in names},
-        {"z": "alpha*v - bg*abs(v)*z - bd*v*abs(z)"},
-    )
-    fit = lw.identify(record, lw.Structure("bw", (lw.Mass("m1", lw.Coefficient.unknown()),), (link,)))
+    states = {"z": "alpha*v - bg*abs(v)*z - bd*v*abs(z)"}
+    asked = structure({"m1": lw.Coefficient.unknown()}, link("bw", "m1-ground", "k*d + c*v + z", states))
+    fit = lw.identify(record, asked)
     assert fit.trusted, fit.explanation
     for name, value in TRUE.items():
         low, high = present(fit.coefficient(name).interval)
@@ -248,8 +228,7 @@ def test_hysteretic_storeys_of_any_speed_are_found_from_accelerations(frequency:
     """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
     w = 2.0 * np.pi * frequency
     values = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.005 * w**2, "x0": 0.01, "s": 0.6}
-    link = lw.named_law("bouc-wen").link("frame", ("m1", "base"), numbers(values))
-    true = lw.Structure("storey", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
+    true = hysteretic_oscillator(1.0, "base", **values)
     base = "+".join(
         f"{size}*sin({part * w}*t + {phase})"
         for size, part, phase in ((0.01, 0.9, 0), (0.008, 1.7, 1), (0.008, 0.6, 2), (0.003, 2.9, 0.3))

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from present import present, some
-from problems import oscillator
+from structures import link, oscillator, structure
 
 import linkwise as lw
 from linkwise.likelihood.fit import sensor_model
@@ -24,24 +24,18 @@ from linkwise.verdict import Verdict
 RATE, DURATION = 100.0, 6.0
 NOISE = 0.02  # of the base, relative
 ERRORS = 5.0  # standard errors that an estimate may be off: 6e-7 of chance for each
-KNOWN = lw.Coefficient.number
 
 
 def storeys(lower: str = "k*d + c*v") -> lw.Structure:
     """Two storeys, the upper of which a spring joins to the base as well."""
     values = {"k": 900.0, "c": 1.0, "k3": 4e5}
-
-    def link(name: str, between: tuple[str, str], law: str) -> lw.Link:
-        terms = lw.Law.parse(law)
-        return lw.Link(name, between, terms, {name: KNOWN(values[name]) for name in terms.coefficients})
-
-    masses = (lw.Mass("m1", KNOWN(1.0)), lw.Mass("m2", KNOWN(0.5)))
-    links = (
-        link("lower", ("m1", "base"), lower),
-        link("upper", ("m2", "m1"), "k*d + c*v"),
-        link("stay", ("m2", "base"), "k*d"),
+    own = {name: values[name] for name in lw.Law.parse(lower).coefficients}
+    return structure(
+        {"m1": 1.0, "m2": 0.5},
+        link("lower", "m1-base", lower, **own),
+        link("upper", "m2-m1", "k*d + c*v", k=900.0, c=1.0),
+        link("stay", "m2-base", "k*d", k=900.0),
     )
-    return lw.Structure("storeys", masses, links)
 
 
 def storey(end: str) -> lw.Structure:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import row_of_masses
+from structures import row_of_masses
 
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit

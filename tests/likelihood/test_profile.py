@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.likelihood import profile

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 from present import present, some
-from problems import oscillator, row_of_masses
+from structures import oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.arrays import Floats

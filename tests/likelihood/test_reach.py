@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import asked_oscillator, chain_record
+from problems import chain_record
+from structures import asked_oscillator
 
 import linkwise as lw
 

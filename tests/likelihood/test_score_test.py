@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import THREE, bent_chain, chain_record
+from problems import bent_chain, chain_record, rubbing_trio
+from structures import HARDENING, link, structure, with_links
 
 import linkwise as lw
 from linkwise.likelihood import score_test as module
@@ -24,25 +25,6 @@ from linkwise.model.law import Law
 #: Of sqrt(H_ii H_jj): tangents are in single precision, and forces that are not there pass through the middles of the steps
 #: that interpolation finds, where those of the structure pass through the middles of the flow.
 SAME = 1e-3
-
-LIGHT = """
-[[mass]]
-name = "m1"
-mass = 1.0
-[[mass]]
-name = "m2"
-mass = 0.001
-[[link]]
-name = "spring"
-between = ["m1", "ground"]
-law = "k*d + c*v"
-coefficients = { k = 30000.0, c = 1.0 }
-[[link]]
-name = "nes1"
-between = ["m2", "m1"]
-law = "k*d + k3*d**3 + c*v"
-coefficients = { k = 2500.0, k3 = 1e7, c = 0.02 }
-"""
 
 
 @dataclass(frozen=True)
@@ -66,20 +48,15 @@ PAIRS = (
 )
 
 
-def widened(structure: lw.Structure, missing: Sequence[Missing]) -> lw.Structure:
-    """`structure` with every missing force as a link of its own, of unknown size."""
+def widened(subject: lw.Structure, missing: Sequence[Missing]) -> lw.Structure:
+    """`subject` with every missing force as a link of its own, of unknown size."""
     holds = {-1: "ground", -2: "base"}
-    names = dict(enumerate(structure.mass_names)) | holds
+    names = dict(enumerate(subject.mass_names)) | holds
     added = [
-        lw.Link(
-            f"added{number}",
-            (names[term.ends[0]], names[term.ends[1]]),
-            Law.parse(f"size*{term.law}"),
-            {"size": lw.Coefficient.unknown()},
-        )
+        link(f"added{number}", f"{names[term.ends[0]]}-{names[term.ends[1]]}", f"size*{term.law}")
         for number, term in enumerate(missing)
     ]
-    return replace(structure, links=(*structure.links, *added))
+    return with_links(subject, *added)
 
 
 def really_there(
@@ -151,7 +128,7 @@ def calibrated() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
 @pytest.fixture(scope="module")
 def based() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
     """A base that moves, a force, friction, and sensors of all kinds."""
-    true = lw.parse_structure(THREE)
+    true = rubbing_trio()
     record = lw.simulate(
         true, duration=2.0, rate=1000.0, sensors=("x", "v", "a"), release={"v:m1": 1.0},
         forces={"m2": "5*sin(400*t)"}, base="0.001*sin(300*t)",
@@ -163,7 +140,11 @@ def based() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
 @pytest.fixture(scope="module")
 def stiff() -> tuple[lw.Structure, list[lw.Record], LikelihoodOptions]:
     """A gram on 2.5 kN/m at 1 kHz: steps of the flow shorter than the samples."""
-    true = lw.parse_structure(LIGHT)
+    true = structure(
+        {"m1": 1.0, "m2": 0.001},
+        link("spring", "m1-ground", "k*d + c*v", k=30000.0, c=1.0),
+        link("nes1", "m2-m1", HARDENING, k=2500.0, k3=1e7, c=0.02),
+    )
     record = lw.simulate(true, release={"v:m1": 1.0, "v:m2": 3.0}, duration=1.0, rate=1000.0)
     return true, [record.with_noise(40.0, seed=1003)], LikelihoodOptions()
 

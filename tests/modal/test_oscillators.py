@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from structures import host, structure
 
 import linkwise as lw
 from linkwise.modal.oscillators import SampledForce, free_motion
 
-number = lw.Coefficient.number
-
 
 def test_motion_of_a_mode_is_that_of_a_simulation() -> None:
     record = lw.simulate(
-        lw.Structure(
-            "one", (), (), (lw.Host("one", (lw.HostMode(number(21.0), number(0.02), {"p": 1.5}),)),)
-        ),
+        structure({}, hosts=[host("one", [21.0], 0.02, {"p": [1.5]})]),
         forces={"one.p": "8*exp(-((t - 0.05)/0.002)**2)"},
         duration=0.5,
         rate=2000.0,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tapped_beam import DAMPING, FREQUENCIES, SHAPES, tapped
+from structures import CANTILEVER
+from tapped_beam import DAMPING, SHAPES, tapped
 
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.output_error import _OutputError, _searched
@@ -39,7 +40,7 @@ def _problem_beside_the_optimum() -> tuple[_OutputError, np.ndarray, np.ndarray]
     theta[: 3 * problem.width] = np.concatenate(
         [
             [1.001 * f, DAMPING, *(SHAPES[point][r] for point in measured.points)]
-            for r, f in enumerate(FREQUENCIES)
+            for r, f in enumerate(CANTILEVER)
         ]
     )
     return problem, theta, problem.levels(theta)

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from present import some
 from problems import chain_record
+from structures import beam_of_one_mode
 
 import linkwise as lw
 
@@ -41,11 +42,8 @@ def rows(method: str = "ml") -> list[lw.Row]:
 
 def compared(force: str) -> lw.LevelComparison:
     """A mode at two levels of a force."""
-    number = lw.Coefficient.number
-    mode = lw.HostMode(number(20.0), number(0.005), {"tip": 1.0})
-    beam = lw.Structure("beam", (), (), (lw.Host("beam", (mode,)),))
     runs = [
-        lw.simulate(beam, forces={"beam.tip": f"{size}*{force}"}, duration=2.0, rate=320.0)
+        lw.simulate(beam_of_one_mode(), forces={"beam.tip": f"{size}*{force}"}, duration=2.0, rate=320.0)
         for size in (1.0, 2.0)
     ]
     return lw.compare_levels([run.with_noise(40.0, seed=1) for run in runs], modes=1)

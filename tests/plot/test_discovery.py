@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from structures import link, with_links
 
 import linkwise as lw
 from linkwise.discovery.text import term_rows
@@ -95,10 +96,7 @@ def test_penalty_is_what_stands_between_evidence_and_margin(discovered: lw.Disco
 
 
 def test_stated_links_are_certain(chain: lw.Structure, discovered: lw.Discovery) -> None:
-    stated = lw.Structure(
-        chain.name, chain.masses, (chain.link("spring1"), chain.unknown("nes").link("nes1"))
-    )
-    known = lw.discover(discovered.estimate.record, stated)
+    known = lw.discover(discovered.estimate.record, chain.unknown("nes"))
     assert known.certainty("spring1") == known.certainty("nes1") == float("inf")
     assert "stated" in str(known) and "given" in str(known)
 
@@ -107,10 +105,8 @@ def test_a_stated_link_with_a_doubtful_term_is_certain_everywhere(
     chain: lw.Structure, discovered: lw.Discovery
 ) -> None:
     """It is there because it was stated, whatever is thought of one of its terms."""
-    spring = lw.Link("spring1", ("m1", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(30000.0)})
-    known = lw.discover(
-        discovered.estimate.record, replace(chain, links=(spring, chain.unknown("nes").link("nes1")))
-    )
+    spring = link("spring1", "m1-ground", "k*d", k=30000.0)
+    known = lw.discover(discovered.estimate.record, with_links(chain.unknown("nes"), spring))
     assert "spring1.c" in [term.name for term in known.kept]
     doubted = in_doubt(known, "spring1.c")
     assert doubted.in_doubt == () and doubted.decision("spring1") is lw.Decision.CERTAIN

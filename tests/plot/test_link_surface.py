@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
+from rigs import rig
 
 import linkwise as lw
 
@@ -27,14 +28,8 @@ def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
 
 
 def test_a_link_with_memory_has_no_surface() -> None:
-    law = lw.Law.parse("k*d + F*z", states={"z": "(v - abs(v)*z)/x0"})
-    numbers = {
-        "k": lw.Coefficient.number(400.0),
-        "F": lw.Coefficient.number(1.0),
-        "x0": lw.Coefficient.number(1e-3),
-    }
-    rig = lw.Structure("rig", (), (lw.Link("damper", ("base", "ground"), law, numbers),))
-    record = lw.simulate(rig, duration=2.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
-    fit = lw.identify(record, rig.unknown("damper.k"))
+    sliding = rig("k*d + F*z", {"k": 400.0, "F": 1.0, "x0": 1e-3}, {"z": "(v - abs(v)*z)/x0"})
+    record = lw.simulate(sliding, duration=2.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
+    fit = lw.identify(record, sliding.unknown("damper.k"))
     with pytest.raises(lw.StructureError, match="has memory, so that its force is not a function"):
         lw.plot.surface(fit, "damper")

@@ -7,21 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import PROBLEMS, oscillator
+from problems import PROBLEMS
 from rigs import hysteretic, measured, run
+from structures import beam_of_one_mode, link, oscillator
 
 import linkwise as lw
 from linkwise.records.checks import require_complete
 
 FORCE = {"m1": "30*sin(50*t) + 40*sin(31*t + 1)"}
-MODE = lw.HostMode(lw.Coefficient.number(20.0), lw.Coefficient.number(0.01), {"tip": 1.0})
-SPRING = lw.Link("spring", ("beam.tip", lw.GROUND), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(500.0)})
+SPRING = link("spring", "beam.tip-ground", "k*d", k=500.0)
 
 
 def _beam(*links: lw.Link) -> lw.Record:
-    structure = lw.Structure("test", (), links, (lw.Host("beam", (MODE,)),))
+    beam = beam_of_one_mode(*links, damping=0.01)
     return lw.simulate(
-        structure, forces={"beam.tip": "sin(130*t)"}, duration=0.5, rate=400.0, sensors=["a:beam.tip"]
+        beam, forces={"beam.tip": "sin(130*t)"}, duration=0.5, rate=400.0, sensors=["a:beam.tip"]
     )
 
 
@@ -42,8 +42,7 @@ def _on_rig() -> tuple[lw.Record, lw.Structure]:
 
 
 def _on_host() -> tuple[lw.Record, lw.Structure]:
-    structure = lw.Structure("test", (), (SPRING,), (lw.Host("beam", (MODE,)),))
-    return _beam(SPRING), structure.unknown("all")
+    return _beam(SPRING), beam_of_one_mode(SPRING, damping=0.01).unknown("all")
 
 
 def _lacking(record: lw.Record) -> lw.Record:

@@ -13,6 +13,7 @@ import openpyxl
 import pytest
 import scipy.io
 from problems import chain_record
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.cli import run
@@ -37,16 +38,11 @@ STATES = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
 MEMORY = {"k": 400.0, "c": 1.5, "F": 12.0, "s": 0.7, "x0": 0.02}
 
 
-def structure() -> lw.Structure:
+def built() -> lw.Structure:
     """A mass with a link of each law, and one with memory."""
-
-    def link(name: str, law: lw.Law, values: dict[str, float]) -> lw.Link:
-        known = {key: lw.Coefficient(value, known=True) for key, value in values.items()}
-        return lw.Link(name, ("m1", "ground"), law, known)
-
-    links = [link(name, lw.Law.parse(law), values) for name, (law, values) in LAWS.items()]
-    joint = link("joint", lw.Law.parse("k*d + c*v + F*z", STATES), MEMORY)
-    return lw.Structure('all "laws"', (lw.Mass("m1", lw.Coefficient(2.0, known=True)),), (*links, joint))
+    links = (link(name, "m1-ground", law, **values) for name, (law, values) in LAWS.items())
+    joint = link("joint", "m1-ground", "k*d + c*v + F*z", STATES, **MEMORY)
+    return structure({"m1": 2.0}, *links, joint, name='all "laws"')
 
 
 def motion() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]:
@@ -60,7 +56,7 @@ def test_all_functions_of_laws_are_tried() -> None:
 
 
 def test_the_python_module_has_the_forces_of_the_structure(tmp_path: Path) -> None:
-    given, (d, v, z) = structure(), motion()
+    given, (d, v, z) = built(), motion()
     content = runpy.run_path(str(lw.export_answer(given, tmp_path / "forces.py")))
     assert list(content["FORCES"]) == [link.name for link in given.links]
     for name in LAWS:
@@ -89,14 +85,14 @@ def matlab_value(line: str, names: dict[str, Any]) -> Any:
 
 
 def test_the_matlab_function_has_the_forces_of_the_structure(tmp_path: Path) -> None:
-    given, (d, v, z) = structure(), motion()
+    given, (d, v, z) = built(), motion()
     text = lw.export_answer(given, tmp_path / "forces.m").read_text(encoding="utf-8")
     assert text.startswith("function [force, rates] = forces(link, d, v, states)\n%FORCES  Forces")
     cases = re.split(r"^    case ", text.partition("    otherwise")[0], flags=re.MULTILINE)[1:]
     assert len(cases) == len(given.links)
-    for case, link in zip(cases, given.links, strict=True):
+    for case, own in zip(cases, given.links, strict=True):
         label, *lines = case.splitlines()
-        assert label == "'" + link.name.replace("'", "''") + "'"
+        assert label == "'" + own.name.replace("'", "''") + "'"
         names: dict[str, Any] = {"d": d, "v": v}
         for line in (line.strip() for line in lines if not line.strip().startswith("%")):
             variable, _, right = line.partition(" = ")
@@ -104,12 +100,12 @@ def test_the_matlab_function_has_the_forces_of_the_structure(tmp_path: Path) -> 
             if right == "states{1};":
                 names[variable] = z
             elif variable == "rates":
-                expected = link.law.state_rates(d, v, {**MEMORY, "z": z})[0]
+                expected = own.law.state_rates(d, v, {**MEMORY, "z": z})[0]
                 value = matlab_value(line.replace("{", "(").replace("}", ")"), names)
                 assert value == pytest.approx(expected, rel=1e-12, abs=1e-12)
             else:
                 names[variable] = matlab_value(line, names)
-        expected = link.force(d, v, {"z": z} if link.law.states else None)
+        expected = own.force(d, v, {"z": z} if own.law.states else None)
         assert names["force"] == pytest.approx(expected, rel=1e-12, abs=1e-12, nan_ok=True)
     assert text.count("'") % 2 == 0 and text.isprintable() is False and "\r" not in text
     assert text.count("\nfunction ") == 2 and text.count("\nend\n") >= 4
@@ -159,9 +155,9 @@ def test_tables_hold_values_intervals_and_covariance(answer: Path, tmp_path: Pat
 
 
 def test_no_text_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
-    with lw.export_answer(structure(), tmp_path / "table.csv").open(encoding="utf-8-sig", newline="") as file:
+    with lw.export_answer(built(), tmp_path / "table.csv").open(encoding="utf-8-sig", newline="") as file:
         assert [row[0] for row in csv.reader(file) if "1+1" in row[0]] == ["'+1+1"]
-    sheet = openpyxl.load_workbook(lw.export_answer(structure(), tmp_path / "table.xlsx"))["coefficients"]
+    sheet = openpyxl.load_workbook(lw.export_answer(built(), tmp_path / "table.xlsx"))["coefficients"]
     cells = [cell for row in sheet.iter_rows() for cell in row if cell.value == "+1+1"]
     assert [cell.data_type for cell in cells] == ["s"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from problems import chain_record
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.discovery.evidence import _larger
@@ -14,7 +15,8 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 def random_chain(rng: np.random.Generator) -> tuple[lw.Structure, float]:
     """A tree of 2 to 4 masses with linear, cubic and bistable links, and its highest frequency in Hz, near enough."""
     n = int(rng.integers(2, 5))
-    masses, links, highest = [], [], 0.0
+    masses: dict[str, float] = {}
+    links, highest = [], 0.0
     for i in range(n):
         mass = float(10.0 ** rng.uniform(-2.0, 1.0))
         omega = 2.0 * np.pi * 10.0 ** rng.uniform(0.0, 1.3)
@@ -26,10 +28,9 @@ def random_chain(rng: np.random.Generator) -> tuple[lw.Structure, float]:
             ("alpha*d + beta*d**3 + c*v", {"alpha": -k, "beta": k / size**2, "c": c}),
         ][int(rng.integers(3))]
         below = "ground" if i == 0 else f"m{rng.integers(1, i + 1)}"
-        coefficients = {name: lw.Coefficient.number(float(value)) for name, value in values.items()}
-        masses.append(lw.Mass(f"m{i + 1}", lw.Coefficient.number(mass)))
-        links.append(lw.Link(f"l{i + 1}", (f"m{i + 1}", below), lw.Law.parse(law), coefficients))
-    return lw.Structure("random", tuple(masses), tuple(links)), highest
+        masses[f"m{i + 1}"] = mass
+        links.append(link(f"l{i + 1}", f"m{i + 1}-{below}", law, **values))
+    return structure(masses, *links, name="random"), highest
 
 
 def attempt(record: lw.Record, masses: dict[str, float]) -> None:

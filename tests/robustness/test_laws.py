@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from problems import chain_record
+from structures import link, structure
 
 import linkwise as lw
 
 
 def held_by(law: str) -> lw.Structure:
     """One mass of 1 kg, held by a link of this law whose coefficients are 1, 1.5, 2, ..."""
-    parsed = lw.Law.parse(law)
-    values = {name: lw.Coefficient.number(1.0 + 0.5 * k) for k, name in enumerate(parsed.coefficients)}
-    link = lw.Link("l", ("m", lw.GROUND), parsed, values)
-    return lw.Structure("one", (lw.Mass("m", lw.Coefficient.number(1.0)),), (link,))
+    values = {name: 1.0 + 0.5 * k for k, name in enumerate(lw.Law.parse(law).coefficients)}
+    return structure({"m": 1.0}, link("l", "m-ground", law, **values), name="one")
 
 
 @pytest.mark.parametrize("law", ["0*c", "d*0", "0", "k*d + 0*c", "c*d - c*d + k*v"])

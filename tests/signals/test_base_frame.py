@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from problems import oscillator
+from structures import link, oscillator, with_links
 
 import linkwise as lw
 from linkwise.signals.base_frame import framed
@@ -88,13 +88,8 @@ def test_what_does_not_suffice_is_refused(case: str) -> None:
 
 
 def test_both_supports_need_the_displacement() -> None:
-    values = {"k": lw.Coefficient.number(10.0)}
-    structure = lw.Structure(
-        "both",
-        storey().masses,
-        (*storey().links, lw.Link("stop", ("m1", "ground"), lw.Law.parse("k*d"), values)),
-    )
+    both = with_links(storey(), link("stop", "m1-ground", "k*d", k=10.0))
     with pytest.raises(
         lw.IdentificationError, match='link "stop" ends at the ground and another at the base'
     ):
-        framed(measured("rel:x:m1", "a:base"), structure)
+        framed(measured("rel:x:m1", "a:base"), both)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from structures import oscillator
 
 import linkwise as lw
 
@@ -83,18 +84,7 @@ def test_what_is_no_period_is_refused(period: float, said: str) -> None:
 
 
 def test_an_average_is_identified_as_all_periods_are() -> None:
-    hardening = lw.parse_structure(
-        """
-        [[mass]]
-        name = "m1"
-        mass = 1.0
-        [[link]]
-        name = "spring"
-        between = ["m1", "ground"]
-        law = "k*d + k3*d**3 + c*v"
-        coefficients = { k = 900.0, k3 = 2e5, c = 3.0 }
-        """
-    )
+    hardening = oscillator("k*d + k3*d**3 + c*v", name="spring", k=900.0, k3=2e5, c=3.0)
     phases = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, 24)
     lines = (f"0.9*sin({2.0 * np.pi * k / 4.0!r}*t + {p!r})" for k, p in enumerate(phases.tolist(), start=4))
     clean = lw.simulate(hardening, forces={"m1": " + ".join(lines)}, duration=40.0 - 1.0 / RATE, rate=RATE)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from present import some
-from problems import oscillator
+from structures import link, oscillator, structure
 
 import linkwise as lw
 from linkwise.absorption.crossings import crossings, distinct
 from linkwise.model.excitation import Excitation
-from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.simulation.batch import LANES, BatchResult, can_batch, run_batch
 from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
@@ -73,14 +72,9 @@ def test_blows_samples_and_functions_of_time_do_work() -> None:
 
 
 def test_a_moving_base_does_work() -> None:
-    links = (
-        Link("a", ("m1", "base"), lw.Law.parse("k*d + c*v"), {"k": Coefficient.number(900.0), "c": Coefficient.number(0.5)}),
-        Link("s", ("m2", "m1"), lw.Law.parse("p*d + q*d**3 + c*v"),
-             {"p": Coefficient.number(-10.0), "q": Coefficient.number(1e5), "c": Coefficient.number(0.01)}),
-    )  # fmt: skip
-    anchored = Structure(
-        "held", (Mass("m1", Coefficient.number(1.0)), Mass("m2", Coefficient.number(0.02))), links
-    )
+    spring = link("a", "m1-base", "k*d + c*v", k=900.0, c=0.5)
+    sink = link("s", "m2-m1", "p*d + q*d**3 + c*v", p=-10.0, q=1e5, c=0.01)
+    anchored = structure({"m1": 1.0, "m2": 0.02}, spring, sink)
     schedule = RunSchedule(anchored, Excitation.of(base="0.02*sin(28*t)"), TIMES)
     batch = run_batch([schedule], tops(1))
     agree(batch, 0, schedule)

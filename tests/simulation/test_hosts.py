@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from present import some
+from structures import NES, bodies, host, link, structure
 
 import linkwise as lw
 
 number = lw.Coefficient.number
-SINK = lw.Law.parse("alpha*d + beta*d**3 + c*v")
-VALUES = {"alpha": number(-100.0), "beta": number(1e6), "c": number(0.02)}
 
 
 @cache
 def two_masses() -> lw.Structure:
     """Two masses on springs, undamped, so that real modes take them apart."""
-    spring = lw.Law.parse("k*d")
-    return lw.Structure(
-        "two masses",
-        (lw.Mass("a", number(1.0)), lw.Mass("b", number(0.5))),
-        (
-            lw.Link("root", ("a", lw.GROUND), spring, {"k": number(3e4)}),
-            lw.Link("between", ("b", "a"), spring, {"k": number(2e4)}),
-        ),
+    return structure(
+        {"a": 1.0, "b": 0.5}, link("root", "a-ground", "k*d", k=3e4), link("between", "b-a", "k*d", k=2e4)
     )
 
 
-def with_sink(structure: lw.Structure, end: str) -> lw.Structure:
+def with_sink(subject: lw.Structure, end: str) -> lw.Structure:
     """A structure with a bistable sink at one of its places."""
-    masses = (*structure.masses, lw.Mass("sink", number(0.01)))
-    link = lw.Link("nes", ("sink", end), SINK, VALUES)
-    return lw.Structure("with a sink", masses, (*structure.links, link), structure.hosts)
+    sink = link("nes", f"sink-{end}", NES, alpha=-100.0, beta=1e6, c=0.02)
+    masses = (*subject.masses, *bodies({"sink": 0.01}))
+    return replace(subject, masses=masses, links=(*subject.links, sink))
 
 
 @cache
@@ -41,11 +35,8 @@ def as_host() -> lw.Structure:
     """The same two masses by their modes."""
     modes = lw.modes(two_masses())
     shapes = modes.shapes / np.sqrt(np.einsum("ir,i,ir->r", modes.shapes, [1.0, 0.5], modes.shapes))
-    own = [
-        lw.HostMode(number(float(frequency)), number(0.0), {"a": float(shape[0]), "b": float(shape[1])})
-        for frequency, shape in zip(modes.frequencies, shapes.T, strict=True)
-    ]
-    return lw.Structure("host", (), (), (lw.Host("beam", tuple(own)),))
+    by_point = {"a": shapes[0].tolist(), "b": shapes[1].tolist()}
+    return structure({}, hosts=[host("beam", modes.frequencies.tolist(), 0.0, by_point)])
 
 
 def test_a_host_by_its_modes_moves_as_its_masses_do() -> None:

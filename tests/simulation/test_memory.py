@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from structures import link, named, structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -56,25 +57,18 @@ VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through 
     "piezo-harvester": {"alpha": -40.0, "beta": 90.0, "c": 0.8, "theta": 0.02, "C": 5e-5, "R": 4e3},
     "coil-harvester": {"alpha": -40.0, "beta": 90.0, "c": 0.8, "g": 5.0, "L": 0.3, "R": 8.0},
 }  # fmt: skip
-GROUND_SPRING = lw.Link(
-    "spring",
-    ("m1", "ground"),
-    lw.Law.parse("k*d + c*v"),
-    {"k": lw.Coefficient.number(40.0), "c": lw.Coefficient.number(0.5)},
-)
+GROUND_SPRING = link("spring", "m1-ground", "k*d + c*v", k=40.0, c=0.5)
 
 
-def oscillator(name: str) -> lw.Structure:
+def beside_spring(name: str) -> lw.Structure:
     """1 kg on a spring of 40 N/m beside a link with a named law."""
-    values = {key: lw.Coefficient.number(value) for key, value in VALUES[name].items()}
-    link = lw.named_law(name).link("link", ("m1", "ground"), values)
-    return lw.Structure(name, (lw.Mass("m1", lw.Coefficient.number(1.0)),), (GROUND_SPRING, link))
+    return structure({"m1": 1.0}, GROUND_SPRING, named("link", "m1-ground", name, **VALUES[name]), name=name)
 
 
 @cache
 def simulated(name: str) -> lw.Record:
     return lw.simulate(
-        oscillator(name), duration=END, rate=RATE, sensors=["x", "v", "state"], forces={"m1": DRIVE},
+        beside_spring(name), duration=END, rate=RATE, sensors=["x", "v", "state"], forces={"m1": DRIVE},
         release={"v:m1": VELOCITY},
     )  # fmt: skip
 
@@ -237,7 +231,7 @@ def reference(name: str) -> Floats:
         slips = largest * (chi + 1) / (chi + 2) * moments / shares
         stiffness = KT / (1 + beta) * np.append(shares, beta)
         return by_sliders(stiffness, np.append(slips, largest), grid)
-    return by_branches(oscillator(name), grid)
+    return by_branches(beside_spring(name), grid)
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -263,7 +257,7 @@ def test_energy_is_balanced(name: str) -> None:
 
 def test_work_on_a_hysteretic_link_is_the_area_of_its_loops() -> None:
     record = lw.simulate(
-        oscillator("bouc-wen"), duration=END, rate=2000.0, sensors=["x", "f:link"], forces={"m1": DRIVE}
+        beside_spring("bouc-wen"), duration=END, rate=2000.0, sensors=["x", "f:link"], forces={"m1": DRIVE}
     )
     truth = record.simulated
     assert truth is not None
@@ -274,7 +268,7 @@ def test_work_on_a_hysteretic_link_is_the_area_of_its_loops() -> None:
 
 def test_channels_of_links_survive_every_format(tmp_path: Path) -> None:
     record = lw.simulate(
-        oscillator("piezo"), duration=1.0, rate=RATE, sensors=["x", "f", "state"], forces={"m1": DRIVE}
+        beside_spring("piezo"), duration=1.0, rate=RATE, sensors=["x", "f", "state"], forces={"m1": DRIVE}
     )
     assert record.channels == ("x:m1", "f:spring", "f:link", "state:link.V", "force:m1")
     assert record.masses == ("m1",) and record.inputs == ("force:m1",)
@@ -295,7 +289,7 @@ def test_a_voltage_may_be_written_in_millivolts(tmp_path: Path) -> None:
 
 
 def test_the_release_of_a_state_takes_the_place_of_its_initial_value() -> None:
-    structure = oscillator("maxwell")
+    structure = beside_spring("maxwell")
     released = lw.simulate(
         structure, duration=1.0, rate=RATE, sensors=["state:link.q"], release={"state:link.q": 2.0}
     )

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import chain_record, oscillator
+from problems import chain_record
+from structures import oscillator
 
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError

@@ -7,13 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record
+from structures import link, with_links
 
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law
-from linkwise.model.link import Link
-from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.states import differentiate
 from linkwise.simulation.simulate import simulate
@@ -134,10 +131,8 @@ def test_an_exact_fit_gives_the_exact_force(
 
 
 def test_a_link_may_begin_at_either_end(record: Record, exact: RegressionFit) -> None:
-    links = [
-        replace(link, between=link.between[::-1]) if link.name == "nes1" else link for link in CHAIN.links
-    ]
-    turned = Structure("turned", CHAIN.masses, tuple(links))
+    sink = CHAIN.link("nes1")
+    turned = with_links(CHAIN, replace(sink, between=sink.between[::-1]))
     for reading in READINGS:
         d, force = monomial_force(exact, turned, "nes1", record, reading=reading)
         before, as_before = monomial_force(exact, CHAIN, "nes1", record, reading=reading)
@@ -200,13 +195,7 @@ def test_forces_that_no_monomial_tells_are_refused(record: Record, exact: Regres
     low = LeastSquares().fit(monomial_equations(differentiate(record), 1))
     with pytest.raises(IdentificationError, match=r"of link nes1 needs a column x2\*\*3, .* higher order"):
         monomial_force(low, CHAIN, "nes1", record)
-    dry = Link(
-        "nes1",
-        ("m2", "m1"),
-        Law.parse("F*tanh(d/s)"),
-        {"F": Coefficient.number(1.0), "s": Coefficient.number(0.01)},
-    )
-    rough = Structure("rough", CHAIN.masses, (CHAIN.links[0], dry, *CHAIN.links[2:]))
+    rough = with_links(CHAIN, link("nes1", "m2-m1", "F*tanh(d/s)", F=1.0, s=0.01))
     with pytest.raises(IdentificationError, match=r"F\*tanh\(d/s\) of link nes1 is not a polynomial in d"):
         monomial_force(exact, rough, "nes1", record)
     rest = chain_record(4, duration=0.1, sensors=("x", "v", "a"), speed=0.0)

@@ -9,12 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present, some
+from structures import equal_sinks, link, oscillator, with_links
 
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law
-from linkwise.model.link import Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.signals.states import States
 from linkwise.sindy import library
@@ -44,12 +42,6 @@ def _states(structure: Structure, *, forces: bool = False, base: bool = False, s
     a = (push - (structure.incidence @ force.T).T) / structure.mass_values
     driven = structure.mass_names if forces else ()
     return States(np.arange(COUNT) / 1000, structure.mass_names, x, v, a, push, driven, ground, rate)
-
-
-def _oscillator(law: str, values: dict[str, float], second: str = "ground") -> Structure:
-    coefficients = {name: Coefficient.number(value) for name, value in values.items()}
-    link = Link("spring", ("m1", second), Law.parse(law), coefficients)
-    return Structure("oscillator", (Mass("m1", Coefficient.number(0.5)),), (link,))
 
 
 def test_the_paper_counts_thirty_five_cubic_columns_for_two_masses() -> None:
@@ -247,10 +239,7 @@ def test_both_masses_of_a_link_share_its_coefficients() -> None:
 
 def test_a_wrong_law_does_not_fit() -> None:
     chain = bnes_chain(2)
-    linear = Link(
-        "nes1", ("m2", "m1"), Law.parse("alpha*d + c*v"), dict.fromkeys(("alpha", "c"), Coefficient.unknown())
-    )
-    wrong = Structure("wrong", chain.masses, (chain.links[0], linear))
+    wrong = with_links(chain, link("nes1", "m2-m1", "alpha*d + c*v"))
     equations = link_columns(_states(chain), wrong)
     fit = LeastSquares().fit(equations)
     target = equations.target.ravel()
@@ -260,21 +249,14 @@ def test_a_wrong_law_does_not_fit() -> None:
 
 
 def test_shared_coefficients_are_one_column() -> None:
-    chain = bnes_chain(4)
-    links = list(chain.unknown("nes").links)
-    index = [link.name for link in links].index("nes2")
-    links[index] = replace(
-        links[index], coefficients={**links[index].coefficients, "alpha": Coefficient.shared("nes1.alpha")}
-    )
-    shared = Structure("shared", chain.masses, tuple(links))
-    equations = link_columns(_states(chain), shared)
+    equations = link_columns(_states(bnes_chain(4)), equal_sinks().unknown("nes"))
     assert "nes1.alpha" in equations.names and "nes2.alpha" not in equations.names
     fit = LeastSquares().fit(equations)
     assert fit.terms("force")["nes1.alpha"] == pytest.approx(-100.0, rel=SAME)
 
 
 def test_forces_base_motion_and_an_unknown_mass_take_their_places() -> None:
-    truth = _oscillator("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 4e5, "c": 0.3}, "base")
+    truth = oscillator("k*d + k3*d**3 + c*v", mass=0.5, to="base", name="spring", k=900.0, k3=4e5, c=0.3)
     states = _states(truth, forces=True, base=True)
     fit = LeastSquares().fit(link_columns(states, truth.unknown("all", "mass:m1")))
     terms = fit.terms("force")
@@ -283,7 +265,7 @@ def test_forces_base_motion_and_an_unknown_mass_take_their_places() -> None:
 
 
 def test_a_known_nonlinear_coefficient_is_no_obstacle_and_an_unknown_one_is() -> None:
-    friction = _oscillator("k*d + F*tanh(v/s)", {"k": 900.0, "F": 0.2, "s": 0.05})
+    friction = oscillator("k*d + F*tanh(v/s)", mass=0.5, name="spring", k=900.0, F=0.2, s=0.05)
     states = _states(friction)
     fit = LeastSquares().fit(link_columns(states, friction.unknown("spring.k", "spring.F")))
     assert fit.terms("force")["spring.F"] == pytest.approx(0.2, rel=SAME)

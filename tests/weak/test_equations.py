@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import chain_record, oscillator
+from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements

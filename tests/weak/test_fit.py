@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import chain_record, oscillator
+from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.weak import fit as weakfit

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import chain_record, oscillator, row_of_masses
+from problems import chain_record
+from structures import oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
-from problems import oscillator
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from structures import link, oscillator, structure
 
 import linkwise as lw
 from linkwise.atomic import to_json
@@ -26,35 +26,14 @@ SHORT: dict[str, Any] = {
 
 def two_springs() -> lw.Structure:
     """One mass on two springs to the ground: a displacement sensor sees only their sum."""
-    links = [
-        lw.Link(name, ("m1", "ground"), lw.Law.parse(law), {key: lw.Coefficient.number(value)})
-        for name, law, key, value in (
-            ("one", "k*d", "k", 100.0),
-            ("two", "k*d", "k", 50.0),
-            ("damper", "c*v", "c", 0.1),
-        )
-    ]
-    return lw.Structure("two springs", (lw.Mass("m1", lw.Coefficient.number(1.0)),), tuple(links))
+    springs = link("one", "m1-ground", "k*d", k=100.0), link("two", "m1-ground", "k*d", k=50.0)
+    return structure({"m1": 1.0}, *springs, link("damper", "m1-ground", "c*v", c=0.1))
 
 
 def on_zener() -> lw.Structure:
     """One mass on a spring beside a spring and a damper in series, whose force is a state."""
-    return lw.Structure(
-        "zener",
-        (lw.Mass("m1", lw.Coefficient.number(1.0)),),
-        (
-            lw.Link(
-                "mount",
-                ("m1", "ground"),
-                lw.Law.parse("k*d + q"),
-                {
-                    name: lw.Coefficient.number(value)
-                    for name, value in {"k": 900.0, "s": 600.0, "c": 30.0}.items()
-                },
-                states={"q": lw.LinkState("s*(v - q/c)", unit="N")},
-            ),
-        ),
-    )
+    states = {"q": lw.LinkState("s*(v - q/c)", unit="N")}
+    return structure({"m1": 1.0}, link("mount", "m1-ground", "k*d + q", states, k=900.0, s=600.0, c=30.0))
 
 
 def motions(structures: list[lw.Structure], starts: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -284,13 +263,12 @@ def test_what_sensors_cannot_tell_is_said() -> None:
 def test_each_confusion_is_told_apart_from_the_others() -> None:
     """Two masses that do not touch, each on two springs: two findings of two."""
     springs = [
-        lw.Link(f"{mass}{side}", (mass, "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(value)})
-        for mass, value in (("m1", 100.0), ("m2", 150.0))
+        link(f"{mass}{side}", f"{mass}-ground", "k*d", k=stiffness)
+        for mass, stiffness in (("m1", 100.0), ("m2", 150.0))
         for side in "ab"
     ]
-    masses = tuple(lw.Mass(name, lw.Coefficient.number(1.0)) for name in ("m1", "m2"))
     limit = lw.limit(
-        lw.Structure("pairs", masses, tuple(springs)),
+        structure({"m1": 1.0, "m2": 1.0}, *springs),
         duration=1.0,
         rate=200.0,
         noise=30.0,

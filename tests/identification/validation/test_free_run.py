@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
-from problems import chain_record, oscillator
+from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
 

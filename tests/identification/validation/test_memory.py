@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from present import some
+from structures import harvester, link, named, structure
 
 import linkwise as lw
 
@@ -14,28 +15,15 @@ HARVESTER = {"alpha": -50.0, "beta": 5e6, "c": 0.05, "theta": 1e-3, "R": 1e5, "C
 
 def joint(**changes: float) -> lw.Structure:
     """Two masses, the second of them on a hysteretic joint."""
-    values = {name: lw.Coefficient.number(value) for name, value in (HYSTERETIC | changes).items()}
-    law = lw.Law.parse("k*d + c*v + F*z")
-    states = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
-    spring = {"k": lw.Coefficient.number(3000.0), "c": lw.Coefficient.number(1.0)}
-    return lw.Structure(
-        "joint",
-        (lw.Mass("m1", lw.Coefficient.number(1.0)), lw.Mass("m2", lw.Coefficient.number(0.4))),
-        (
-            lw.Link("spring", ("m1", "ground"), lw.Law.parse("k*d + c*v"), spring),
-            lw.Link("joint", ("m2", "m1"), law, values, states=states),
-        ),
+    spring = link("spring", "m1-ground", "k*d + c*v", k=3000.0, c=1.0)
+    return structure(
+        {"m1": 1.0, "m2": 0.4}, spring, named("joint", "m2-m1", "bouc-wen", **(HYSTERETIC | changes))
     )
 
 
-def harvester(**changes: float) -> lw.Structure:
+def bistable(**changes: float) -> lw.Structure:
     """A bistable mass with a piezo on a moving base."""
-    values = {name: lw.Coefficient.number(value) for name, value in (HARVESTER | changes).items()}
-    law = lw.Law.parse("alpha*d + beta*d**3 + c*v - theta*V")
-    piezo = lw.Link(
-        "piezo", ("m1", "base"), law, values, states={"V": lw.LinkState("(-theta*v - V/R)/C", unit="V")}
-    )
-    return lw.Structure("harvester", (lw.Mass("m1", lw.Coefficient.number(0.05)),), (piezo,))
+    return harvester(0.05, **(HARVESTER | changes))
 
 
 def shaken(structure: lw.Structure, seed: int, sensors: tuple[str, ...] = ("x", "f:joint")) -> lw.Record:
@@ -95,9 +83,9 @@ def test_a_wrong_law_of_the_state_disagrees(changes: dict[str, float]) -> None:
 
 def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     """In its own unit, and each coefficient estimated again from the other record."""
-    record = in_wells(harvester(), 12.0, "0.003*sin(18*t)", 7)
+    record = in_wells(bistable(), 12.0, "0.003*sin(18*t)", 7)
     answer = lw.identify(
-        record[:2400], harvester().unknown("piezo.alpha", "piezo.beta", "piezo.c", "piezo.theta")
+        record[:2400], bistable().unknown("piezo.alpha", "piezo.beta", "piezo.c", "piezo.theta")
     )
     assert answer.trusted and answer.noise["state:piezo.V"].unit == "V"
     validation = lw.validate(record[2400:], answer)
@@ -105,16 +93,16 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     assert len(validation.coefficients) == 4 and all(
         coefficient.agrees for coefficient in some(validation.coefficients)
     )
-    weaker = lw.validate(record[2400:], harvester(theta=0.9e-3))
+    weaker = lw.validate(record[2400:], bistable(theta=0.9e-3))
     assert not weaker.trusted and not weaker.channels["state:piezo.V"].agrees
     assert any("V; noise and intervals allow" in finding for finding in weaker.findings)
 
 
 def test_chaotic_motion_is_predicted_in_windows() -> None:
-    record = in_wells(harvester(c=0.02), 12.0, "0.005*sin(20*t)", 8)
-    validation = lw.validate(record, harvester(c=0.02))
+    record = in_wells(bistable(c=0.02), 12.0, "0.005*sin(20*t)", 8)
+    validation = lw.validate(record, bistable(c=0.02))
     assert not validation.free_run and validation.windows > 1 and validation.trusted
-    assert not lw.validate(record, harvester(c=0.02, alpha=-55.0)).trusted
+    assert not lw.validate(record, bistable(c=0.02, alpha=-55.0)).trusted
 
 
 def test_free_runs_refuse_it() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from present import some
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 

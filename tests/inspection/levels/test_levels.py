@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.cli import run

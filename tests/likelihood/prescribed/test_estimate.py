@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rigs import BOUC_WEN, hysteretic, measured, rig, run
+from structures import link, named, structure
 
 import linkwise as lw
 from linkwise import Verdict
@@ -83,11 +84,9 @@ def test_starts_are_searched_for_in_the_part_of_a_long_record_that_moves_most() 
 
 def test_friction_of_bristles_is_found_without_starts() -> None:
     values = {"s0": 2e5, "s1": 100.0, "s2": 500.0, "Fc": 60.0, "Fs": 90.0, "vs": 5e-3}
-    numbers = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    link = lw.named_law("lugre").link("damper", ("base", "ground"), numbers)
-    structure = lw.Structure("rig", (), (link,))
-    unknown = lw.Structure("rig", (), (lw.named_law("lugre").link("damper", ("base", "ground")),))
-    fit = lw.identify(measured(run(structure), 1, displacement=1e-7), unknown)
+    true = structure({}, named("damper", "base-ground", "lugre", **values))
+    unknown = structure({}, named("damper", "base-ground", "lugre"))
+    fit = lw.identify(measured(run(true), 1, displacement=1e-7), unknown)
     assert fit.trusted, str(fit)
     for name, value in values.items():
         estimate = fit.coefficient(f"damper.{name}")
@@ -214,13 +213,12 @@ def test_starts_with_which_a_law_is_not_finite_are_refused() -> None:
 
 
 def test_records_with_different_load_cells_are_refused() -> None:
-    links = [replace(rig("k*d", {"k": 2000.0}).links[0], name=name) for name in ("a", "b")]
-    structure = lw.Structure("rig", (), tuple(links))
-    both = run(structure, 2.0)
+    pair = structure({}, *(link(name, "base-ground", "k*d", k=2000.0) for name in ("a", "b")))
+    both = run(pair, 2.0)
     single = both.select(["x:base", "f:a"])[:300]
     for records in ([both, single], [single, both]):
         with pytest.raises(lw.IdentificationError, match="same channels, and f:b is not in record"):
-            lw.identify(records, structure.unknown("a"))
+            lw.identify(records, pair.unknown("a"))
 
 
 @pytest.mark.filterwarnings("error")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 from present import present
-from problems import THREE, truth
+from problems import rubbing_trio, truth
 
 import linkwise as lw
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
@@ -29,7 +29,7 @@ FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
 @pytest.fixture(scope="module")
 def three() -> lw.Structure:
     """Three masses, a moving base, two laws in turn, a coefficient shared, friction nonlinear in a coefficient."""
-    return lw.parse_structure(THREE)
+    return rubbing_trio()
 
 
 @pytest.fixture(scope="module")

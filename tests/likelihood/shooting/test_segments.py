@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present, some
-from problems import THREE, chain_record, truth
+from problems import chain_record, rubbing_trio, truth
 
 import linkwise as lw
 from linkwise.likelihood.shooting import normal_equations as module
@@ -28,7 +28,7 @@ FIRST, SECOND = 8, 6  # nodes of the two records
 
 @pytest.fixture(scope="module")
 def three() -> lw.Structure:
-    return lw.parse_structure(THREE)
+    return rubbing_trio()
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from structures import named, structure
 
 import linkwise as lw
 from linkwise.likelihood.starts.motion_from_states import motion_from_states
@@ -12,11 +13,8 @@ from linkwise.likelihood.starts.motion_from_states import motion_from_states
 @pytest.mark.parametrize("order", [("lower", "upper"), ("upper", "lower")])
 def test_voltages_tell_the_motion_of_a_chain_whatever_the_order_of_its_links(order: tuple[str, str]) -> None:
     values = {"k": 800.0, "c": 0.5, "theta": 2e-3, "C": 5e-6, "R": 5e4}
-    given = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    ends = {"lower": ("m1", "ground"), "upper": ("m2", "m1")}
-    links = tuple(lw.named_law("piezo").link(name, ends[name], given) for name in order)
-    masses = tuple(lw.Mass(name, lw.Coefficient.number(kg)) for name, kg in (("m1", 1.0), ("m2", 0.5)))
-    chain = lw.Structure("chain", masses, links)
+    ends = {"lower": "m1-ground", "upper": "m2-m1"}
+    chain = structure({"m1": 1.0, "m2": 0.5}, *(named(name, ends[name], "piezo", **values) for name in order))
     force = {"m1": "5*sin(20*t) + 4*sin(31*t)"}
     record = lw.simulate(chain, forces=force, duration=3.0, rate=300.0, sensors=["state", "v"])
     x, v = np.zeros((2, len(record))), np.zeros((2, len(record)))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_fit, chain_record
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.likelihood.starts.coefficients import law_start
@@ -75,16 +76,12 @@ def test_coefficients_follow_from_forces_without_any_start(kind: str) -> None:
 
 
 def test_a_nonlinear_coefficient_needs_a_start() -> None:
-    law = lw.Law.parse("k*d + F*tanh(v/s)")
-    values = {name: lw.Coefficient(value=None, known=False) for name in law.coefficients}
     chain = lw.bnes_chain(2)
-    structure = lw.Structure(
-        "slip",
-        chain.masses,
-        (lw.Link("slip1", chain.link("spring1").between, law, values), chain.link("nes1")),
+    slip = structure(
+        {"m1": 1.0, "m2": 0.01}, link("slip1", "m1-ground", "k*d + F*tanh(v/s)"), chain.link("nes1")
     )
     with pytest.raises(lw.IdentificationError, match=r"not linear in s, which needs a start"):
-        law_start(noisy(2, "v", 1000), structure, channel_noise(noisy(2, "v", 1000)), {})
+        law_start(noisy(2, "v", 1000), slip, channel_noise(noisy(2, "v", 1000)), {})
 
 
 def test_masses_follow_from_elongations() -> None:

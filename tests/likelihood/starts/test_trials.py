@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.likelihood.starts.trials import trial_values

@@ -4,33 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from structures import asked_oscillator, oscillator
 
 import linkwise as lw
 
-RIG = """
-[[mass]]
-name = "m1"
-mass = 1.3
-[[link]]
-name = "spring"
-between = ["m1", "ground"]
-law = "k*d + c*v + k3*d**3"
-coefficients = { k = 1500.0, c = 1.5, k3 = 2e5 }
-"""
+RIG = oscillator("k*d + c*v + k3*d**3", mass=1.3, name="spring", k=1500.0, c=1.5, k3=2e5)
 RATE, DURATION = 400.0, 10.0
 
 
 @pytest.mark.parametrize("sensor", ["v", "a"])
 def test_a_duffing_oscillator_of_unknown_mass_by_force_and_velocity(sensor: str) -> None:
-    rig = lw.parse_structure(RIG, "test")
     rng = np.random.default_rng(3)
     samples = round(RATE * DURATION) + 1
     frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
     band = (frequency > 1.0) & (frequency < 20.0)
     force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
     driven = {"m1": lw.Sampled(0.0, RATE, 8.0 * force / force.std(), band_limited=True)}
-    clean = lw.simulate(rig, forces=driven, duration=DURATION, rate=RATE, sensors=[sensor])
-    unknown = lw.Structure("unknown", (lw.Mass("m1", lw.Coefficient.unknown()),), rig.unknown("all").links)
+    clean = lw.simulate(RIG, forces=driven, duration=DURATION, rate=RATE, sensors=[sensor])
+    unknown = asked_oscillator("k*d + c*v + k3*d**3")
     fit = lw.identify(clean.with_noise(40.0, seed=1), unknown)
     assert fit.trusted
     truth = {"m1.mass": 1.3, "spring.k": 1500.0, "spring.c": 1.5, "spring.k3": 2e5}

@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from problems import oscillator
 from scipy.integrate import solve_ivp
+from structures import link, oscillator, structure
 
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation
 from linkwise.model.input_signal import Sampled
-from linkwise.model.law import Law
-from linkwise.model.structure import Coefficient, Link, Mass, Structure
+from linkwise.model.structure import Structure
 from linkwise.simulation.integrator.compiled import CompiledSystem, compiled_system
 from linkwise.simulation.integrator.interface import Placement
 from linkwise.simulation.integrator.shape import SCALE
@@ -80,25 +79,21 @@ def test_integer_powers_have_a_taylor_series_at_zero() -> None:
 
 
 def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it() -> None:
-    law = Law.parse("k*d + c*v + k3*d**3")
-    numbers = {name: Coefficient.number(value) for name, value in {"k": 50.0, "c": 0.2, "k3": 300.0}.items()}
-    masses = tuple(Mass(f"m{i}", Coefficient.number(1.0 + 0.1 * i)) for i in range(1, 4))
-    ends = [("base", "m1"), ("m2", "m1"), ("m3", "m2"), ("m3", "ground")]
-    structure = Structure(
-        "frame", masses, tuple(Link(f"l{i}", end, law, numbers) for i, end in enumerate(ends))
-    )
+    ends = ("base-m1", "m2-m1", "m3-m2", "m3-ground")
+    links = (link(f"l{i}", end, "k*d + c*v + k3*d**3", k=50.0, c=0.2, k3=300.0) for i, end in enumerate(ends))
+    frame = structure({f"m{i}": 1.0 + 0.1 * i for i in range(1, 4)}, *links)
     rng = np.random.default_rng(0)
     force = Sampled(-0.1, 40.0, rng.standard_normal(100))
     excitation = Excitation.of({"x:m2": 0.1}, forces={"m2": force}, base="0.1*sin(6*t)**2")
     record = simulate(
-        structure,
+        frame,
         release={"x:m2": 0.1},
         forces={"m2": force},
         base="0.1*sin(6*t)**2",
         duration=1.0,
         rate=30.0,
     )
-    expected = by_scipy(structure, excitation, record.time)
+    expected = by_scipy(frame, excitation, record.time)
     # 1e-9: what DOP853 reaches, as above
     assert present(record.simulated).displacement == pytest.approx(expected[:, :3], abs=1e-9)
 
@@ -189,12 +184,12 @@ def test_a_gap_is_met_exactly(law: str) -> None:
 
 def test_two_gaps_that_are_met_at_once() -> None:
     """Two equal masses on equal gaps: the second kink is not lost behind the first."""
-    law = Law.parse("kc*max(d - g, 0)")
-    numbers = {"kc": Coefficient.number(4e4), "g": Coefficient.number(0.1)}
-    masses = tuple(Mass(name, Coefficient.number(1.0)) for name in ("m1", "m2"))
-    links = tuple(Link(f"l{m.name}", (m.name, "ground"), law, numbers) for m in masses)
+    gaps = (link(f"l{mass}", f"{mass}-ground", "kc*max(d - g, 0)", kc=4e4, g=0.1) for mass in ("m1", "m2"))
     record = simulate(
-        Structure("pair", masses, links), release={"v:m1": 2.0, "v:m2": 2.0}, duration=0.2, rate=1000.0
+        structure({"m1": 1.0, "m2": 1.0}, *gaps),
+        release={"v:m1": 2.0, "v:m2": 2.0},
+        duration=0.2,
+        rate=1000.0,
     )
     expected = contact(record.time, 2.0, 0.1, 200.0)
     assert record.values == pytest.approx(np.column_stack([expected, expected]), abs=1e-13)
@@ -278,16 +273,12 @@ def test_a_kink_in_the_coefficients_alone_is_none() -> None:
 
 def test_a_kink_that_symmetry_holds_at_zero_is_watched_when_symmetry_breaks() -> None:
     """Two masses released alike move alike until rounding parts them: the link between them pushes them apart."""
-    outer, between = Law.parse("k*d + c*v"), Law.parse("a*d + b*d*abs(d)")
-    numbers = {name: Coefficient.number(value) for name, value in {"k": 100.0, "c": 0.5}.items()}
-    push = {"a": Coefficient.number(-150.0), "b": Coefficient.number(1000.0)}
-    masses = tuple(Mass(name, Coefficient.number(1.0)) for name in ("m1", "m2"))
-    links = (
-        Link("l1", ("m1", "ground"), outer, numbers),
-        Link("l2", ("m2", "ground"), outer, numbers),
-        Link("l3", ("m2", "m1"), between, push),
+    pair = structure(
+        {"m1": 1.0, "m2": 1.0},
+        link("l1", "m1-ground", "k*d + c*v", k=100.0, c=0.5),
+        link("l2", "m2-ground", "k*d + c*v", k=100.0, c=0.5),
+        link("l3", "m2-m1", "a*d + b*d*abs(d)", a=-150.0, b=1000.0),
     )
-    pair = Structure("pair", masses, links)
     alike = simulate(pair, release={"v:m1": 1.0, "v:m2": 1.0}, duration=10.0, rate=100.0)
     assert alike.values[:, 0] == pytest.approx(alike.values[:, 1], abs=1e-12)
     struck = simulate(

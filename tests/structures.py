@@ -1,0 +1,126 @@
+"""The structures that tests work on: the few words that build them, and those that several tests share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import linkwise as lw
+from linkwise.model.law import Law
+
+Value = float | lw.Coefficient
+States = Mapping[str, lw.LinkState | str]
+
+NES = "alpha*d + beta*d**3 + c*v"
+HARDENING = "k*d + k3*d**3 + c*v"
+
+
+def coefficient(value: Value) -> lw.Coefficient:
+    """A number, or what already is a coefficient."""
+    return value if isinstance(value, lw.Coefficient) else lw.Coefficient.number(value)
+
+
+def link(
+    name: str, between: str, law: str | Law, states: States | None = None, /, **values: Value
+) -> lw.Link:
+    """A link between "m2-m1" with its coefficients by name; those that are not given are unknown."""
+    first, second = between.split("-")
+    parsed = law if isinstance(law, Law) else Law.parse(law, states)
+    given = {key: coefficient(value) for key, value in values.items()}
+    unknown = dict.fromkeys(parsed.coefficients, lw.Coefficient.unknown())
+    return lw.Link(name, (first, second), parsed, unknown | given)
+
+
+def named(name: str, between: str, law: str, /, **values: Value) -> lw.Link:
+    """A link with a law by its name, within the bounds that this has, between "m2-m1"."""
+    first, second = between.split("-")
+    given = {key: coefficient(value) for key, value in values.items()}
+    return lw.named_law(law).link(name, (first, second), given)
+
+
+def bodies(masses: Mapping[str, Value]) -> tuple[lw.Mass, ...]:
+    """Masses in kg by name."""
+    return tuple(lw.Mass(name, coefficient(value)) for name, value in masses.items())
+
+
+def structure(
+    masses: Mapping[str, Value], *links: lw.Link, hosts: Sequence[lw.Host] = (), name: str = "test"
+) -> lw.Structure:
+    """Masses in kg by name, and what links them."""
+    return lw.Structure(name, bodies(masses), links, tuple(hosts))
+
+
+def oscillator(
+    law: str, *, mass: Value = 1.0, to: str = "ground", name: str = "link", **values: Value
+) -> lw.Structure:
+    """One mass on one link, to the ground unless `to` the base."""
+    return structure({"m1": mass}, link(name, f"m1-{to}", law, **values), name="oscillator")
+
+
+def asked_oscillator(law: str, mass: float | None = None, *, name: str = "spring") -> lw.Structure:
+    """One mass on one link, of which all is unknown but, where it is given, the mass."""
+    return oscillator(law, mass=lw.Coefficient.unknown() if mass is None else mass, name=name)
+
+
+def row_of_masses(masses: Sequence[float], **links: tuple[str, Mapping[str, Value]]) -> lw.Structure:
+    """Masses m1, m2, ... each on a link, by its law and coefficients, to the one before, and the first to the ground."""
+    names = [f"m{k}" for k in range(1, len(masses) + 1)]
+    joined = [
+        link(name, f"{mass}-{below}", law, **values)
+        for mass, below, (name, (law, values)) in zip(
+            names, ["ground", *names[:-1]], links.items(), strict=True
+        )
+    ]
+    return structure(dict(zip(names, masses, strict=True)), *joined, name="row")
+
+
+def host(
+    name: str, frequencies: Sequence[Value], damping: float, shapes: Mapping[str, Sequence[float]]
+) -> lw.Host:
+    """A host by the frequencies of its modes in Hz, a part of critical damping, and the shapes of its points by mode."""
+    modes = (
+        lw.HostMode(
+            coefficient(frequency),
+            coefficient(damping),
+            {point: shape[r] for point, shape in shapes.items()},
+        )
+        for r, frequency in enumerate(frequencies)
+    )
+    return lw.Host(name, tuple(modes))
+
+
+def with_links(subject: lw.Structure, *links: lw.Link) -> lw.Structure:
+    """The structure with these links in place of those of their names, or else after its own."""
+    new = {entry.name: entry for entry in links}
+    kept = [new.pop(own.name, own) for own in subject.links]
+    return replace(subject, links=(*kept, *new.values()))
+
+
+CANTILEVER = (3.3, 20.6, 57.7)  # Hz, of a slender cantilever
+CANTILEVER_SHAPES = {"tip": (3.2, -3.2, 3.2), "mid": (1.1, 2.3, 0.06), "root": (0.3, 1.5, 2.8)}
+CANTILEVER_SINK = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
+
+
+def beam_of_one_mode(*links: lw.Link, damping: float = 0.005) -> lw.Structure:
+    """A beam by its first mode, of 20 Hz, which is seen at the tip."""
+    return structure({}, *links, hosts=[host("beam", [20.0], damping, {"tip": [1.0]})], name="beam")
+
+
+def equal_sinks() -> lw.Structure:
+    """The paper's chain of four masses, whose two sinks share alpha."""
+    chain = lw.bnes_chain(4)
+    second = chain.link("nes2")
+    shared = {**second.coefficients, "alpha": lw.Coefficient.shared("nes1.alpha")}
+    return with_links(chain, replace(second, coefficients=shared))
+
+
+def hysteretic_oscillator(mass: Value = 1.0, to: str = "ground", /, **values: Value) -> lw.Structure:
+    """One mass on a Bouc-Wen link, whose coefficients keep their bounds where they are made unknown."""
+    return structure({"m1": mass}, named("joint", f"m1-{to}", "bouc-wen", **values), name="joint")
+
+
+def harvester(
+    mass: Value, to: str = "base", law: str = "piezo-harvester", /, **values: Value
+) -> lw.Structure:
+    """A mass on a link with a piezo that feeds a resistor: bistable, unless the law is "piezo"."""
+    return structure({"m1": mass}, named("piezo", f"m1-{to}", law, **values), name="harvester")
