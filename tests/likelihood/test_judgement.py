@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from problems import chain_record, truth
 from structures import link, oscillator, row_of_masses, with_links
 
 import linkwise as lw
-from linkwise.likelihood.judgement import _decisive
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.judgement import _decisive, _not_held
+from linkwise.likelihood.missing_terms import MissingTerms
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.signals.outliers import has_outliers, outliers_exceed_noise
 
@@ -305,3 +309,25 @@ def test_a_term_that_overturns_a_coefficient_is_held_by_its_interval() -> None:
     assert _decisive((replace(narrow, overturned=()), large), by_blocks=True) is large
     assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "With it, link.c would change by" in fits[1].message
+
+
+def test_a_weak_term_overturns_nothing_that_likelier_ones_explain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a structure with two terms missing, a third that looks like them would leave a damping without a sign."""
+    names = SimpleNamespace(system=SimpleNamespace(parameters=SimpleNamespace(names=("link.c",))))
+    fit: Any = SimpleNamespace(values=np.array([5.0]), covariance=np.eye(1), segments=names)
+    like, beyond = (
+        Cause("term", "link", 0.1, "N", 50.0, 0.01, term=term, shift=4.0, overturned=("link.c",))
+        for term in ("v*abs(v)", "v**3")
+    )
+    for variance, overturned in (
+        (0.0, ("link.c",)),
+        (9.0, ()),
+    ):  # of 5: zero is outside the interval, or inside
+        missing = MissingTerms(np.full((1, 1), variance), frozenset({("link", "v**3")}))
+        monkeypatch.setattr(
+            "linkwise.likelihood.judgement.for_missing_terms", lambda *given, told=missing: told
+        )
+        first, second = _not_held(fit, oscillator("c*v", c=5.0), (like, beyond))
+        assert first.overturned == () and second.overturned == overturned
+    monkeypatch.setattr("linkwise.likelihood.judgement.for_missing_terms", lambda *given: None)
+    assert _not_held(fit, oscillator("c*v", c=5.0), (like,)) == (like,)

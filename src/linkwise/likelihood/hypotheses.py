@@ -15,7 +15,10 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 
 _TERMS = tuple(
-    map(Law.parse, ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"))
+    map(
+        Law.parse,
+        ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
+    )
 )
 _USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)")
 _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off

@@ -121,11 +121,12 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     message += _of_forces(fit, verdict, causes, channels)
     allowed = verdict is Verdict.MODEL_ERROR_NEEDED and causes
     missing = for_missing_terms(shown, identified, held_errors(fit, causes), channels) if allowed else None
+    added = None if missing is None else missing.covariance
     hinted = for_noise_of_inputs(fit, inputs) if verdict is Verdict.CONVERGED and not causes else None
     if hinted is None:
-        return Judgement(verdict, message, share, causes, missing)
+        return Judgement(verdict, message, share, causes, added)
     message += f" The residuals hint at {hinted[0].description}, which intervals hold."
-    return Judgement(verdict, message, share, causes, missing, hinted[1])
+    return Judgement(verdict, message, share, causes, added, hinted[1])
 
 
 def _with_hidden_term(
@@ -303,17 +304,28 @@ def _decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
 
 
 def _not_held(fit: LikelihoodFit, identified: Structure, causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """The causes without the coefficients that they would overturn and whose intervals hold zero, counting missing terms."""
+    """The causes without the coefficients that they would overturn, where intervals hold that.
+
+    They do where they hold zero, counting missing terms, and where a cause explains nothing beside those that they count: a
+    weak one would overturn what the likelier ones, which it looks like, do not.
+    """
     missing = for_missing_terms(fit, identified) if any(cause.overturned for cause in causes) else None
     if missing is None:
         return tuple(causes)
-    errors = np.sqrt(np.maximum((fit.covariance + missing).diagonal(), 0.0))
+    errors = np.sqrt(np.maximum((fit.covariance + missing.covariance).diagonal(), 0.0))
     names = fit.segments.system.parameters.names
     uncertain = {
         name for name, clear in zip(names, np.abs(fit.values) > NORMAL_95 * errors, strict=True) if not clear
     }
     return tuple(
-        replace(cause, overturned=tuple(name for name in cause.overturned if name not in uncertain))
+        replace(
+            cause,
+            overturned=tuple(
+                name
+                for name in cause.overturned
+                if name not in uncertain and (cause.where, cause.term) in missing.unexplained
+            ),
+        )
         for cause in causes
     )
 

@@ -11,6 +11,7 @@ diagnosis names are added with the terms, where they would move coefficients by 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.diagnosis import least_gain, tested_causes
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.hypotheses import missing_forces
+from linkwise.likelihood.hypotheses import Hypothesis, missing_forces
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.single_tests import single_tests
@@ -29,11 +30,22 @@ _SINGULAR = 1e-12
 _MOST = 6  # terms; of more, each makes a small part of what the first ones do
 
 
+@dataclass(frozen=True, eq=False)
+class MissingTerms:
+    """The `covariance` (p, p), in SI units, that missing terms, missing links and errors add to that of the coefficients.
+
+    `unexplained` are links with terms, and pairs of masses with forms, that are still significant beside those added.
+    """
+
+    covariance: Floats
+    unexplained: frozenset[tuple[str, str]]
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
 def for_missing_terms(
     fit: LikelihoodFit, identified: Structure, errors: Collection[Cause] = (), channels: Sequence[str] = ()
-) -> Floats | None:
-    """The covariance that missing terms of links, missing links and named errors add to that of the coefficients.
+) -> MissingTerms | None:
+    """What missing terms of links, missing links and named errors add to the covariance of the coefficients.
 
     Parameters
     ----------
@@ -48,13 +60,13 @@ def for_missing_terms(
 
     Returns
     -------
-    array of shape (p, p) or None
-        In SI units; None where no term explains what the laws leave.
+    MissingTerms or None
+        None where no term explains what the laws leave.
     """
     optimum, p = fit.optimum, len(fit.values)
     try:
         with one_blas_thread():
-            curvature, slope = _equations(fit, identified, errors, channels)
+            hypotheses, curvature, slope = _equations(fit, identified, errors, channels)
     except np.linalg.LinAlgError:
         return None
     tested = len(slope) - p
@@ -62,12 +74,13 @@ def for_missing_terms(
     scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     curvature, slope = curvature * np.outer(scale, scale), slope * scale
     order, added = np.arange(len(slope)), 0
-    while added < min(_MOST, tested):
+    while True:
         among = np.ix_(order, order)
-        tests = single_tests(curvature[among], slope[order], curvature[among], p + added)
-        best = int(np.argmax(np.where(np.isfinite(tests.gains), tests.gains, 0.0)))
-        if not tests.gains[best] > limit:
+        gains = single_tests(curvature[among], slope[order], curvature[among], p + added).gains
+        significant = gains > limit
+        if added == min(_MOST, tested) or not significant.any():
             break
+        best = int(np.argmax(np.where(np.isfinite(gains), gains, 0.0)))
         position = p + added
         order[[position, position + best]] = order[[position + best, position]]
         added += 1
@@ -79,27 +92,30 @@ def for_missing_terms(
     beside = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
     moved = np.linalg.lstsq(*beside, rcond=_SINGULAR)[0] @ values
     moved = np.where(fit.free, moved * scale[:p] * optimum.scales.theta[:p], 0.0)
-    return np.outer(moved, moved)
+    beyond = (hypotheses[number - p] for number in order[p + added :][significant].tolist())
+    unexplained = frozenset((hypothesis.where, hypothesis.term) for hypothesis in beyond)
+    return MissingTerms(np.outer(moved, moved), unexplained)
 
 
 def _equations(
     fit: LikelihoodFit, identified: Structure, errors: Collection[Cause], channels: Sequence[str]
-) -> tuple[Floats, Floats]:
-    """Curvature and slope in the scaled parameters and, after them, in the sizes of missing forces and named `errors`."""
+) -> tuple[Sequence[Hypothesis], Floats, Floats]:
+    """The hypotheses, missing forces and named `errors`; curvature and slope in the parameters and their sizes, scaled."""
     optimum = fit.optimum
     if not errors:
-        _, forces = missing_forces(identified, optimum.segments.system.parameters.names)
+        hypotheses, forces = missing_forces(identified, optimum.segments.system.parameters.names)
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
         candidates, _ = candidate_forces(optimum, misfit, forces)
         quadratic = augmented_quadratic(optimum, misfit, candidates)
-        return quadratic.curvature, quadratic.slope
+        return hypotheses, quadratic.curvature, quadratic.slope
     tested = tested_causes(fit, identified, channels, terms=True)
     named = {(error.kind, error.where, error.source) for error in errors}
     allowed = [
         number
-        for number, hypothesis in enumerate(tested.hypotheses, start=len(fit.values))
+        for number, hypothesis in enumerate(tested.hypotheses)
         if hypothesis.kind in ("term", "link")
         or (hypothesis.kind, hypothesis.where, hypothesis.source) in named
     ]
-    order = [*range(len(fit.values)), *allowed]
-    return tested.curvature[np.ix_(order, order)], tested.slope[order]
+    order = [*range(len(fit.values)), *(len(fit.values) + number for number in allowed)]
+    hypotheses = [tested.hypotheses[number] for number in allowed]
+    return hypotheses, tested.curvature[np.ix_(order, order)], tested.slope[order]
