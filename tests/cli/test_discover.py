@@ -319,7 +319,7 @@ def test_a_record_of_noise_gives_no_structure(files: Path, capsys: pytest.Captur
 
 def test_a_unit_that_is_wrong_is_not_trusted(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With one channel a thousand times too large no structure explains both, and false links would mend it."""
-    assert run(arguments(files, "--channel", "x:m1[km]=x:m1")) == 3
+    assert run(arguments(files, "--channel", "x:m1[km]=x:m1", "--to", "0.5")) == 3
     out = " ".join(capsys.readouterr().out.split())
     assert "NOT to be trusted" in out and "No decision is certain." in out and "check the units" in out
 

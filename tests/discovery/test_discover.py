@@ -169,7 +169,7 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
 
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Its links would bend about another place; the answer says where to look."""
-    record = two[0][:3000]
+    record = two[0][:1000]
     shifted = record.values + np.array([0.0, 0.02])
     discovery = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
     assert terms(discovery.structure) != terms(lw.bnes_chain(2)) and not discovery.trusted
@@ -235,7 +235,7 @@ def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
 ) -> None:
     """Without the sink's link to its frame the record cannot be explained."""
     record, _ = two
-    discovery = lw.discover(record, known_not_to_be(lw.bnes_chain(2).masses, ("m2", "m1")))
+    discovery = lw.discover(record[:1000], known_not_to_be(lw.bnes_chain(2).masses, ("m2", "m1")))
     assert frozenset({"m1", "m2"}) not in graph(discovery.structure)
     assert not discovery.trusted
 

@@ -22,8 +22,8 @@ ANSWERS: dict[str, Callable[[lw.Record], lw.Estimate | lw.Discovery | lw.Validat
 
 
 def clean_record() -> lw.Record:
-    """Two seconds of the paper's chain."""
-    return chain(2, 30.0)[:2000]
+    """A second of the paper's chain."""
+    return chain(2, 30.0)[:1000]
 
 
 def clipped_record() -> lw.Record:

@@ -158,6 +158,7 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
         "status",
         "message",
         "seconds",
+        "sensor_errors",
         "noise",
         "fit",
         "findings",
