@@ -297,7 +297,8 @@ class _Stages:
         after += states[j]
         after[0] += states[j, 1]
         if self.has_memory:
-            orbit.memory[j + 1] = memory + np.tensordot(CLOSING[1], self.slopes, 1)
+            np.dot(CLOSING[1:], self.slopes.reshape(STAGES, -1), self.gone)
+            np.add(memory, self.gone.reshape(memory.shape), orbit.memory[j + 1])
 
     def close(self, orbit: Trajectories, steps: int) -> None:
         """Elongations and accelerations at the end of the last step, where floating-point warnings are ignored."""
