@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from structures import oscillator
 
 import linkwise as lw
@@ -66,12 +67,25 @@ def test_terms_that_are_there_stay_certain_beside_other_forms() -> None:
     assert {term.term for term in discovery.kept if term.certain} == {"d", "d**3", "v", "v**3"}
 
 
+@pytest.mark.parametrize(("k3", "q", "certain"), [(0.0, 150.0, {"d", "v"}), (4e4, 0.0, {"d", "v", "d**3"})])
+def test_a_term_of_which_another_form_is_as_good_is_in_doubt(k3: float, q: float, certain: set[str]) -> None:
+    """A stiffness that grows with the elongation was told as cubic, beyond doubt; one that is cubic stays so."""
+    given = record("k*d + k3*d**3 + c*v + q*d*abs(d)", 42, c=2.0, k3=k3, q=q)
+    discovery = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
+    assert discovery.trusted and {term.term for term in discovery.kept} == {"d", "v", "d**3"}
+    assert {term.term for term in discovery.kept if term.certain} == certain
+    told = [remark for remark in discovery.remarks if "explains the record as well as m1-ground.k3" in remark]
+    assert len(told) == ("d**3" not in certain)
+
+
 def test_a_form_that_replaces_no_term_does_not_hide_a_weaker_one_that_does() -> None:
     def rival(form: str, terms: tuple[int, ...], gain: float) -> RivalForm:
         return RivalForm("m1-ground", form, terms, gain, np.zeros(3))
 
     undefined = rival("d**5", (2,), float("nan"))
     joining, replacing = rival("d*abs(d)", (), 80.0), rival("d**2", (2,), 20.0)
-    weak = rival("d**4", (2,), 9.0)
+    weak, worse = rival("d**4", (2,), 9.0), rival("d**5", (2,), -11.0)
     assert best_rivals([undefined, joining, replacing, weak], 4 * [(1, 2)]) == (replacing,)
-    assert best_rivals([undefined, joining, weak], 3 * [(1, 2)]) == ()
+    assert best_rivals([undefined, joining, weak], 3 * [(1, 2)]) == (weak,)
+    assert replacing.is_better and not weak.is_better
+    assert best_rivals([undefined, joining, worse], 3 * [(1, 2)]) == ()

@@ -147,7 +147,11 @@ def _doubts_of_search(
     opposed = opposed_damping(selection, screened.candidates)
     search = [
         (bool(opposed), Verdict.TERMS_MAY_BE_MISSING, _OPPOSED.format(" and ".join(opposed))),
-        (bool(forms) and selection.is_exact, Verdict.TERMS_MAY_BE_MISSING, _STAND_INS),
+        (
+            selection.is_exact and any(form.is_better for form in forms),
+            Verdict.TERMS_MAY_BE_MISSING,
+            _STAND_INS,
+        ),
         (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
         (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),

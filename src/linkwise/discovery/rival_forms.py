@@ -4,7 +4,8 @@ A selection takes the best of the terms on offer: v and sign(v) where the dampin
 margins against each other are large, and say nothing of forms that nobody offered. Here each of the usual forms joins each
 link that was found, in the local quadratic model of the cost, and terms of the same kind give way to it: of stiffness to one
 of stiffness, of damping to one of damping. Terms that the best form makes needless only stand in for it, where the criterion
-is lower with it.
+is lower with it. A form of stiffness in whose place a term explains the records hardly better leaves it in doubt: which of the
+two the link has is not told.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ _NOT_TESTED = (
 class RivalForm:
     """A `form` on a `link` beside which the `terms`, by number, are not needed, at a criterion that is lower by `gain`.
 
+    With a `gain` up to 10 it only explains the records about as well.
+
     `moved` (p,) is by how much the parameters of the selection would change, those of the terms to zero.
     """
 
@@ -50,9 +53,19 @@ class RivalForm:
     gain: float
     moved: Floats
 
+    @property
+    def is_better(self) -> bool:
+        """Whether the terms only stand in for it, by very strong evidence."""
+        return self.gain > _STRONG
+
     def remark(self, names: Sequence[str]) -> str:
         """A sentence for the user; `names` are those of all terms by number."""
         terms = " and ".join(names[number] for number in self.terms)
+        if not self.is_better:
+            return (
+                f"A force like {self.form} in {self.link}, which was not offered, explains the record as well as {terms} (the "
+                f"criterion changes by {-self.gain:+.2g}). A wider range of motion, or less noise, tells them apart."
+            )
         return (
             f"With a force like {self.form} in {self.link}, which was not offered, {terms} would not be needed and the "
             f"criterion would be {self.gain:.3g} lower: offer it."
@@ -60,7 +73,10 @@ class RivalForm:
 
 
 def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm, ...]:
-    """For each link and kind of term the form that replaces terms there best, the best of all first."""
+    """For each link and kind of term the form that replaces terms there best, the best of all first.
+
+    Where none is better, of stiffness the one that explains the records about as well in place of nonlinear terms.
+    """
     structure, p = selection.structure, len(selection.structure.parameters)
     places = [*_places(selection, candidates)][:_MOST_LINKS]
     rates = link_rates(selection) if places else {}
@@ -85,22 +101,30 @@ def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm
     names = (*selection.quadratic.names[:p], *(form.text for _, _, form in tested))
     scatter = None if local.scatter is None else local.scatter / factor**2
     model = QuadraticModel(names, local.curvature / factor, local.slope / factor, scatter)
+    linear = {name for name, entry in candidates.by_name.items() if entry.term.text.replace(" ", "") == "d"}
     rivals = []
     for number, (link, chosen, form) in enumerate(tested):
-        terms, gain = _replaced(selection, model, chosen, p + number, damping=form.is_damping)
+        totals = _totals(selection, model, chosen, p + number, damping=form.is_damping)
+        terms = min(totals, key=lambda dropped: totals[dropped], default=())
+        if not (terms and totals[terms] < -_STRONG):
+            curved = (
+                () if form.is_damping else (d for d in totals if d and linear.isdisjoint(names[k] for k in d))
+            )
+            terms = min(curved, key=lambda dropped: totals[dropped], default=())
+        gain = -totals[terms] if terms in totals else 0.0
         rivals.append(RivalForm(link, form.text, terms, gain, _moved(model, terms, p + number, p)))
     return best_rivals(rivals, [tuple(chosen) for _, chosen, _ in tested])
 
 
 def best_rivals(rivals: Sequence[RivalForm], replaceable: Sequence[tuple[int, ...]]) -> tuple[RivalForm, ...]:
-    """Of forms that replace terms by very strong evidence the best for each link and its `replaceable` terms, best first.
+    """Of forms that replace terms, and are better or about as good, the best for each link and its `replaceable` terms.
 
     A form that would only join the terms, however much it gains, says nothing of whether they stand in for another one.
     """
     best: dict[tuple[str, tuple[int, ...]], RivalForm] = {}
     for rival, chosen in zip(rivals, replaceable, strict=True):
         key = rival.link, chosen
-        if rival.terms and rival.gain > _STRONG and (key not in best or rival.gain > best[key].gain):
+        if rival.terms and rival.gain > -_STRONG and (key not in best or rival.gain > best[key].gain):
             best[key] = rival
     return tuple(sorted(best.values(), key=lambda rival: -rival.gain))
 
@@ -114,7 +138,7 @@ def rival_form_remarks(rivals: Sequence[RivalForm], selection: Selection) -> tup
 
 def allowing_for(estimate: Estimate, rivals: Sequence[RivalForm]) -> Estimate:
     """The estimate with intervals that hold what the `rivals` would make of the coefficients."""
-    for rival in rivals:
+    for rival in (rival for rival in rivals if rival.is_better):
         estimate = widened(estimate, np.outer(rival.moved, rival.moved))
     return estimate
 
@@ -162,27 +186,24 @@ def _forms(candidates: Candidates, pair: int, *, damping: bool, rate: float) -> 
             yield Term(text, "form")
 
 
-def _replaced(
+def _totals(
     selection: Selection, model: QuadraticModel, chosen: list[int], form: int, *, damping: bool
-) -> tuple[tuple[int, ...], float]:
-    """The terms among the `chosen` that are not needed beside a form, and by how much the criterion is lower with it."""
+) -> dict[tuple[int, ...], float]:
+    """By how much the criterion is higher with a form, for all choices of terms among the `chosen` that give way to it."""
     penalty, every = selection.penalty, range(len(selection.structure.parameters))
     pair = np.append(
         penalty.pair[: len(every)], np.full(len(model.names) - len(every), penalty.pair[chosen[0]])
     )
     penalty = replace(penalty, pair=pair)
+    totals: dict[tuple[int, ...], float] = {}
     try:
         selected = model.cost(every) + penalty.total(list(every))
-        totals = {}
         for count in range(len(chosen) + 1):
             for dropped in combinations(chosen, count):
                 inside = [*(number for number in every if number not in dropped), form]
                 values = model.solve(inside).values
                 if not damping or values[-1] > 0.0:
-                    totals[dropped] = penalty.total(inside) - float(model.g[inside] @ values)
+                    totals[dropped] = penalty.total(inside) - float(model.g[inside] @ values) - selected
     except np.linalg.LinAlgError:
-        return (), 0.0
-    if not totals:
-        return (), 0.0
-    best = min(totals, key=lambda dropped: totals[dropped])
-    return best, selected - totals[best]
+        return {}
+    return totals
