@@ -24,7 +24,6 @@ ADMISSIBLE = {
 }
 GOOD = {
     "converged",
-    "energy balance closed",
     *(v.status for v in ADMISSIBLE if v not in (Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED)),
 }
 

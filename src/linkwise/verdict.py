@@ -87,8 +87,8 @@ class Verdict(Enum):
         "leaves. Excite the masses one at a time, record for longer or with less noise, or state links that are known."
     )
     DISPLACEMENTS_INTEGRATED = (
-        "Displacements were integrated from velocities or accelerations: links or terms may be false. Measure the "
-        "displacements too."
+        "Displacements were integrated from velocities or accelerations, and the laws found leave more than noise: links or "
+        "terms may be false. Measure the displacements too, or offer more terms."
     )
     TERMS_MAY_BE_MISSING = (
         "The terms found may stand in for terms that were not offered, as the remarks say. Offer more terms."

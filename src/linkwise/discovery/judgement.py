@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_r
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.term_parameters import without_values
+from linkwise.discovery.unmeasured_origins import origin_remarks, unknown_origins
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.estimate import estimate_of
@@ -35,8 +37,8 @@ from linkwise.records.record import Record
 from linkwise.verdict import Verdict, is_trusted
 
 _INTEGRATED = (
-    "Some displacements were integrated from velocities or accelerations, without their constants: links or terms may be "
-    "false. Measure displacements, or check the structure with identify on a second record."
+    "Some displacements were integrated from velocities or accelerations, without their constants, and the laws leave more "
+    "than noise: links or terms may be false. Measure displacements, or offer more terms."
 )
 _INEXACT = (
     "No selection of the terms that were offered leaves only noise, so those found may stand in for others: offer more terms, "
@@ -89,6 +91,9 @@ def judged_discovery(
         estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
     forms = rival_forms(selection, screened.candidates) if firm and not fit.random_forces else ()
     estimate = allowing_for(estimate, forms)
+    origins = (
+        unknown_origins(estimate, records, selection, screened.candidates) if screened.integrated else ()
+    )
     memory = [replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory]
     search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
@@ -101,12 +106,7 @@ def judged_discovery(
             trusted=trusted,
             collinear=checks.collinear,
             in_proportion=checks.in_proportion,
-            replaceable={
-                *(term for rival in rivals for term in rival.terms),
-                *(term for exchange in moved for term in exchange.terms),
-                *(term for form in forms for term in form.terms),
-                *(() if selection.is_exact else _held_at_zero(estimate)),
-            },
+            replaceable=_replaceable(selection, estimate, (*rivals, *moved, *forms, *origins)),
             shares=unit_shares(selection, screened.candidates) if trusted else {},
             added=np.asarray(estimate.for_dropped_terms).diagonal(),
         ),
@@ -118,6 +118,7 @@ def judged_discovery(
             *rival_form_remarks(forms, selection),
             *rival_remarks(rivals, selection.quadratic.names),
             *link_exchange_remarks(moved),
+            *origin_remarks(origins),
             *checks.remarks,
             *screened.remarks,
             *(exchange_remarks(selection) if firm else ()),
@@ -128,6 +129,19 @@ def judged_discovery(
         memory=tuple(memory),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+class _Rival(Protocol):
+    """What may be there in place of some terms, by number."""
+
+    @property
+    def terms(self) -> tuple[int, ...]: ...
+
+
+def _replaceable(selection: Selection, estimate: Estimate, rivals: Sequence[_Rival]) -> set[int]:
+    """The numbers of the terms that something else may stand for, or nothing."""
+    absent = () if selection.is_exact else _held_at_zero(estimate)
+    return {*absent, *(term for rival in rivals for term in rival.terms)}
 
 
 def _held_at_zero(estimate: Estimate) -> list[int]:
@@ -145,6 +159,7 @@ def _doubts_of_search(
     """What takes trust from a search, each with a sentence."""
     valueless = without_values(screened.candidates, selection)
     opposed = opposed_damping(selection, screened.candidates)
+    inexact = not (selection.is_exact and estimate.trusted)
     search = [
         (bool(opposed), Verdict.TERMS_MAY_BE_MISSING, _OPPOSED.format(" and ".join(opposed))),
         (
@@ -154,7 +169,7 @@ def _doubts_of_search(
         ),
         (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
         (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
-        (screened.integrated, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
+        (screened.integrated and inexact, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
         (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
     ]
     return [(verdict, remark) for applies, verdict, remark in search if applies]
