@@ -35,13 +35,16 @@ def test_what_is_no_record_is_refused(function: Callable[..., Any], first: Any, 
     call = f"{function.__name__}({name}, {names[0]})" if second else f"{function.__name__}({name})"
     others = () if second is None else (first,)
     kind = type(first).__name__
+    expected = {lw.validate: "Record", lw.compare_levels: "sequence of Record"}.get(
+        function, "Record or sequence of Record"
+    )
     with pytest.raises(TypeError) as error:
         function(first, *others)
-    assert str(error.value) == f"{call}: {name} must be of type Record, got {kind}"
+    assert str(error.value) == f"{call}: {name} must be of type {expected}, got {kind}"
     with pytest.raises(TypeError) as error:
         function("run.csv", *others)
-    advice = "read_record(path) reads one from a file"
-    assert str(error.value) == f"{call}: {name} must be of type Record, got 'run.csv'; {advice}"
+    advice = "; read_record(path) reads one from a file" if expected.startswith("Record") else ""
+    assert str(error.value) == f"{call}: {name} must be of type {expected}, got 'run.csv'{advice}"
 
 
 @pytest.mark.parametrize(
@@ -82,7 +85,7 @@ def test_what_is_no_structure_is_refused(function: Callable[..., Any], options: 
 def test_the_second_argument_and_every_record_are_read() -> None:
     record = chain_record(2)
     with pytest.raises(
-        TypeError, match=r"records must be of type Record, got PosixPath\('b\.csv'\); read_record"
+        TypeError, match=r"records\[1\] must be of type Record, got PosixPath\('b\.csv'\); read_record"
     ):
         lw.inspect([record, Path("b.csv")])  # type: ignore[list-item]
     with pytest.raises(TypeError, match=r"structure must be of type Structure, got Record$"):

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from linkwise.discovery.scoring import TermScore, align_truth, term_score
     from linkwise.discovery.terms import Term, parse_terms
     from linkwise.errors import (
+        ArgumentTypeError,
         IdentificationError,
         LawError,
         LinkwiseError,
@@ -175,6 +176,7 @@ __all__ = [
     "AbsorptionRun",
     "Alert",
     "AnnealingStep",
+    "ArgumentTypeError",
     "Case",
     "Cause",
     "Cell",

@@ -32,12 +32,15 @@ class Deprecated(NamedTuple):  # a dataclass would double the time that `import 
     since: str
     until: str
 
-    def warn(self, old: str, new: str) -> None:
-        """Warn that `old` is now called `new`; the warning points to the line that called the caller of this method."""
+    def warn(self, old: str, new: str, *, depth: int = 3) -> None:
+        """Warn that `old` is now called `new`; the warning points to the line that called the caller of this method.
+
+        `depth` is larger by one for each decorator of that caller.
+        """
         message = (
             f"{old} is deprecated since linkwise {self.since} and will be removed in {self.until}; use {new}"
         )
-        warnings.warn(message, DeprecationWarning, stacklevel=3)
+        warnings.warn(message, DeprecationWarning, stacklevel=depth)
 
 
 class DeprecatedAttribute:

@@ -64,6 +64,22 @@ def _rebuilt(kind: type[LinkwiseError], message: str, attributes: dict[str, Any]
     return error
 
 
+class ArgumentTypeError(LinkwiseError, TypeError):
+    """An argument of another type than a function takes, or several arguments in another order.
+
+    Parameters, attributes and exit code are those of `LinkwiseError`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> try:
+    ...     lw.wells(lw.bnes_chain(2))
+    ... except lw.ArgumentTypeError as error:
+    ...     print(error)
+    wells(link): link must be of type Link, got Structure
+    """
+
+
 class LawError(LinkwiseError):
     """A text that is not a valid law; the message shows a caret under the position at fault.
 

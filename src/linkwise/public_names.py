@@ -24,6 +24,7 @@ HOMES = {
     "discovery.scoring": ("TermScore", "align_truth", "term_score"),
     "discovery.terms": ("Term", "parse_terms"),
     "errors": (
+        "ArgumentTypeError",
         "IdentificationError",
         "LawError",
         "LinkwiseError",

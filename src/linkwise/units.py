@@ -10,6 +10,7 @@ from functools import cache
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError
 from linkwise.lazy import lazy_module
 
@@ -29,6 +30,7 @@ _UNREADABLE = (
 )  # fmt: skip
 
 
+@checked
 def to_si(given: object, dimension: str) -> float:
     """Convert a value to SI units.
 
@@ -158,7 +160,13 @@ def _converted(quantity: pint.Quantity[float], given: str, dimension: str, expec
     if dimension == "?":
         return _finite(float(quantity.to_base_units().magnitude), given)
     try:
-        return _finite(float(quantity.to(_registry().Unit(dimension)).magnitude), given)
+        unit = _registry().Unit(dimension)
+    except (pint.PintError, *_UNREADABLE):
+        raise LinkwiseError(
+            f'dimension must be a unit, such as "kg" or "m/s^2", got {_shown(dimension)}'
+        ) from None
+    try:
+        return _finite(float(quantity.to(unit).magnitude), given)
     except pint.DimensionalityError:
         got = "has no unit" if quantity.unitless else f"is in {quantity.units:~C}"
         raise LinkwiseError(f"{_shown(given)} {got}: expected {expected}.") from None

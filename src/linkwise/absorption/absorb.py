@@ -16,7 +16,7 @@ from linkwise.absorption.result import Absorption
 from linkwise.absorption.result_parts import AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.runs import Runs, single_run
 from linkwise.absorption.vibration import Vibration
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
@@ -26,6 +26,7 @@ from linkwise.simulation.motion import SimulatedMotion
 from linkwise.simulation.schedule import RunSchedule
 
 
+@checked
 def absorb(
     structure: Structure,
     options: AbsorptionOptions | None = None,
@@ -74,7 +75,6 @@ def absorb(
     >>> found.masses[0].name, len(found.sinks[0].crossings)
     ('m1', 109)
     """
-    check_type("absorb(structure)", "structure", structure, Structure)
     return compare(Comparison.of(structure, AbsorptionOptions.given(options, keywords)), progress)
 
 

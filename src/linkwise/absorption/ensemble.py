@@ -23,6 +23,7 @@ from linkwise.absorption.rest_positions import RestPositions, rest_positions
 from linkwise.absorption.runs import Runs, batch_runs
 from linkwise.absorption.vibration import Vibration
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.errors import SimulationError
 from linkwise.expression import Expression
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.runtime import one_blas_thread, processors
@@ -118,6 +119,8 @@ def run_ensemble(
     Comparisons may share one object for the structure without sinks, which is then run once. With `one_by_one` each run has
     the precision of `absorb`, so that a chaotic motion is the same.
     """
+    if workers is not None and workers < 1:
+        raise SimulationError(f"workers must be at least 1, got {workers}")
     workers = workers or processors()
     baselines, baseline_of = _distinct([comparison.baseline for comparison in comparisons])
     owners = [int(np.argmax(baseline_of == number)) for number in range(len(baselines))]

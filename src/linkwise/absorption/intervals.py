@@ -15,7 +15,7 @@ from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import Absorption, closure_verdict
 from linkwise.absorption.variants import Variants
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import LinkwiseError
@@ -109,6 +109,7 @@ class AbsorptionIntervals(JudgedView):
 
     found = DeprecatedAttribute(Deprecated("absorption", since="0.2.0", until="0.4.0"))
 
+    @checked
     def quantity(self, name: str) -> QuantityInterval:
         """The quantity called `name`.
 
@@ -124,14 +125,14 @@ class AbsorptionIntervals(JudgedView):
 
         Raises
         ------
-        KeyError
+        LinkwiseError
             If there is none; the message lists all.
         """
         for interval in self.quantities:
             if interval.quantity.name == name:
                 return interval
         names = ", ".join(interval.quantity.name for interval in self.quantities)
-        raise KeyError(f"unknown quantity {name!r}; choose from {names}")
+        raise LinkwiseError(f"unknown quantity {name!r}; choose from {names}")
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -168,6 +169,7 @@ class AbsorptionIntervals(JudgedView):
         return as_text(self)
 
 
+@checked
 def absorption_intervals(
     identified: Estimate | Posterior,
     options: AbsorptionOptions | None = None,
@@ -226,7 +228,6 @@ def absorption_intervals(
     >>> share.lower < share.value < share.upper
     True
     """
-    check_type("absorption_intervals(identified)", "identified", identified, Estimate, Posterior)
     posterior = identified if isinstance(identified, Posterior) else Posterior.of(identified)
     if draws < 2:
         raise LinkwiseError(

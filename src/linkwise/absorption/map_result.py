@@ -9,8 +9,10 @@ import numpy as np
 
 from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import closure_verdict
+from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.errors import LinkwiseError
 from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
 from linkwise.text import as_text
@@ -105,10 +107,10 @@ class AbsorptionMap(JudgedView):
     alive = DeprecatedAttribute(Deprecated("completed", since="0.2.0", until="0.4.0"))
 
     def __getitem__(self, name: str) -> Floats:
-        """The values (K,) or (K, J) of the quantity called `name`; KeyError lists all."""
+        """The values (K,) or (K, J) of the quantity called `name`; LinkwiseError lists all."""
         names = [quantity.name for quantity in self.quantities]
         if name not in names:
-            raise KeyError(f"unknown quantity {name!r}; choose from {', '.join(names)}")
+            raise LinkwiseError(f"unknown quantity {name!r}; choose from {', '.join(names)}")
         return np.ascontiguousarray(self.values[..., names.index(name)])
 
     @property
@@ -133,6 +135,7 @@ class AbsorptionMap(JudgedView):
             )
         return tuple(lines)
 
+    @checked
     def best(self, name: str) -> dict[str, float] | None:
         """The values of the swept parameters at which a quantity is best.
 
@@ -148,7 +151,7 @@ class AbsorptionMap(JudgedView):
 
         Raises
         ------
-        KeyError
+        LinkwiseError
             If there is no such quantity.
         """
         grid = self[name]

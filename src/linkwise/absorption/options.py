@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Unpack, final
 
+from linkwise.argument_types import checked_class
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.excitation import Excitation
 from linkwise.simulation.simulate import ExcitationKeywords
@@ -24,6 +25,7 @@ class AbsorptionKeywords(ExcitationKeywords, total=False):
     harvesters: Mapping[str, float | str] | None
 
 
+@checked_class
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AbsorptionOptions:

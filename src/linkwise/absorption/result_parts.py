@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.absorption.sinks import Sink
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.model.structure import Structure
@@ -148,6 +149,7 @@ class AbsorptionRun:
         error = self.supplied - self.stored - self.dissipated.sum(axis=1)
         return float(np.abs(error).max() / np.abs(self.supplied).max())
 
+    @checked
     def share(self, link: str) -> float:
         """The part of the energy supplied that a link has dissipated by the end.
 

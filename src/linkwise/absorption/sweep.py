@@ -18,7 +18,7 @@ from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.variants import Variants
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
@@ -28,6 +28,7 @@ from linkwise.simulation.motion import SimulatedMotion
 _RUN_BYTES, _MASS_BYTES = 4500, 1100  # at most, until the last run has ended, for each run and mass
 
 
+@checked
 def absorption_map(
     structure: Structure,
     over: Mapping[str, ArrayLike],
@@ -81,7 +82,6 @@ def absorption_map(
     >>> found.best("sinks_share")
     {'nes1.alpha': -150.0}
     """
-    check_type("absorption_map(structure, over)", "structure", structure, Structure)
     chosen = AbsorptionOptions.given(options, keywords)
     equipped = with_harvesters(structure, chosen.harvesters or {})
     axes = _axes(equipped, over)

@@ -19,7 +19,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from linkwise.analysis.wells import RestPoint, rest_points
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
@@ -132,6 +132,7 @@ class _Bond:
         return sum((link.potential(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
 
+@checked
 def equilibria(
     structure: Structure,
     start: ArrayLike | None = None,
@@ -160,7 +161,8 @@ def equilibria(
     Raises
     ------
     StructureError
-        If a coefficient has no value, a state of a link does not rest at 0, or `start` does not have n finite displacements.
+        If a coefficient has no value, a state of a link does not rest at 0, `start` does not have n finite displacements, or
+        `limit` is less than 1.
 
     Examples
     --------
@@ -169,9 +171,10 @@ def equilibria(
     >>> len(points), len(points.stable)
     (3, 2)
     """
-    check_type("equilibria(structure)", "structure", structure, Structure)
     refuse_rig(structure, "equilibria and modes")
     require_rest_at_zero(structure.links, "equilibria and modes")
+    if limit < 1:
+        raise StructureError(f"limit must be at least 1, got {limit}")
     bonds = _bonds(structure)
     incidence = _incidence(bonds, structure.size)
     if start is not None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
 from linkwise.analysis.equilibria import equilibria
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Program, differentiate
@@ -65,6 +65,7 @@ class Modes:
     note: str
 
 
+@checked
 def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     """Linear modes of a structure about an equilibrium.
 
@@ -92,7 +93,6 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     >>> lw.modes(lw.bnes_chain(2)).frequencies.round(2).tolist()
     [22.29, 27.83]
     """
-    check_type("modes(structure)", "structure", structure, Structure)
     refuse_rig(structure, "equilibria and modes")
     require_rest_at_zero(structure.links, "equilibria and modes")
     x = _rest(structure) if at is None else np.asarray(at, dtype=float)

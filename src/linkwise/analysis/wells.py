@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
@@ -44,6 +45,7 @@ class RestPoint:
     well: bool
 
 
+@checked
 def wells(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[float, ...]:
     """Elongations at which the potential of a link has a minimum.
 
@@ -73,6 +75,7 @@ def wells(link: Link, lo: float | None = None, hi: float | None = None) -> tuple
     return tuple(point.d for point in _of_link(link, lo, hi) if point.well)
 
 
+@checked
 def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> float | None:
     """Energy that carries a link from its deepest well to a neighbouring one.
 
@@ -180,6 +183,8 @@ def _grid(lo: float | None, hi: float | None) -> Floats:
     """Grid of elongations: logarithmic on both sides of zero, and linear in a given range."""
     if lo is not None and hi is not None and not lo < hi:
         raise StructureError(f"the range of d from {lo!r} to {hi!r} is empty")
+    if any(end is not None and not np.isfinite(end) for end in (lo, hi)):
+        raise StructureError(f"lo and hi must be finite elongations in m, got {lo!r} and {hi!r}")
     first, last = _DECADES
     side = np.logspace(first, last, (last - first) * _PER_DECADE + 1)
     grid = np.concatenate([-side[::-1], [0.0], side])

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.argument_types import check_type
 from linkwise.discovery.memory_terms import link_with_memory
 from linkwise.discovery.terms import Term, offered_memory, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
@@ -294,7 +293,6 @@ def candidates_for(
     elif isinstance(masses, PartialStructure):
         given, stated, hosts = masses.masses, masses.links, masses.hosts
     else:
-        check_type("discover(record, masses)", "masses", masses, Mapping, Structure, PartialStructure)
         given = tuple(Mass(name, _mass(name, value)) for name, value in masses.items())
         stated = ()
     if not given and not hosts:

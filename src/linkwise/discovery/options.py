@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict, Unpack, final
 
+from linkwise.argument_types import checked_class
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import Deviations
@@ -31,6 +32,7 @@ class DiscoveryKeywords(TypedDict, total=False):
     input_noise: Deviations
 
 
+@checked_class
 @final
 @dataclass(frozen=True, kw_only=True)
 class DiscoveryOptions:

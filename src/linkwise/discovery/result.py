@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.discovery.memory_evidence import MemoryEvidence
@@ -228,6 +229,7 @@ class Discovery(JudgedView):
         probabilities = self.average.probabilities
         return {term.name: probabilities[term.name] if term.identifiable else nan for term in self.terms}
 
+    @checked
     def force_band(self, link: str, d: ArrayLike, *, averaged: bool = True) -> tuple[Floats, Floats, Floats]:
         """Stiffness force of a link with its 95 % band, averaged over the models that survive, or of the selected one.
 
@@ -256,6 +258,7 @@ class Discovery(JudgedView):
             return estimate.force_band(elongations)
         return self.average.force_band(estimate, elongations)
 
+    @checked
     def decision(self, link: str) -> Decision:
         """How firm it is that a link is there: certain if it was stated, or one of its terms is certain.
 
@@ -279,6 +282,7 @@ class Discovery(JudgedView):
         names = (f"{link}.{name}" for name in self.structure.link(link).coefficients)
         return Decision.CERTAIN if any(tested.get(name, True) for name in names) else Decision.DOUBTFUL
 
+    @checked
     def certainty(self, link: str) -> float:
         """By how much the criterion rises without the most certain term of a link.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from linkwise.argument_types import checked, checked_class
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.discovery.memory_terms import memory_laws, names_memory, plain_terms
@@ -26,6 +27,7 @@ _POWER = re.compile(r"([dv])\*\*(\d+)")
 _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc"}
 
 
+@checked_class
 @dataclass(frozen=True)
 class Term:
     """A function of the elongation d and its rate v that a link may have in its law.
@@ -141,6 +143,7 @@ class Term:
         return "v" not in symbols(self.law.expression)
 
 
+@checked
 def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     """Read a list of candidate terms for `discover`.
 

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, deprecated_keyword
+from linkwise.errors import StructureError
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 from linkwise.model.memory_support import refuse_memory
 
@@ -60,6 +62,7 @@ class Equivalent:
 
 
 @deprecated_keyword("found", Deprecated("link", since="0.2.0", until="0.4.0"))
+@checked
 def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Equivalent:
     """Equivalent linear spring and damper of an identified link: its describing function.
 
@@ -76,6 +79,11 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     -------
     Equivalent
         Stiffness and damping with their 95 % bands.
+
+    Raises
+    ------
+    StructureError
+        If the link has memory, amplitudes have more than one dimension, or the frequency is not positive.
 
     Notes
     -----
@@ -97,6 +105,10 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     """
     refuse_memory([link.link], "equivalent springs and dampers")
     a = np.atleast_1d(np.asarray(amplitude, dtype=float))
+    if a.ndim > 1:
+        raise StructureError(f"amplitude must be a number or have the shape (A,), got the shape {a.shape}")
+    if not frequency > 0.0:
+        raise StructureError(f"frequency must be positive, got {frequency} Hz")
     omega = 2.0 * np.pi * frequency
     phase = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
     d, v = np.outer(a, np.sin(phase)), omega * np.outer(a, np.cos(phase))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StructureError
@@ -235,6 +236,7 @@ class Estimate(JudgedView):
         """What is wrong with channels of the records by themselves, worst first, as `inspect` tells it."""
         return inspect((self.record, *self.more_records)).alerts
 
+    @checked
     def coefficient(self, name: str) -> CoefficientEstimate:
         """Estimate of a coefficient.
 
@@ -256,6 +258,7 @@ class Estimate(JudgedView):
         known = self._coefficients
         return known[name] if name in known else self._unknown_name(name, known)
 
+    @checked
     def link(self, name: str) -> LinkEstimate:
         """Estimate of a link.
 
@@ -277,6 +280,7 @@ class Estimate(JudgedView):
         by_name = {link.link.name: link for link in self._every_link}
         return by_name[name] if name in by_name else self._unknown_name(name, by_name)
 
+    @checked
     def force_band(self, name: str, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Stiffness force of a link with its 95 % band.
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.analysis.law_kind import law_kind
 from linkwise.analysis.wells import lowest_escape, wells
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -132,6 +133,7 @@ class LinkEstimate:
     covariance: Floats | None
     moving_mass: float
 
+    @checked
     def force_band(self, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Stiffness force (v = 0) with its 95 % band by the delta method.
 

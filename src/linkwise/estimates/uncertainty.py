@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from linkwise.argument_types import checked, checked_class
 from linkwise.arrays import Floats
 from linkwise.atomic import RESULT
 from linkwise.errors import IdentificationError, RecordError
@@ -26,6 +27,7 @@ _NAMED = 3  # edits that a message names
 _TRIES = 200  # draws at most for each that is within the bounds
 
 
+@checked_class
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """An identified structure with a normal distribution of its p unknown coefficients.
@@ -144,8 +146,10 @@ class Posterior:
         Raises
         ------
         IdentificationError
-            If fewer than one draw in 200 is within the bounds.
+            If fewer than one draw in 200 is within the bounds, or `count` or `seed` is negative.
         """
+        if count < 0 or seed < 0:
+            raise IdentificationError(f"count and seed must not be negative, got {count} and {seed}")
         scale = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         unit = np.where(scale > 0.0, scale, 1.0)
         values, vectors = np.linalg.eigh(self.covariance / np.outer(unit, unit))
@@ -190,6 +194,7 @@ def write_covariance(posterior: Posterior, path: Path) -> None:
             lines.writerow((*names, *(repr(float(part[i, j])) for part in parts)))
 
 
+@checked
 def read_posterior(folder: str | Path) -> Posterior:
     """Read the distribution of the coefficients from a result folder of `identify`.
 

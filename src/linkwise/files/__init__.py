@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.atomic import FullDiskError, atomic_file, check_file, is_disk_fault
 from linkwise.errors import OutputError, RecordError
 from linkwise.files.assemble import ReadOptions, to_record
@@ -65,6 +65,7 @@ FORMATS: Registry[Format] = Registry(
 """The formats by the suffix of their files."""
 
 
+@checked
 def read_record(
     path: str | Path,
     *,
@@ -161,6 +162,7 @@ def _table(path: Path, header: str | int | None) -> Table:
     return (read_isolated if format_.isolated else read_here)(format_.module, path, header)
 
 
+@checked
 def write_record(record: Record, path: str | Path) -> None:
     """Write a record to a file in the format of its suffix.
 
@@ -196,7 +198,6 @@ def write_record(record: Record, path: str | Path) -> None:
     ...     bool((lw.read_record(path).values == record.values).all())
     True
     """
-    check_type("write_record(record, path)", "record", record, Record)
     path = Path(path)
     module = _writer(path)
     with _refused(path), atomic_file(path) as partial:

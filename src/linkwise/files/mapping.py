@@ -32,6 +32,7 @@ from typing import Any
 
 import msgspec
 
+from linkwise.argument_types import checked, checked_class
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.header import ColumnHeader
 from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
@@ -71,6 +72,7 @@ class _MappingTable(msgspec.Struct, forbid_unknown_fields=True):
     common_calibration: float | str | None = None
 
 
+@checked_class
 @dataclass(frozen=True)
 class RecordMapping:
     """What the columns of a record are, and what is known of its sensors.
@@ -152,6 +154,7 @@ def _channel(key: str) -> str:
     return "time" if header.is_time else header.name
 
 
+@checked
 def read_mapping(path: str | Path) -> RecordMapping:
     """Read a mapping file: columns, units, masses and sensors, stated once for all records of a test.
 

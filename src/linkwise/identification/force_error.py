@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import RecordError
@@ -14,6 +14,7 @@ from linkwise.records.record import Record
 
 
 @deprecated_keyword("found", Deprecated("estimated", since="0.2.0", until="0.4.0"))
+@checked
 def nmse(true: Link, estimated: Link, record: Record) -> float:
     """Compute the normalised mean square error of an identified force.
 
@@ -52,9 +53,6 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
     >>> bool(0.0 < lw.nmse(chain.link("nes1"), weaker.link("nes1"), record) < 0.1)
     True
     """
-    check_type("nmse(true, estimated, record)", "true", true, Link)
-    check_type("nmse(true, estimated, record)", "estimated", estimated, Link)
-    check_type("nmse(true, estimated, record)", "record", record, Record)
     d = _elongation(true, record)
     refuse_memory([true, estimated], "errors of forces over d")
     force = true.force(d)

@@ -9,7 +9,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
@@ -23,13 +23,12 @@ from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.records.sequence import record_list
 from linkwise.records.stated_noise import check_stated_noise
-from linkwise.text import near_miss
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
-_CALL = "identify(record, structure)"
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is found not to be finite, and refused
+@checked
 def identify(
     record: Record | Sequence[Record],
     structure: Structure,
@@ -81,14 +80,8 @@ def identify(
     >>> low < -100.0 < high
     True
     """
-    known = LikelihoodKeywords.__annotations__
-    unknown = [name for name in options if name not in known]
-    if unknown:
-        hint = near_miss(unknown[0], known)
-        raise TypeError(f"identify() got an unexpected keyword argument {unknown[0]!r}{hint}")
     estimator = _estimator(method, {name: value for name, value in options.items() if value})
-    records = record_list(_CALL, record)
-    check_type(_CALL, "structure", structure, Structure)
+    records = record_list(record)
     if not records:
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
@@ -117,7 +110,6 @@ def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:
                 f"{', '.join(options)} were given beside {type(method).__name__}(...); give options to that object"
             )
         return method
-    check_type(_CALL, "method", method, str, Estimator)
     kind = METHODS.lookup(method)
     if not options:
         return kind()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated
 from linkwise.errors import IdentificationError
 from linkwise.identification.identify import identify
@@ -77,6 +78,7 @@ class LawStep:
     bic: float
 
 
+@checked
 def law_path(
     record: Record,
     structure: Structure,
@@ -118,7 +120,7 @@ def law_path(
     Raises
     ------
     IdentificationError
-        If the first law does not converge.
+        If the first law does not converge, or `most` is negative.
     StructureError
         If there is no such link.
 
@@ -134,7 +136,9 @@ def law_path(
     >>> [step.terms for step in path]
     [('d', 'v'), ('d', 'v', 'd**3')]
     """
-    _NOW_DISCOVER.warn("linkwise.law_path", f"linkwise.{_NOW_DISCOVER.new}")
+    _NOW_DISCOVER.warn("linkwise.law_path", f"linkwise.{_NOW_DISCOVER.new}", depth=4)
+    if most < 0:
+        raise IdentificationError(f"most must not be negative, got {most}")
     refuse_memory(structure.links, "searches for a law")
     refuse_hosts(structure, "searches for a law")
     terms = tuple(start)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.inspection import text as _text  # noqa: F401  registers how an inspection prints itself
 from linkwise.inspection.alert import Alert
@@ -16,6 +17,7 @@ from linkwise.records.record import Record
 from linkwise.records.sequence import record_list
 
 
+@checked
 def inspect(records: Record | Sequence[Record]) -> Inspection:
     """Look at the channels of records before any model.
 
@@ -52,7 +54,7 @@ def inspect(records: Record | Sequence[Record]) -> Inspection:
     >>> [(alert.kind, alert.channel) for alert in found.alerts]
     [('clipped', 'x:m1')]
     """
-    given = tuple(record_list("inspect(records)", records, "records"))
+    given = tuple(record_list(records, "records"))
     if not given:
         raise RecordError("there is no record to inspect")
     alerts: list[Alert] = []

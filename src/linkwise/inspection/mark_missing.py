@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Bools
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal
@@ -22,6 +23,7 @@ FAULTY_SAMPLES: Registry[Callable[[ChannelSignal], Bools]] = Registry(
 """Functions of the signal of a channel that give which of its samples (N,) have the fault."""
 
 
+@checked
 def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spikes")) -> Record:
     """Mark samples that show a fault in place of the motion as missing.
 

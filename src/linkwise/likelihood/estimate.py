@@ -9,6 +9,7 @@ from typing import ClassVar, TypedDict, final
 
 import numpy as np
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
@@ -68,6 +69,7 @@ class LikelihoodKeywords(TypedDict, total=False):
     exact: bool
 
 
+@checked_class
 @final
 @dataclass(frozen=True, kw_only=True)
 class MaximumLikelihood(Estimator):

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
@@ -27,6 +28,7 @@ _FARTHEST = 30.0  # standard errors: an end beyond is infinite
 
 
 @deprecated_keyword("report", Deprecated("progress", since="0.2.0", until="0.4.0"))
+@checked
 def profile_interval(estimate: Estimate, name: str, *, progress: Progress = silent) -> tuple[float, float]:
     """95 % profile-likelihood interval of an unknown.
 

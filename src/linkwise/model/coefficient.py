@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from linkwise.argument_types import check_type
 from linkwise.errors import StructureError
 
 
@@ -108,6 +109,7 @@ class Coefficient:
         return Coefficient(None, known=False, same_as=same_as)
 
     def __post_init__(self) -> None:
+        check_type("coefficient: known", self.known, bool)
         for field in ("value", "lower", "upper", "sigma"):
             given = getattr(self, field)
             if given is None and field == "value":

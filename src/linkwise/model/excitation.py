@@ -8,10 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from linkwise.argument_types import checked_class
 from linkwise.errors import SimulationError
 from linkwise.model.input_signal import InputSignal, Sampled, TimeFunction
 
 
+@checked_class
 @dataclass(frozen=True)
 class Impulse:
     """An ideal impulse on a mass: its velocity jumps, its position does not.
@@ -50,6 +52,7 @@ class Impulse:
             )
 
 
+@checked_class
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """Everything that sets a structure in motion; without arguments, nothing.

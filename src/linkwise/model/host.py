@@ -12,10 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
+from linkwise.argument_types import checked_class
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
+from linkwise.model.names import index_of
 
 MODE_LAW = Law.parse(
     "39.47841760435743*frequency**2*d + 12.566370614359172*damping*frequency*v",  # (2 pi)^2 and 4 pi, times 1 kg
@@ -27,6 +29,7 @@ MODE_LAW = Law.parse(
 _RESERVED = frozenset("()\"',;")  # beside those of every name: a point is part of the names of channels
 
 
+@checked_class
 @dataclass(frozen=True)
 class HostMode:
     """A mode of a host.
@@ -98,8 +101,13 @@ class HostMode:
         -------
         Coefficient
             The shape in 1/sqrt(kg).
+
+        Raises
+        ------
+        StructureError
+            If there is no such point.
         """
-        value, sigma = self.shape[point], self.shape_sigma.get(point)
+        value, sigma = index_of(self.shape, point, "point", "points"), self.shape_sigma.get(point)
         return Coefficient.number(value) if sigma is None else Coefficient.unknown(value, sigma=sigma)
 
     def with_shape(self, changes: Mapping[str, Coefficient]) -> HostMode:
@@ -124,6 +132,7 @@ class HostMode:
         return replace(self, shape=shape, shape_sigma=sigma)
 
 
+@checked_class
 @dataclass(frozen=True)
 class Host:
     """A linear structure by its modes: a beam, a wing, what a modal test or a finite-element model describes.
@@ -209,9 +218,15 @@ class Host:
         -------
         dict of str to float
             The shape of each mode there, in 1/sqrt(kg), by the name of the mode in a structure.
+
+        Raises
+        ------
+        StructureError
+            If there is no such point.
         """
         own = point.removeprefix(f"{self.name}.")
-        return {name: mode.shape[own] for name, mode in zip(self.coordinates, self.modes, strict=True)}
+        values = (index_of(mode.shape, own, "point", "points") for mode in self.modes)
+        return dict(zip(self.coordinates, values, strict=True))
 
     def known_to_within(self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0) -> Host:
         """The host with values known to within parts of themselves, as Gaussian priors.

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -69,6 +70,7 @@ class HostReduction:
     error: float
 
 
+@checked
 def reduce_host(
     name: str,
     mass: scipy.sparse.csc_array,

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import LawError, SimulationError
 from linkwise.expression import Expression, Program, differentiate, parse_with_positions, symbols
@@ -21,6 +22,7 @@ _HALF_WIDTH = 32  # of the windowed sinc, in samples
 _KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
 
 
+@checked_class
 @dataclass(frozen=True)
 class TimeFunction:
     """An input given by an expression of time.
@@ -127,6 +129,7 @@ class PiecewisePolynomial(NamedTuple):
     coefficients: Floats
 
 
+@checked_class
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """An input given by samples, interpolated by a spline.

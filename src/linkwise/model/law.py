@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import LawError
 from linkwise.expression import (
@@ -97,6 +98,7 @@ class Law:
     declared: tuple[tuple[str, str], ...] = ()
 
     @staticmethod
+    @checked
     def parse(
         text: str,
         states: Mapping[str, LinkState | str] | None = None,
@@ -228,9 +230,8 @@ class Law:
         """Unit of each coefficient and state."""
         if self.declared:
             return dict(self.declared)
-        dimensions = law_dimensions(
-            self, {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
-        )
+        known = {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
+        dimensions = law_dimensions(self, known)
         return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions.items()}
 
     @cached_property
@@ -245,6 +246,7 @@ class Law:
         distinct = dict.fromkeys(kink for tree in trees for kink in kinks(tree))
         return tuple(kink for kink in distinct if set(symbols(kink)) & set(self.variables))
 
+    @checked
     def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """Force in N at elongation `d` in m and rate `v` in m/s.
 
@@ -267,6 +269,7 @@ class Law:
         """
         return force_program(self.expression, self._named)(d, v, *self._ordered(values))[0][()]
 
+    @checked
     def state_rates(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[Floats, ...]:
         """Rate of each state in its unit per second.
 
@@ -287,10 +290,10 @@ class Law:
         LawError
             If a coefficient or a state has no value.
         """
-        return rates_program(tuple(rate.expression for rate in self.rates), self._named, self.variables)(
-            d, v, *self._ordered(values)
-        )
+        rates = tuple(rate.expression for rate in self.rates)
+        return rates_program(rates, self._named, self.variables)(d, v, *self._ordered(values))
 
+    @checked
     def partials(
         self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike], *, by: Sequence[str] | None = None
     ) -> Partials:
@@ -322,6 +325,7 @@ class Law:
         force, by_d, by_v, *others = program(d, v, *self._ordered(values))
         return Partials(force, by_d, by_v, dict(zip(names, others, strict=True)))
 
+    @checked
     def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """Stored energy: the integral of the force at v = 0, and at states of 0, from 0 to d.
 
@@ -363,12 +367,8 @@ class Law:
             place = parse_with_positions(self.text, self.variables).position(Symbol(missing[0]))
             given = ", ".join(values) or "none"
             kind = "state" if missing[0] in self.states else "coefficient"
-            raise LawError(
-                f"The {kind} {missing[0]!r} has no value.",
-                self.text,
-                place,
-                f"Values are given for: {given}.",
-            )
+            advice = f"Values are given for: {given}."
+            raise LawError(f"The {kind} {missing[0]!r} has no value.", self.text, place, advice)
         return [values[name] for name in self._named]
 
 

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import check_type, checked, checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -31,6 +31,7 @@ LONGEST_NAME = 200  # bytes: the name of a link is part of the names of its file
 _FORBIDDEN = set("[]:=/\\")  # reserved in channel names, file names and name=value pairs
 
 
+@checked_class
 @dataclass(frozen=True)
 class Mass:
     """A rigid body that moves along one axis.
@@ -61,7 +62,6 @@ class Mass:
 
     def __post_init__(self) -> None:
         check_name(self.name, "mass")
-        check_type(f'mass "{self.name}"', "mass", self.mass, Coefficient)
         if self.name in (GROUND, BASE):
             raise StructureError(
                 f'"{self.name}" is reserved as an end of links; choose another name',
@@ -123,9 +123,11 @@ class Link:
     def __post_init__(self) -> None:
         check_name(self.name, "link")
         where = f'link "{self.name}"'
-        check_type(where, "law", self.law, Law)
+        check_type(f"{where}: law", self.law, Law)
+        check_type(f"{where}: coefficients", self.coefficients, Mapping)
+        check_type(f"{where}: states", self.states, Mapping)
         self._bind_states(where)
-        check_type(where, "between", self.between, tuple, list)  # a name would be taken letter by letter
+        check_type(f"{where}: between", self.between, tuple, list)  # a name would be taken letter by letter
         object.__setattr__(self, "between", tuple(self.between))
         if len(self.between) != 2:
             raise StructureError(f"`between` must name two ends, got {list(self.between)}", where)
@@ -133,7 +135,7 @@ class Link:
             raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
         self._check_coefficients(where)
         for name, coefficient in self.coefficients.items():
-            check_type(where, f"coefficient {name}", coefficient, Coefficient)
+            check_type(f"{where}: coefficient {name}", coefficient, Coefficient)
         ordered = {name: self.coefficients[name] for name in self.law.coefficients}
         object.__setattr__(self, "coefficients", MappingProxyType(ordered))
 
@@ -156,6 +158,7 @@ class Link:
         """A value of 0 for each state: what `force` and `Law.partials` take for the elastic part of a law with memory."""
         return dict.fromkeys(self.law.states, 0.0)
 
+    @checked
     def initial_state(self, name: str) -> float:
         """Initial value of a state.
 
@@ -211,6 +214,7 @@ class Link:
             values[name] = coefficient.value
         return values
 
+    @checked
     def force(
         self, d: ArrayLike, v: ArrayLike = 0.0, states: Mapping[str, ArrayLike] | None = None
     ) -> Floats:
@@ -235,6 +239,7 @@ class Link:
         """
         return _full(self.law.force(d, v, {**self.values, **(states or {})}), d, v)
 
+    @checked
     def stiffness(self, d: ArrayLike) -> Floats:
         """Tangent stiffness at rest (v = 0).
 
@@ -250,6 +255,7 @@ class Link:
         """
         return self.tangent(d)[0]
 
+    @checked
     def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Tangent stiffness and damping; with memory, at states of 0.
 
@@ -266,6 +272,7 @@ class Link:
         partials = self.law.partials(d, v, {**self.values, **self.zero_states})
         return _full(partials.by_d, d, v), _full(partials.by_v, d, v)
 
+    @checked
     def potential(self, d: ArrayLike) -> Floats:
         """Energy stored by the law at v = 0.
 

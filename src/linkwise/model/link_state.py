@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from linkwise.argument_types import checked_class
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.expression import FUNCTIONS, Expression
 from linkwise.expression.dimension import NAMED, NONE, Dimension
@@ -22,6 +23,7 @@ _RESERVED = {
 }
 
 
+@checked_class
 @dataclass(frozen=True)
 class LinkState:
     """A state of a link with memory: a slip, an internal force, a voltage or a current.

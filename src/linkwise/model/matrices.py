@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from linkwise.argument_types import checked
 from linkwise.errors import StructureError
 from linkwise.text import near_miss
 
@@ -22,6 +23,7 @@ _SECONDS = 600.0  # that a file may take
 _CHILD = "import sys; sys.path[:] = {path!r}; from linkwise.model.matrices import main; main()"
 
 
+@checked
 def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     """Read a matrix of a finite-element model.
 

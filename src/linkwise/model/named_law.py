@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
+from linkwise.argument_types import checked_class
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
@@ -34,6 +35,7 @@ class LawText(NamedTuple):
     states: Mapping[str, LinkState]
 
 
+@checked_class
 @final
 @dataclass(frozen=True, kw_only=True)
 class NamedLaw:

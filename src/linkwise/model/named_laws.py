@@ -11,6 +11,7 @@ import re
 from dataclasses import replace
 from functools import lru_cache
 
+from linkwise.argument_types import checked
 from linkwise.errors import StructureError
 from linkwise.model.law import Law
 from linkwise.model.link_state import LinkState
@@ -22,6 +23,7 @@ _MOST_BRANCHES = 16  # whose force still fits the longest text of a law
 _DECADES = math.exp(2.0)  # between neighbouring rates of a fractional law: errors of its sum are below 1e-3
 
 
+@checked
 def named_law(name: str) -> NamedLaw:
     """Look up a law of the literature.
 

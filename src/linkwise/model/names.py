@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from typing import TypeVar
 
 from linkwise.errors import StructureError
 from linkwise.text import near_miss
@@ -24,7 +25,11 @@ def check_unique(names: tuple[str, ...], kind: str) -> None:
         )
 
 
-def index_of(indices: Mapping[str, int], name: str, kind: str, kinds: str) -> int:
+Value = TypeVar("Value")
+
+
+def index_of(indices: Mapping[str, Value], name: str, kind: str, kinds: str) -> Value:
+    """What stands under a name; raises StructureError with all names where there is none."""
     if name not in indices:
         raise StructureError(
             f'unknown {kind} "{name}"{near_miss(name, indices)}; the {kinds} are {quoted(indices)}'

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.html import NotebookView
@@ -39,6 +40,7 @@ from linkwise.text import near_miss
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 
 
+@checked_class
 @dataclass(frozen=True)
 class Structure(NotebookView):
     """Masses joined by links; immutable, every change returns a new structure.
@@ -244,8 +246,8 @@ class Structure(NotebookView):
         array([0.5 , 0.25])
         """
         x = np.asarray(x, dtype=float)
-        if x.shape[-1] != self.size:
-            raise StructureError(f"expected displacements of {self.size} masses, got {x.shape[-1]}")
+        if x.ndim not in (1, 2) or x.shape[-1] != self.size:
+            raise StructureError(f"x must have the shape (N, {self.size}) or ({self.size},), got {x.shape}")
         d = np.ascontiguousarray((self.incidence.T @ x.T).T)
         on_base = np.flatnonzero(self.base_incidence)
         if on_base.size == 0:

@@ -16,7 +16,8 @@ from typing import Any
 
 import msgspec
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
+from linkwise.atomic import atomic_file
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
@@ -96,6 +97,7 @@ class PartialStructure:
         )
 
 
+@checked
 def read_structure(path: str | Path) -> Structure:
     """Read a structure from a TOML file.
 
@@ -133,6 +135,7 @@ def read_structure(path: str | Path) -> Structure:
     return parse_structure(read_toml_text(path, StructureError), str(path))
 
 
+@checked
 def read_partial_structure(path: str | Path) -> PartialStructure:
     """Read the known part of a structure that is to be discovered from a TOML file.
 
@@ -171,6 +174,7 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     return PartialStructure(*_masses_and_links(table, source))
 
 
+@checked
 def write_structure(structure: Structure, path: str | Path) -> None:
     """Write a structure to a TOML file, from which `read_structure` reads the same structure.
 
@@ -183,6 +187,8 @@ def write_structure(structure: Structure, path: str | Path) -> None:
 
     Raises
     ------
+    OutputError
+        If the path is a folder or a device.
     OSError
         If the file cannot be written.
 
@@ -201,10 +207,11 @@ def write_structure(structure: Structure, path: str | Path) -> None:
     ...     path.read_text().splitlines()[0]
     'name = "bistable chain of 2 masses"'
     """
-    check_type("write_structure(structure, path)", "structure", structure, Structure)
-    Path(path).write_text(format_structure(structure), encoding="utf-8", newline="\n")
+    with atomic_file(Path(path)) as own:
+        own.write_text(format_structure(structure), encoding="utf-8", newline="\n")
 
 
+@checked
 def parse_structure(text: str, source: str = "structure") -> Structure:
     """Read a structure from a TOML text.
 
@@ -259,6 +266,7 @@ def _masses_and_links(
     return masses, links
 
 
+@checked
 def format_structure(structure: Structure) -> str:
     """The TOML text of a structure.
 

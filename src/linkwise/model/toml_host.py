@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
@@ -153,6 +154,7 @@ def _mode(given: object, source: str, path: str) -> HostMode:
         raise StructureError(error.message, f"{source}, {path}") from None
 
 
+@checked
 def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     """Read the modes of a host from a CSV or a universal file.
 

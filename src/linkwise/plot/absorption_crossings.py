@@ -9,6 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.result import Absorption
+from linkwise.argument_types import checked
 from linkwise.errors import StructureError
 from linkwise.plot.absorption_decay import mark_chaos
 from linkwise.plot.downsample import envelope
@@ -18,6 +19,7 @@ from linkwise.plot.style import axes_for, legend_below, literal, sheet
 _MOST = 8  # strips that one page can hold
 
 
+@checked
 def crossings(
     result: Absorption | AbsorptionIntervals,
     sink: str | None = None,
@@ -60,7 +62,7 @@ def crossings(
     if sink is not None and sink not in names:
         raise StructureError(f"unknown sink {sink!r}; choose from {', '.join(names)}")
     shown = plain.sinks[0 if sink is None else names.index(sink)]
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         factor, unit = scale(float(np.abs(shown.elongation).max()), "m")
         time, elongation = envelope(plain.time, shown.elongation * factor)
         axes.plot(time, elongation, color=IDENTIFIED, linewidth=0.7, label="elongation")
@@ -83,11 +85,10 @@ def crossings(
         axes.set_ylabel(unit)
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.set_xlim(plain.time[0], plain.time[-1])
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first.
 

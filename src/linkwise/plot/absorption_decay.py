@@ -10,15 +10,17 @@ from matplotlib.ticker import MaxNLocator
 from linkwise.absorption.decay import TAIL
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.result import Absorption
+from linkwise.argument_types import checked
 from linkwise.arrays import Bools
 from linkwise.errors import StructureError
 from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import CHAOS, IDENTIFIED, MEASURED, TRUE, VISITED, WELL, scale
-from linkwise.plot.style import axes_for, axes_inches, legend_below, literal, sheet, wrapped
+from linkwise.plot.style import axes_for, legend_below, literal, sheet, wrap_title
 
 _MOST = 8  # strips that one page can hold
 
 
+@checked
 def absorption(
     result: Absorption | AbsorptionIntervals,
     mass: str | None = None,
@@ -58,7 +60,7 @@ def absorption(
     """
     plain = without_intervals(result)
     number = _mass_number(plain, mass)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
         factor, unit = scale(largest, "m")
         _draw_excursions(axes, plain, number, factor)
@@ -70,12 +72,11 @@ def absorption(
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.set_xlim(plain.time[0], plain.time[-1])
         axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
-        axes.set_title(wrapped(_title(plain), axes_inches(axes)[0]))
-        if legend:
-            axes.legend()
+        wrap_title(axes, _title(plain))
     return axes
 
 
+@checked
 def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """The primary masses, each in a strip of its own; of more than 8 the first.
 
@@ -105,7 +106,7 @@ def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
             axes.label_outer()
         hidden = len(plain.masses) - len(names)
         more = f" ({hidden} more masses not shown)" if hidden else ""
-        strips[0].set_title(wrapped(_title(plain) + more, axes_inches(strips[0])[0]))
+        wrap_title(strips[0], _title(plain) + more)
         figure.align_ylabels()
         legend_below(figure, *strips)
     return figure

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.result import Absorption
+from linkwise.argument_types import checked
 from linkwise.plot.absorption_decay import mark_chaos
 from linkwise.plot.palette import SERIES
 from linkwise.plot.style import axes_for, label, legend_below, literal, sheet
@@ -17,6 +18,7 @@ _PALE = "#EBEBEB"
 _POINTS = 1500  # of a band
 
 
+@checked
 def energy(
     result: Absorption | AbsorptionIntervals,
     *,
@@ -52,18 +54,17 @@ def energy(
     'share of the energy put in, %'
     """
     plain = without_intervals(result)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         _draw_bands(axes, plain, with_sinks=with_sinks)
         if with_sinks:
             mark_chaos(axes, plain, shaded=False)
         axes.set_title("with sinks" if with_sinks else literal(f"sinks {plain.removal}"))
         axes.set_xlabel("time, s")
         axes.set_ylabel("share of the energy put in, %")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """Where the energy went with the sinks and, beside it, without them.
 

@@ -12,7 +12,9 @@ from matplotlib.patches import Patch
 
 from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.quantities import AbsorptionQuantity
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
+from linkwise.errors import LinkwiseError
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL
 from linkwise.plot.style import axes_for, literal, log_scale, place_legend, sheet
 
@@ -21,6 +23,7 @@ _WIDE = 50.0  # largest over smallest from which colours go by ratio
 _NEVER, _DIVERGED = "#D9D9D9", "#F2B8A0"
 
 
+@checked
 def map(
     result: AbsorptionMap, quantity: str = "settled", *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -45,7 +48,7 @@ def map(
 
     Raises
     ------
-    KeyError
+    LinkwiseError
         If there is no such quantity.
 
     Examples
@@ -69,6 +72,7 @@ def map(
     return axes
 
 
+@checked
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     """One panel a quantity.
 
@@ -86,8 +90,8 @@ def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
 
     Raises
     ------
-    KeyError
-        If there is no such quantity.
+    LinkwiseError
+        If there is no such quantity, or none is named.
 
     Examples
     --------
@@ -97,6 +101,8 @@ def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     >>> len(lw.plot.map_figure(swept, ["sinks_share", "rms_reduction"]).axes)
     2
     """
+    if not names:
+        raise LinkwiseError("names must hold at least one quantity, got none")
     rows = -(-len(names) // 2)
     with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows, colorbars=True) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):

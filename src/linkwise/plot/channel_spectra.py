@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.inspection.result import Inspection
 from linkwise.inspection.spectrum import Spectrogram
 from linkwise.plot.palette import MEASURED, SERIES, WELL
@@ -15,6 +16,7 @@ from linkwise.records.record import Record
 _MOST = 10  # strips that still can be read on one page
 
 
+@checked
 def spectrum(
     record: Record, name: str, noise: float | None = None, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -53,23 +55,23 @@ def spectrum(
     spectrogram = Spectrogram.of(filled, record.rate)
     density = np.sqrt(spectrogram.mean[1:])
     color = SERIES[record.channels.index(name) % len(SERIES)]
-    with axes_for(ax) as axes:
+    noisy = noise is not None and noise > 0.0 and bool(density.any())
+    with axes_for(ax, legend=legend and noisy) as axes:
         if density.any():
             axes.plot(spectrogram.frequency[1:], density, color=color, linewidth=0.9, label=label(name))
             log_scale(axes, "y")
-        if noise is not None and noise > 0.0 and density.any():
+        if noise is not None and noisy:
             level = noise * (2.0 / record.rate) ** 0.5
             axes.axhline(
                 level, color=WELL if color != WELL else MEASURED, linestyle="--", linewidth=0.8, label="noise"
             )
-            if legend:
-                axes.legend()
         axes.set_xlim(0.0, 0.5 * record.rate)
         axes.set_xlabel("frequency, Hz")
         axes.set_ylabel(f"{literal(name)}\n{record.unit(name)}/√Hz")
     return axes
 
 
+@checked
 def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first.
 

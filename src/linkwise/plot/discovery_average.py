@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.discovery.result import Discovery
 from linkwise.plot.palette import IDENTIFIED, MEASURED, VISITED, WELL, scale
 from linkwise.plot.style import axes_for, legend_below, literal, sheet
@@ -14,6 +15,7 @@ _POINTS = 201
 _FAINTEST = 0.02  # of the weight of all models: others are not drawn
 
 
+@checked
 def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw by how much the forces of a link depart from that of the selected model: of others that survive, and averaged.
 
@@ -58,7 +60,7 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
         (float(np.max(np.abs(forces[np.isfinite(forces)]), initial=0.0)) for forces in drawn), default=0.0
     )
     (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), "m"), scale(largest, "N")
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         if np.isfinite(lower).all():
             band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, linewidth=0)
             band.set_label("95 % band, averaged")
@@ -74,11 +76,10 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
         axes.set_title(
             literal(f"{link}: models that survive, the selected one with {average.weights[0]:.0%}")
         )
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def departures_figure(discovery: Discovery, link: str) -> Figure:
     """The departures of the models that survive on a figure of their own.
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, WELL
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
@@ -17,6 +18,7 @@ _DROPPED = 16  # and those below them
 _ROW = 0.19  # inches
 
 
+@checked
 def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw what each term kept explains, and what each of the nearest dropped terms would explain.
 
@@ -46,7 +48,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
     """
     selected, dropped = _rows(discovery)
     rows = [*selected, *dropped]
-    with axes_for(ax, height=_height(len(rows))) as axes:
+    with axes_for(ax, legend=legend, height=_height(len(rows))) as axes:
         _bars(axes, selected, 0, IDENTIFIED, "kept")
         _bars(axes, dropped, len(selected), MEASURED, "dropped")
         if rows:
@@ -61,11 +63,10 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         axes.set_xlabel("misfit that the term takes away, in -2 log likelihood")
         axes.set_title(f"evidence term by term{_left_out(discovery, len(selected), len(dropped))}")
         axes.axhline(len(selected) - 0.5, color=TRUE, linewidth=0.6)
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def evidence_figure(discovery: Discovery) -> Figure:
     """The evidence term by term on a figure of its own, as high as there are terms.
 

@@ -12,10 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from linkwise.analysis.law_kind import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.text import headline
 from linkwise.model.link import GROUND
+from linkwise.plot import style
 from linkwise.plot.graph_layout import node_positions
 from linkwise.plot.palette import MEASURED, SERIES, TRUE, scale
 from linkwise.plot.style import axes_for, axes_inches, label, literal, place_legend, sheet, wrapped
@@ -73,6 +75,7 @@ class Drawing:
         return self.positions.min(axis=0) - _MARGIN, self.positions.max(axis=0) + _MARGIN
 
 
+@checked
 def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw a discovered structure as a graph of masses and links.
 
@@ -115,16 +118,16 @@ def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) 
         _draw_links(axes, drawing, labelled=inch >= _LABELLED)
         for node, name in enumerate(drawing.fixed, start=len(drawing.bodies)):
             mass = next(edge.first for edge in drawing.edges if edge.second == node)
-            _draw_fixed(
-                axes, drawing.positions[mass], drawing.positions[node], "" if name == GROUND else name
-            )
+            title = "" if name == GROUND else name
+            _draw_fixed(axes, drawing.positions[mass], drawing.positions[node], title)
         _draw_bodies(axes, discovery, drawing, inch)
-        axes.set_title(wrapped(headline(discovery)[0], axes_inches(axes)[0]))
+        style.wrap_title(axes, headline(discovery)[0])
         if legend:
             axes.legend(handles=_legend_handles(drawing.edges))
     return axes
 
 
+@checked
 def graph_figure(discovery: Discovery) -> Figure:
     """The graph on a figure of its own, as large as the structure asks for.
 
@@ -151,7 +154,7 @@ def graph_figure(discovery: Discovery) -> Figure:
         graph(discovery, legend=False, ax=axes)
         axes.set_title("")
         title = wrapped(headline(discovery)[0], width)
-        figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+        style.heading(figure, title)
         handles = _legend_handles(_drawing(discovery).edges)
         columns = max(1, min(len(handles), int(width / 1.35)))
         place_legend(figure, handles, [str(handle.get_label()) for handle in handles], columns)

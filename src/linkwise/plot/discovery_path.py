@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from linkwise.argument_types import checked
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.plot.palette import IDENTIFIED, MEASURED, VISITED, WELL
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
@@ -15,6 +16,7 @@ _RUNNERS_UP = 10
 _FAR = 100.0  # a margin from which a linear scale shows nothing of the others
 
 
+@checked
 def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw misfit and criterion against the number of terms, with the chosen model marked.
 
@@ -42,7 +44,7 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
     >>> lw.plot.path(found).get_xlabel()
     'terms'
     """
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         terms = [point.terms for point in discovery.path]
         for values, color, text in (
             ([point.cost for point in discovery.path], MEASURED, "misfit, above the largest model's"),
@@ -73,11 +75,10 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
         axes.set_xlabel("terms")
         axes.set_ylabel("-2 log likelihood")
         axes.set_title("models of all sizes")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
     """Draw how much worse the criterion of the next best models is.
 
@@ -116,6 +117,7 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
+@checked
 def path_figure(discovery: Discovery) -> Figure:
     """The path and, beside it, the next best models.
 

@@ -9,16 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.argument_types import check_type
-from linkwise.errors import RecordError
+from linkwise.argument_types import checked
+from linkwise.errors import LinkwiseError, RecordError
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, VISITED, scale
-from linkwise.plot.style import axes_for, legend_below, literal, sheet
+from linkwise.plot.style import axes_for, heading, legend_below, literal, sheet
 from linkwise.simulation.envelope import OrbitEnvelope
 
 _PANEL_HEIGHT = 1.5  # inches
 _BLOCK = 10  # samples of a range drawn as one: narrower than a line
 
 
+@checked
 def displacement(
     envelope: OrbitEnvelope,
     mass: str,
@@ -63,7 +64,6 @@ def displacement(
     'x, mm'
     """
     for argument, given in (("envelope", envelope), ("without", without or envelope)):
-        check_type("displacement(envelope, mass)", argument, given, OrbitEnvelope)
         if mass not in given.masses:
             raise RecordError(f'{argument}: no mass "{mass}"; the masses are {", ".join(given.masses)}')
     shown = [envelope] if without is None else [without, envelope]
@@ -72,7 +72,7 @@ def displacement(
     names = [("this orbit", IDENTIFIED)]
     if without is not None:
         names = [("without sinks", MEASURED), ("with sinks", IDENTIFIED)]
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         _draw_range(axes, envelope, mass, factor)
         for motion, (name, color) in zip(shown, names, strict=True):
             x = _displacement(motion, mass) * factor
@@ -81,11 +81,10 @@ def displacement(
         axes.set_xlabel("time, s")
         axes.set_ylabel(f"x, {unit}")
         axes.yaxis.set_major_locator(MaxNLocator(4))
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def displacements_figure(
     envelope: OrbitEnvelope,
     *,
@@ -111,6 +110,11 @@ def displacements_figure(
     matplotlib.figure.Figure
         A figure that no window shows; `save` writes it.
 
+    Raises
+    ------
+    LinkwiseError
+        If there is no column, or the number of titles is not that of the panels.
+
     Examples
     --------
     >>> import linkwise as lw
@@ -119,12 +123,16 @@ def displacements_figure(
     2
     """
     masses = (without or envelope).masses
+    if columns < 1:
+        raise LinkwiseError(f"columns must be at least 1, got {columns}")
+    if len(titles) not in (0, len(masses)):
+        raise LinkwiseError(f"titles must be as many as panels, {len(masses)}, got {len(titles)}")
     rows = -(-len(masses) // columns)
     with sheet(rows, columns, height=0.8 + _PANEL_HEIGHT * rows) as (figure, panels):
         for number, (axes, mass) in enumerate(zip(panels, masses, strict=False)):
             displacement(envelope, mass, without=without, legend=False, ax=axes)
             letter = f"{'abcdefghijklmnopqrstuvwxyz'[number % 26]}  " if len(masses) > 1 else ""
-            axes.set_title(literal(f"{letter}{(titles or masses)[number]}"))
+            axes.set_title(literal(f"{letter}{(titles if len(titles) else masses)[number]}"))
             if number < len(masses) - columns:
                 axes.set_xlabel("")
                 axes.tick_params(labelbottom=False)
@@ -134,12 +142,8 @@ def displacements_figure(
         if len(panels[0].get_legend_handles_labels()[1]) > 1:
             legend_below(figure, panels[0], columns=4)
         if envelope.horizon is not None:
-            figure.suptitle(
-                f"Past {envelope.horizon:.2f} s no orbit can be told apart from its neighbours: the curve is one of many.",
-                x=0.01,
-                horizontalalignment="left",
-                fontsize=9,
-            )
+            told_apart = f"Past {envelope.horizon:.2f} s no orbit can be told apart from its neighbours"
+            heading(figure, f"{told_apart}: the curve is one of many.", size=9.0)
     return figure
 
 

@@ -9,17 +9,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
+from linkwise.errors import LinkwiseError
 from linkwise.model.structure import Link
 from linkwise.plot.palette import SERIES, TRUE, scale
-from linkwise.plot.style import axes_for, label, legend_below, literal, log_scale, sheet
+from linkwise.plot.style import axes_for, heading, label, legend_below, literal, log_scale, sheet
 
 LineStyles = Mapping[str, Mapping[str, Any]]
 _GRID = 801
 _DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there
 
 
+@checked
 def force_comparison(
     true: Link,
     identified: Mapping[str, Link],
@@ -52,6 +54,11 @@ def force_comparison(
     matplotlib.axes.Axes
         The axes drawn on: elongation and force in m and N, or in thousands or thousandths of them as the axis labels say.
 
+    Raises
+    ------
+    LinkwiseError
+        If the elongations do not begin below their end.
+
     Examples
     --------
     >>> import linkwise as lw
@@ -60,23 +67,22 @@ def force_comparison(
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['theory', 'weak form']
     """
-    d = _elongations("force_comparison", true, identified, d_range)
+    d = _elongations(d_range)
     to_d, unit_d = scale(float(np.abs(d).max()), "m")
     force = true.force(d)
     to_f, unit_f = scale(float(np.abs(force).max()), "N")
     lines = _lines(identified, styles)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         axes.plot(d * to_d, force * to_f, color=TRUE, linewidth=3.0, alpha=0.35, label="theory")
         for name, link in identified.items():
             axes.plot(d * to_d, link.force(d) * to_f, **{"label": label(name), **lines[name]})
         axes.set_xlim(d[0] * to_d, d[-1] * to_d)
         axes.set_xlabel(f"elongation d, {unit_d}")
         axes.set_ylabel(f"force at v = 0, {unit_f}")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def force_errors(
     true: Link,
     identified: Mapping[str, Link],
@@ -112,6 +118,11 @@ def force_errors(
     matplotlib.axes.Axes
         The axes drawn on: elongation in m, or in mm or um as the axis label says, and % on a logarithmic axis.
 
+    Raises
+    ------
+    LinkwiseError
+        If the elongations do not begin below their end.
+
     Examples
     --------
     >>> import linkwise as lw
@@ -119,13 +130,13 @@ def force_errors(
     >>> lw.plot.force_errors(sink, {"weak form": stiffer}, (-0.02, 0.02)).get_ylabel()
     'error, % of the largest force'
     """
-    d = _elongations("force_errors", true, identified, d_range)
+    d = _elongations(d_range)
     to_d, unit_d = scale(float(np.abs(d).max()), "m")
     force = true.force(d)
     largest = max(float(np.abs(force).max()), np.finfo(float).tiny)
     errors = {name: 100.0 * np.abs(link.force(d) - force) / largest for name, link in identified.items()}
     lines = _lines(identified, styles)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         for name, error in errors.items():
             axes.plot(d * to_d, error, **{"label": label(name), **lines[name]})
         peaks = [float(error.max()) for error in errors.values() if error.any()]
@@ -135,11 +146,10 @@ def force_errors(
         axes.set_xlim(d[0] * to_d, d[-1] * to_d)
         axes.set_xlabel(f"elongation d, {unit_d}")
         axes.set_ylabel("error, % of the largest force")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def force_comparison_figure(
     true: Link,
     identified: Mapping[str, Link],
@@ -187,20 +197,18 @@ def force_comparison_figure(
         right.set_title("b  relative error")
         legend_below(figure, left, right)
         if title:
-            figure.suptitle(literal(title), x=0.01, horizontalalignment="left", fontsize=9)
+            heading(figure, literal(title), size=9.0)
     return figure
 
 
-def _elongations(
-    function: str, true: Link, identified: Mapping[str, Link], d_range: tuple[float, float]
-) -> Floats:
-    """(G,) elongations in m over the range; raises TypeError for what is no link."""
-    call = f"{function}(true, identified, d_range)"
-    check_type(call, "true", true, Link)
-    check_type(call, "identified", identified, Mapping)
-    for name, link in identified.items():
-        check_type(call, f'identified["{name}"]', link, Link)
-    return np.linspace(*d_range, _GRID)
+def _elongations(d_range: tuple[float, float]) -> Floats:
+    """(G,) elongations in m over the range."""
+    least, greatest = d_range
+    if not (np.isfinite(least) and np.isfinite(greatest) and least < greatest):
+        raise LinkwiseError(
+            f"d_range must be the least and the greatest elongation in m, got {least} and {greatest}"
+        )
+    return np.linspace(least, greatest, _GRID)
 
 
 def _lines(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:

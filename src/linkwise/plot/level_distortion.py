@@ -6,12 +6,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.plot.palette import MEASURED, SERIES
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
 from linkwise.plot.titles import PEAK_FORCE
 
 
+@checked
 def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw odd and even distortion, and the scatter of periods, over the level of a periodic force.
 
@@ -37,7 +39,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     ['odd', 'even', 'scatter']
     """
     kinds = (("odd", SERIES[1], "s"), ("even", SERIES[0], "o"), ("noise", MEASURED, "x"))
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         for name, colour, marker in kinds:
             points = [
                 (level, getattr(level_distortion, name))
@@ -53,11 +55,10 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
         log_scale(axes, "x")
         axes.set_xlabel(PEAK_FORCE)
         axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def distortion_figure(comparison: LevelComparison) -> Figure:
     """Odd and even distortion, and the scatter of periods, over the level on a figure of its own.
 

@@ -7,12 +7,14 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.plot.palette import SERIES
 from linkwise.plot.style import axes_for, label, legend_below, log_scale, sheet
 from linkwise.plot.titles import PEAK_FORCE
 
 
+@checked
 def level_modes(
     comparison: LevelComparison,
     quantity: Literal["frequency", "damping"] = "frequency",
@@ -49,7 +51,7 @@ def level_modes(
     if quantity == "frequency":
         values = 100.0 * comparison.frequency_changes
         errors = 100.0 * comparison.frequency_errors / comparison.frequencies[0]
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         for mode in range(values.shape[1]):
             axes.errorbar(
                 comparison.levels,
@@ -65,11 +67,10 @@ def level_modes(
         log_scale(axes, "x")
         axes.set_xlabel(PEAK_FORCE)
         axes.set_ylabel("change of frequency, %" if quantity == "frequency" else "damping, % of critical")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def levels_figure(comparison: LevelComparison) -> Figure:
     """Changes of frequencies and damping of modes over the level.
 

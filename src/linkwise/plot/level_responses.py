@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.plot.palette import SERIES
 from linkwise.plot.style import axes_for, label, legend_below, literal, log_scale, sheet
@@ -15,6 +16,7 @@ from linkwise.plot.style import axes_for, label, legend_below, literal, log_scal
 _RANGE = (0.15, 1.0)  # of lightness, of the lowest and the highest level
 
 
+@checked
 def level_response(
     comparison: LevelComparison,
     quantity: Literal["magnitude", "coherence"] = "magnitude",
@@ -48,7 +50,7 @@ def level_response(
     'coherence'
     """
     first = comparison.responses[0]
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         shades = np.linspace(*_RANGE, len(comparison.levels))
         for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
             values = response.magnitude if quantity == "magnitude" else response.coherence
@@ -65,11 +67,10 @@ def level_response(
         )
         axes.set_xlim(0.0, float(highest))
         axes.set_xlabel("frequency, Hz")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def level_responses_figure(comparison: LevelComparison) -> Figure:
     """The response function of every level, and its coherence.
 

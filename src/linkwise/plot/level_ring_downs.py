@@ -7,11 +7,13 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.plot.palette import SERIES
 from linkwise.plot.style import axes_for, label, literal, log_scale, sheet
 
 
+@checked
 def ring_down(
     comparison: LevelComparison,
     quantity: Literal["frequency", "damping"] = "frequency",
@@ -49,7 +51,7 @@ def ring_down(
     """
     ring = comparison.ring_downs[number]
     values = ring.frequency if quantity == "frequency" else 100.0 * ring.damping
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         axes.plot(
             ring.amplitude,
             values,
@@ -61,11 +63,10 @@ def ring_down(
         axes.ticklabel_format(axis="y", useOffset=False)
         axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {ring.unit}")
         axes.set_ylabel("frequency, Hz" if quantity == "frequency" else "damping, %")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def ring_down_figure(comparison: LevelComparison) -> Figure:
     """Frequency and damping of each mode that rings down over its amplitude, in a row of its own.
 

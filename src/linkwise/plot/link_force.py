@@ -5,15 +5,17 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_curve import ForceCurve, force_curve
 from linkwise.model.structure import Structure
 from linkwise.plot.downsample import scattered
 from linkwise.plot.palette import IDENTIFIED, MEASURED, TRUE, VISITED, WELL, scale
-from linkwise.plot.style import axes_for, axes_inches, legend_below, sheet, wrapped
+from linkwise.plot.style import axes_for, heading, legend_below, sheet, wrap_title, wrapped
 from linkwise.plot.titles import force_title
 
 
+@checked
 def force(
     estimate: Estimate,
     link: str,
@@ -64,19 +66,18 @@ def force(
     'elongation d, mm'
     """
     curve = force_curve(estimate, link, truth)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         _draw(axes, curve)
         near = curve.between_wells
         if near_wells and near is not None:
             to_d, _, to_f, _ = _scales(curve)
             axes.set_xlim(near[0][0] * to_d, near[0][1] * to_d)
             axes.set_ylim(near[1][0] * to_f, near[1][1] * to_f)
-        axes.set_title(wrapped(force_title(curve.link), axes_inches(axes)[0]))
-        if legend:
-            axes.legend()
+        wrap_title(axes, force_title(curve.link))
     return axes
 
 
+@checked
 def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = None) -> Figure:
     """The force of a link on a figure of its own, with a second panel near the wells where there are two or more.
 
@@ -116,7 +117,7 @@ def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = Non
             panels[0].set_title("")
             panels[1].set_title("near the wells")
             title = wrapped(force_title(estimate.link(link).link), figure.get_figwidth())
-            figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+            heading(figure, title)
         legend_below(figure, panels[0])
     return figure
 

@@ -6,14 +6,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_loop import force_loop
 from linkwise.plot.palette import IDENTIFIED, MEASURED, scale
-from linkwise.plot.style import axes_for, axes_inches, legend_below, sheet, wrapped
+from linkwise.plot.style import axes_for, heading, legend_below, sheet, wrap_title, wrapped
 from linkwise.plot.titles import force_title
 
 
+@checked
 def loop(
     estimate: Estimate, link: str, *, over: str = "d", legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -61,7 +63,7 @@ def loop(
     values, quantity = (forces.d, "elongation d") if over == "d" else (forces.v, "rate v")
     to_x, unit_x = scale(float(np.nanmax(np.abs(values))), "m" if over == "d" else "m/s")
     to_f, unit_f = scale(forces.largest, "N")
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         if forces.measured is not None:
             axes.plot(
                 values * to_x,
@@ -81,12 +83,11 @@ def loop(
         )
         axes.set_xlabel(f"{quantity}, {unit_x}")
         axes.set_ylabel(f"force, {unit_f}")
-        axes.set_title(wrapped(force_title(estimate.link(link).link), axes_inches(axes)[0]))
-        if legend:
-            axes.legend()
+        wrap_title(axes, force_title(estimate.link(link).link))
     return axes
 
 
+@checked
 def loop_figure(estimate: Estimate, link: str) -> Figure:
     """The force of a link over its elongation and over its rate, on a figure of its own.
 
@@ -124,8 +125,6 @@ def loop_figure(estimate: Estimate, link: str) -> Figure:
         for panel in panels:
             panel.set_title("")
         title = f"{force_title(estimate.link(link).link)}; {force_loop(estimate, link).energy_text}"
-        figure.suptitle(
-            wrapped(title, figure.get_figwidth()), x=0.01, horizontalalignment="left", fontsize=10
-        )
+        heading(figure, wrapped(title, figure.get_figwidth()))
         legend_below(figure, panels[0])
     return figure

@@ -6,17 +6,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
 from linkwise.plot.downsample import scattered
 from linkwise.plot.palette import TRUE, scale
-from linkwise.plot.style import axes_for, axes_inches, sheet, wrapped
+from linkwise.plot.style import axes_for, sheet, wrap_title
 from linkwise.plot.titles import force_title
 
 _GRID = 81  # points of the surface either way
 _MARGIN = 0.05  # of the visited ranges, around them
 
 
+@checked
 def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw the identified force of a link over its elongation and rate as a map, with the motion of the record.
 
@@ -73,7 +75,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     largest = float(np.abs(force).max())
     to_f, unit_f = scale(largest, "N")
     some = scattered(len(estimate.motion.d))
-    with axes_for(ax, colorbars=True) as axes:
+    with axes_for(ax, legend=legend, colorbars=True) as axes:
         bound = max(largest * to_f, np.finfo(float).tiny)
         mesh = axes.pcolormesh(
             d * to_d, v * to_v, force * to_f, cmap="RdBu_r", vmin=-bound, vmax=bound, rasterized=True
@@ -93,12 +95,11 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
         )
         axes.set_xlabel(f"elongation d, {unit_d}")
         axes.set_ylabel(f"rate v, {unit_v}")
-        axes.set_title(wrapped(force_title(link_estimate.link), axes_inches(axes)[0]))
-        if legend:
-            axes.legend()
+        wrap_title(axes, force_title(link_estimate.link))
     return axes
 
 
+@checked
 def surface_figure(estimate: Estimate, link: str) -> Figure:
     """The restoring-force surface of a link on a figure of its own.
 

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StudyError
 from linkwise.plot.palette import MEASURED, SERIES, TRUE
@@ -45,6 +46,7 @@ class PublishedValues:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
+@checked
 def study(
     result: StudySummary | StudyTable | Iterable[Row],
     quantity: str = "nmse",
@@ -98,14 +100,13 @@ def study(
     if level not in table.decibels:
         levels = ", ".join(f"{decibel:g}" for decibel in table.decibels)
         raise StudyError(f"no cell at {level:g} dB; choose from {levels} dB")
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         draw_curves(axes, table, level, quantity, curve_styles(table.methods))
         axes.set_title(f"{level:g} dB")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def accuracy_figure(result: StudySummary | StudyTable | Iterable[Row]) -> Figure:
     """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from io import BytesIO
 from pathlib import Path
 from textwrap import fill
@@ -20,7 +20,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, NullFormatter
 
-from linkwise.plot.layout import LEGEND_SIZE, TITLE_SIZE, EstimatedLayout
+from linkwise.argument_types import checked
+from linkwise.plot.layout import LEGEND_SIZE, SUPTITLE_SIZE, TITLE_SIZE, EstimatedLayout
 
 _STYLE: Any = {
     "axes.axisbelow": True,
@@ -65,19 +66,23 @@ def sheet(
 
 @contextmanager
 def axes_for(
-    ax: Axes | None, *, width: float = 6.3, height: float = 3.6, colorbars: bool = False
+    ax: Axes | None, *, legend: bool = False, width: float = 6.3, height: float = 3.6, colorbars: bool = False
 ) -> Iterator[Axes]:
     """The Axes of the caller as they are, or those of a new figure in the style of this package.
 
-    Raises TypeError for anything else, such as the array that `plt.subplots(2)` returns.
+    With `legend` they get one of what was drawn when the block ends.
     """
-    if ax is None:
-        with sheet(width=width, height=height, colorbars=colorbars) as (_, [axes]):
-            yield axes
-    elif isinstance(ax, Axes):
-        yield ax
-    else:
-        raise TypeError(f"ax must be a matplotlib Axes or None, got {type(ax).__name__}")
+    with (
+        nullcontext((None, [ax]))
+        if ax is not None
+        else sheet(width=width, height=height, colorbars=colorbars) as (
+            _,
+            [axes],
+        )
+    ):
+        yield axes
+        if legend and axes.get_legend_handles_labels()[0]:
+            axes.legend()
 
 
 def literal(text: str) -> str:
@@ -93,6 +98,16 @@ def label(name: str) -> str:
 def wrapped(text: str, inches: float) -> str:
     """`text` as it is printed in a title, broken into lines that fit into so many inches."""
     return literal(fill(text, max(int(_CHARACTERS * inches), 20)))
+
+
+def wrap_title(axes: Axes, text: str) -> None:
+    """Give axes a title in lines that are no longer than the axes are wide."""
+    axes.set_title(wrapped(text, axes_inches(axes)[0]))
+
+
+def heading(figure: Figure, text: str, *, size: float = SUPTITLE_SIZE) -> None:
+    """A title above all panels of a figure, at its left edge, in `size` points."""
+    figure.suptitle(text, x=0.01, horizontalalignment="left", fontsize=size)
 
 
 def axes_inches(axes: Axes) -> tuple[float, float]:
@@ -188,6 +203,7 @@ def _without_glyph_warnings() -> Iterator[None]:
         yield
 
 
+@checked
 def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Write a figure as PNG and as SVG.
 

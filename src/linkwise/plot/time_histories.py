@@ -9,17 +9,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import SERIES, scale
-from linkwise.plot.style import axes_for, axes_inches, label, literal, sheet, wrapped
+from linkwise.plot.style import axes_for, label, literal, sheet, wrap_title
 from linkwise.records.record import Record
 
 _MOST = 10  # strips that still can be read on one page
 _KINDS = {"x": "displacement", "v": "velocity", "a": "acceleration", "force": "force"}
 
 
+@checked
 def histories(
     record: Record | Estimate,
     channels: Sequence[str] | None = None,
@@ -66,7 +68,7 @@ def histories(
         raise RecordError(f"no channel to draw; choose from {', '.join(source.channels)}")
     units = {source.unit(name) for name in names}
     together = _largest(source, names)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend and len(names) > 1) as axes:
         for name in names:
             values = source.channel(name)
             largest = together if len(units) == 1 else _largest(source, [name])
@@ -78,11 +80,10 @@ def histories(
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.set_xlim(source.time[0], source.time[-1])
         axes.set_xlabel("time, s")
-        if legend and len(names) > 1:
-            axes.legend()
     return axes
 
 
+@checked
 def histories_figure(record: Record) -> Figure:
     """Each channel over time in a strip of its own; of more than 10 channels the first.
 
@@ -110,7 +111,7 @@ def histories_figure(record: Record) -> Figure:
             axes.label_outer()
         hidden = len(record.channels) - len(names)
         more = f" ({hidden} more channels not shown)" if hidden else ""
-        strips[0].set_title(wrapped(f"{record.source or 'record'}{more}", axes_inches(strips[0])[0]))
+        wrap_title(strips[0], f"{record.source or 'record'}{more}")
         figure.align_ylabels()
     return figure
 

@@ -10,14 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from linkwise.argument_types import checked
 from linkwise.identification.validation.result import Validation
 from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import IDENTIFIED, MEASURED, VISITED, WELL, scale
-from linkwise.plot.style import axes_for, axes_inches, legend_below, literal, sheet, wrapped
+from linkwise.plot.style import axes_for, legend_below, literal, sheet, wrap_title
 
 _MOST = 6  # channels that still can be read on one page
 
 
+@checked
 def prediction(validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw a channel as measured and as predicted over time.
 
@@ -53,17 +55,16 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     record = validation.record
     measured, predicted = record.channel(channel), validation.predicted.channel(channel)
     factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), validation.channels[channel].unit)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         axes.plot(*envelope(record.time, measured * factor), color=MEASURED, linewidth=1.6, label="measured")
         axes.plot(
             *envelope(record.time, predicted * factor), color=IDENTIFIED, linewidth=0.7, label="predicted"
         )
         _frame(axes, validation, f"{literal(channel)}\n{unit}")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def prediction_error(
     validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -104,7 +105,7 @@ def prediction_error(
     largest = float(np.nanmax(np.abs(error), initial=0.0))
     factor, unit = scale(largest, validation.channels[channel].unit)
     time, upper = envelope(record.time, 2.0 * deviation * factor)
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         for side in (-upper, upper):
             axes.plot(time, side, color=WELL, linewidth=0.8, zorder=4, label="expected, 2 deviations")
         axes.plot(
@@ -113,11 +114,10 @@ def prediction_error(
         _frame(axes, validation, f"{literal(channel)}\n{unit}")
         span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
         axes.set_ylim(-span, span)
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def prediction_figure(validation: Validation) -> Figure:
     """Measured and predicted channels over time, one below the other.
 
@@ -146,6 +146,7 @@ def prediction_figure(validation: Validation) -> Figure:
     return figure
 
 
+@checked
 def prediction_error_figure(validation: Validation) -> Figure:
     """The errors of the channels over time, one below the other.
 
@@ -184,7 +185,7 @@ def _strips(validation: Validation, title: str) -> Iterator[tuple[Figure, dict[s
         for axes in strips:
             axes.label_outer()
         more = f" ({hidden} more channels not shown)" if hidden else ""
-        strips[0].set_title(wrapped(f"{title}{more}", axes_inches(strips[0])[0]))
+        wrap_title(strips[0], f"{title}{more}")
         figure.align_ylabels()
         legend_below(figure, strips[0])
 

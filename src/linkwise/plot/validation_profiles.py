@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.identification.validation.result import Validation
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL, scale
@@ -15,6 +16,7 @@ from linkwise.text import near_miss
 _MOST = 4  # links or channels that still can be read on one page
 
 
+@checked
 def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None = None) -> Axes:
     """Draw the error of a prediction over time, or over the elongation or velocity of a link.
 
@@ -63,6 +65,7 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     return axes
 
 
+@checked
 def prediction_spectrum(
     validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -103,7 +106,7 @@ def prediction_spectrum(
         )
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         axes.plot(spectrum.frequency, spectrum.measured, color=MEASURED, linewidth=1.4, label="measured")
         axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, linewidth=1.0, label="error")
         axes.axhline(noise, color=WELL, linestyle=(0, (4, 3)), linewidth=1.0, label="noise")
@@ -111,11 +114,10 @@ def prediction_spectrum(
         axes.set_xlim(0.0, spectrum.frequency[-1])
         axes.set_xlabel("frequency, Hz")
         axes.set_ylabel(f"{literal(channel)}, ({score.unit})²/Hz")
-        if legend:
-            axes.legend()
     return axes
 
 
+@checked
 def prediction_profile_figure(validation: Validation) -> Figure:
     """The error over elongation and velocity of each link; of more than 4 links the first.
 
@@ -148,6 +150,7 @@ def prediction_profile_figure(validation: Validation) -> Figure:
     return figure
 
 
+@checked
 def prediction_spectrum_figure(validation: Validation) -> Figure:
     """The spectra of the channels; of more than 4 the first.
 

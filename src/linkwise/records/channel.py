@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from linkwise.argument_types import checked_class
 from linkwise.errors import RecordError
 
 UNITS = {"x": "m", "v": "m/s", "a": "m/s^2", "force": "N", "f": "N", "state": "?"}
@@ -18,6 +19,7 @@ _RELATIVE = "rel:"
 _RESERVED = frozenset(":[]()\"',;\t\n")
 
 
+@checked_class
 @dataclass(frozen=True)
 class Channel:
     """One sensor, or one input.

@@ -8,6 +8,7 @@ from math import isfinite
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.model.input_signal import Sampled
 from linkwise.records.channel import Channel
@@ -16,6 +17,7 @@ from linkwise.records.record import Record
 _BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 
 
+@checked
 def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
     """Take known delays out of channels.
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
@@ -15,6 +16,7 @@ _ALIGNED = 1e-3  # of a step: clocks that agree to this need no interpolation
 _OFF_GRID = 0.02  # of a step: how far off the times of a record the next part of it may go on
 
 
+@checked
 def beside(record: Record, other: Record) -> Record:
     """Add the channels of a record that was started together with another.
 
@@ -50,6 +52,7 @@ def beside(record: Record, other: Record) -> Record:
     return _side_by_side(record, other)
 
 
+@checked
 def joined_by_time(record: Record, other: Record) -> Record:
     """Add the channels of a record with the same clock, by the times of the samples.
 
@@ -102,6 +105,7 @@ def joined_by_time(record: Record, other: Record) -> Record:
     return replace(both, notes=(*both.notes, f"{', '.join(other.channels)} were joined by time."))
 
 
+@checked
 def continued(record: Record, other: Record) -> Record:
     """Join two parts of one record that were measured one after the other.
 

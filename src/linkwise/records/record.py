@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.html import NotebookView
@@ -20,11 +21,12 @@ from linkwise.records.decimation import check_complete, check_factor, check_inte
 from linkwise.records.immutable import read_only
 from linkwise.records.measured import sampled_columns
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, check_uncertainty
-from linkwise.records.synthetic_noise import LARGEST_RATIO, with_white_noise
+from linkwise.records.synthetic_noise import with_white_noise
 from linkwise.records.timeline import rows_between
 from linkwise.records.truth import SimulationTruth
 
 
+@checked_class
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(NotebookView):
     """N samples of C channels at the times ``start + k/rate``; immutable.
@@ -230,8 +232,9 @@ class Record(NotebookView):
 
     def _column(self, name: str) -> int:
         if name not in self.channels:
-            listed = ", ".join(self.channels) or "no channels"
-            raise RecordError(f"is not in the record; the channels are {listed}", channel=name)
+            raise RecordError(
+                f"is not in the record; the channels are {', '.join(self.channels)}", channel=name
+            )
         return self.channels.index(name)
 
     def channel(self, name: str) -> Floats:
@@ -315,10 +318,9 @@ class Record(NotebookView):
         """
         first, last = rows_between(earliest, latest, self.start, self.rate, len(self))
         if last <= first:
-            end = self.start + self.duration
+            span = f"{self.start:g} to {self.start + self.duration:g} s"
             raise RecordError(
-                f"no sample between {earliest:g} and {latest:g} s; the record runs from {self.start:g} to "
-                f"{end:g} s",
+                f"no sample between {earliest:g} and {latest:g} s; the record runs from {span}",
                 arguments=("earliest", "latest"),
             )
         return self[first:last]
@@ -383,12 +385,8 @@ class Record(NotebookView):
         Raises
         ------
         RecordError
-            If `decibel` is not finite or its amount above `LARGEST_RATIO`.
+            If `decibel` is not finite or its amount is above 1000, or `seed` is negative.
         """
-        if not abs(decibel) <= LARGEST_RATIO:
-            raise RecordError(
-                f"decibel must be within {LARGEST_RATIO:g} of zero, got {decibel!r}; without noise, use the record as it is"
-            )
         earlier = self.simulated.noise if self.simulated else {}
         values, added = with_white_noise(self.values, self.channels, self.responses, decibel, seed, earlier)
         return replace(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
+from linkwise.argument_types import checked_class
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.records.channel import UNITS, Channel
 from linkwise.records.delays import without_delays
@@ -45,6 +46,7 @@ class StatedError(NamedTuple):
     sigma: float = 0.0
 
 
+@checked_class
 @dataclass(frozen=True)
 class SensorStatement:
     """What is stated of one sensor; None where nothing is.

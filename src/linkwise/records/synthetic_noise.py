@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.errors import RecordError
 
 LARGEST_RATIO = 1000.0  # dB, either way: the powers of nothing that is measured are further apart
 
@@ -25,6 +26,12 @@ def with_white_noise(
     of a channel depends on `seed` and its name only. `earlier` is the noise that is there already, which adds to the
     deviations.
     """
+    if not abs(decibel) <= LARGEST_RATIO:
+        raise RecordError(
+            f"decibel must be within {LARGEST_RATIO:g} of zero, got {decibel!r}; without noise, use the record as it is"
+        )
+    if seed < 0:
+        raise RecordError(f"seed must not be negative, got {seed}")
     noisy, added = values.copy(), {}
     for name in names:
         samples = noisy[:, channels.index(name)]

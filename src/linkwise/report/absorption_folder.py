@@ -10,6 +10,7 @@ import numpy as np
 
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map_result import AbsorptionMap
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.atomic import ABSORPTION
 from linkwise.deprecation import Deprecated, deprecated_keyword
@@ -29,6 +30,7 @@ from linkwise.text import csv_cell
 
 
 @deprecated_keyword("answer", Deprecated("result", since="0.2.0", until="0.4.0"))
+@checked
 def write_absorption(result: Answer, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a comparison with and without sinks into a folder: absorption.json, histories, figures and report.html.
 
@@ -66,6 +68,7 @@ def write_absorption(result: Answer, folder: str | Path, *, progress: Progress =
 
 
 @deprecated_keyword("found", Deprecated("result", since="0.2.0", until="0.4.0"))
+@checked
 def write_absorption_map(result: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a sweep into a folder: absorption.json, map.csv, map.png, map.svg and report.html.
 

@@ -8,10 +8,12 @@ from typing import Any
 from linkwise.absorption.intervals import AbsorptionIntervals
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
 
 
 @deprecated_keyword("found", Deprecated("result", since="0.2.0", until="0.4.0"))
+@checked
 def absorption_of(result: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
     """Return the content of absorption.json as plain data.
 

@@ -7,6 +7,7 @@ import math
 from dataclasses import fields, replace
 from pathlib import Path
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth
@@ -21,6 +22,7 @@ from linkwise.text import csv_cell
 
 
 @deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
+@checked
 def write_discovery(
     discovery: Discovery,
     folder: str | Path,

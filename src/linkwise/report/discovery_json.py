@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.scoring import align_truth, term_score
@@ -13,6 +14,7 @@ from linkwise.report.estimate_json import result_of
 
 
 @deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
+@checked
 def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[str, Any]:
     """Return the content of result.json for a discovery as plain data.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_curve import GRID
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
@@ -18,6 +18,7 @@ from linkwise.report.estimate_page import estimate_figures, estimate_page
 from linkwise.report.result_folder import ResultFolder
 
 
+@checked
 def write_result(
     estimate: Estimate,
     folder: str | Path,
@@ -64,7 +65,6 @@ def write_result(
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['report.html', 'result.json', 'structure.toml']
     """
-    check_type("write_result(estimate, folder)", "estimate", estimate, Estimate)
     return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
+from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.identification.force_error import nmse
@@ -12,6 +13,7 @@ from linkwise.model.structure import Link, Structure
 from linkwise.records.record import Record
 
 
+@checked
 def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:
     """Return the content of result.json for an estimate as plain data.
 

@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.atomic import atomic_file
 from linkwise.errors import OutputError
@@ -95,6 +96,7 @@ EXPORTS: Registry[Writer] = Registry(
 """What writes an answer to a path, by suffix; the name that the file will have, without its suffix, comes last."""
 
 
+@checked
 def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: str | Path) -> Path:
     """Write an answer for another program: the forces of its links, and its coefficients with errors and covariance.
 

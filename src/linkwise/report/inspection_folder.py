@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from linkwise.argument_types import checked
 from linkwise.inspection.result import Inspection
 from linkwise.progress import Progress, silent
 from linkwise.report.inspection_page import inspection_page, inspection_sections
 from linkwise.report.result_folder import ResultFolder
 
 
+@checked
 def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write an inspection into a folder: inspection.json, figures of histories and spectra, and report.html.
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from linkwise.argument_types import checked
 from linkwise.atomic import atomic_file
 from linkwise.paper.table_2 import Table2
 from linkwise.plot import save
@@ -22,6 +23,7 @@ from linkwise.text import csv_cell
 _FIGURES = "figures"
 
 
+@checked
 def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write the report of a study into its folder: report.html, figures/NAME.png, figures/NAME.svg and table_2.csv.
 

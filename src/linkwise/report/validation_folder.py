@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from linkwise.argument_types import checked
 from linkwise.atomic import VALIDATION
 from linkwise.files import write_record
 from linkwise.identification.validation.result import Validation
@@ -15,6 +16,7 @@ from linkwise.report.validation_json import validation_of
 from linkwise.report.validation_page import SECTIONS, validation_page
 
 
+@checked
 def write_validation(validation: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a validation into a folder: validation.json, structure.toml, predicted.csv, figures and report.html.
 

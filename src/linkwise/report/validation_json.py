@@ -5,9 +5,11 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
+from linkwise.argument_types import checked
 from linkwise.identification.validation.result import Validation
 
 
+@checked
 def validation_of(validation: Validation) -> dict[str, Any]:
     """Return the content of validation.json as plain data.
 

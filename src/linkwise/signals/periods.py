@@ -7,6 +7,7 @@ from math import isfinite
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
@@ -21,6 +22,7 @@ _NOTHING = 1e-10  # of the power of a channel: periods of inputs that differ by 
 _ALIKE = 0.5  # of the power of a channel: periods that differ by more are not repetitions
 
 
+@checked
 def average_periods(record: Record, period: float) -> Record:
     """Average a periodic test over its periods.
 

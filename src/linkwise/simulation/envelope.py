@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -53,6 +53,7 @@ class OrbitEnvelope:
         return self.record.masses
 
 
+@checked
 def orbit_envelope(
     structure: Structure, release: Mapping[str, float], *, duration: float, rate: float
 ) -> OrbitEnvelope:
@@ -90,8 +91,6 @@ def orbit_envelope(
     >>> bool((motion.least == motion.greatest).all())  # predictable throughout
     True
     """
-    check_type("orbit_envelope(structure, release)", "structure", structure, Structure)
-    check_type("orbit_envelope(structure, release)", "release", release, Mapping)
 
     def run(factor: float) -> Record:
         start = {name: factor * value for name, value in release.items()}

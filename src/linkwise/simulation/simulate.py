@@ -8,7 +8,7 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError, SimulationError
 from linkwise.model.excitation import Excitation, Impulse
@@ -37,6 +37,7 @@ class ExcitationKeywords(TypedDict, total=False):
     base: InputSignal | str | float | None
 
 
+@checked
 def simulate(
     structure: Structure,
     *,
@@ -94,7 +95,6 @@ def simulate(
     >>> lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=["x", "a:m2"])
     Record of 1001 samples at 1000 Hz, 0 to 1 s: x:m1, x:m2, a:m2
     """
-    check_type("simulate(structure)", "structure", structure, Structure)
     grid = output_times(duration, rate, times)
     drive = Excitation.of(**excitation)
     check_excitation(structure, drive, float(grid[-1]))

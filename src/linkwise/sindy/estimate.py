@@ -9,6 +9,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
@@ -34,6 +35,7 @@ _MAX_UNEXPLAINED = (
 )
 
 
+@checked_class
 @final
 @dataclass(frozen=True)
 class PhysicsInformedSindy(Estimator):

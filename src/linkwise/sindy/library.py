@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
@@ -22,6 +23,7 @@ from linkwise.sindy.regression.linear_system import DenseSystem, Rows, StreamedS
 _MAX_BYTES = 2 * 2**30  # of stored link columns
 
 
+@checked
 def monomial_equations(
     states: States,
     order: int,
@@ -91,6 +93,7 @@ def monomial_equations(
     return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes)
 
 
+@checked
 def local_equations(
     states: States, structure: Structure, order: int, *, mixing: int | None = None
 ) -> dict[str, StreamedSystem]:
@@ -141,6 +144,7 @@ def local_equations(
     return systems
 
 
+@checked
 def link_columns(states: States, structure: Structure) -> DenseSystem:
     """Equations of motion of all masses with one column per unknown: M a + B f = w (the paper's Eq. 6).
 

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.study.definition import Study
 from linkwise.study.row import Case, Row
@@ -89,6 +90,7 @@ class Cell:
         median = self.nmse
         return min(self.answers, key=lambda row: (abs(_error(row) - median), row.seed))
 
+    @checked
     def share_above(self, value: float) -> float:
         """The part of the cases, failed ones included, whose error exceeds a value.
 

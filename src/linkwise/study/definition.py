@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
+from linkwise.argument_types import checked_class
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StudyError
 from linkwise.study.method import StudyMethod
@@ -20,6 +21,7 @@ from linkwise.text import near_miss
 _Entry = TypeVar("_Entry", Subject, StudyMethod)
 
 
+@checked_class
 @dataclass(frozen=True, eq=False)
 class Study:
     """A Monte Carlo study: every subject at every noise level by every method, once for each seed.

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from linkwise.argument_types import checked
 from linkwise.atomic import atomic_file
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows
@@ -19,6 +20,7 @@ from linkwise.text import csv_cell
 ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
 
 
+@checked
 def export_study(folder: str | Path) -> tuple[Path, ...]:
     """Write the tables of a study, finished or not, into its folder.
 

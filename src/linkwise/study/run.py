@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import StudyError
 from linkwise.progress import Progress, silent
@@ -21,6 +22,7 @@ MOST_CASES = 1_000_000  # kept in memory and in one file: years of computing tim
 
 
 @deprecated_keyword("which", Deprecated("study", since="0.2.0", until="0.4.0"))
+@checked
 def run_study(
     study: Study | str | Path,
     folder: str | Path,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from linkwise.argument_types import checked_class
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
@@ -26,6 +27,7 @@ from linkwise.text import near_miss
 _ALL = ("x", "v", "a")
 
 
+@checked_class
 @dataclass(frozen=True, eq=False)
 class Subject:
     """A structure of a study.

@@ -7,6 +7,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.html import JudgedView
 from linkwise.study.cells import Cell, StudyTable
@@ -91,6 +92,7 @@ class StudySummary(JudgedView):
         }
 
 
+@checked
 def study_summary(folder: str | Path) -> StudySummary:
     """Summarise a study.
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import IdentificationError, LinkwiseError, StudyError
 from linkwise.model.chains import bnes_chain
@@ -101,6 +102,7 @@ class _Document(msgspec.Struct, forbid_unknown_fields=True):
 
 
 @deprecated_keyword("which", Deprecated("study", since="0.2.0", until="0.4.0"))
+@checked
 def read_study(study: str | Path) -> Study:
     """Read the definition of a study.
 

@@ -8,7 +8,7 @@ from typing import Unpack
 
 import numpy as np
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.identification.limit.result import Limit, true_path
@@ -31,6 +31,7 @@ _SHORTEST = 8  # steps of a piece between two impulses that is used
 _STATE = 1e-6  # of the motion of the fastest mass: the unit of a state at rest
 
 
+@checked
 def limit(
     structure: Structure,
     *,
@@ -139,7 +140,6 @@ def limit(
 
 def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
     """The structure with all its numbers, and the same with its unknowns."""
-    check_type("limit(structure)", "structure", structure, Structure)
     refuse_rig(structure, "limits of accuracy")
     without_number = [parameter.name for parameter in structure.parameters if parameter.start is None]
     if without_number:

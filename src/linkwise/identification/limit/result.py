@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
@@ -139,6 +140,7 @@ class Limit(JudgedView):
             )
         )
 
+    @checked
     def coefficient(self, name: str) -> CoefficientEstimate:
         """One unknown with its expected value and, where it is identifiable, its interval at the bound.
 
@@ -164,6 +166,7 @@ class Limit(JudgedView):
             )
         return coefficients[name]
 
+    @checked
     def force_deviation(self, name: str, d: ArrayLike) -> Floats:
         """The standard deviation of the force of a link at rest (v = 0); with memory, at states of 0.
 
@@ -204,6 +207,7 @@ class Limit(JudgedView):
         unknown = {index for parameter in self.parameters for index, _ in parameter.members}
         return tuple(self._link(index) for index in sorted(unknown) if index >= 0)
 
+    @checked
     def link(self, name: str) -> LinkLimit:
         """The precision for one link.
 

@@ -7,6 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.identification.modal_test.result import HostEstimate
@@ -34,6 +35,7 @@ _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its 
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
 
 
+@checked
 def identify_host(
     record: Record | Sequence[Record],
     *,
@@ -95,7 +97,7 @@ def identify_host(
     started = perf_counter()
     if modes is not None and modes < 1:
         raise IdentificationError(f"the number of modes must be positive, got {modes}")
-    records = record_list("identify_host(record)", record)
+    records = record_list(record)
     if not records:
         raise IdentificationError("a modal test needs at least one record, got none")
     measured = ModalMeasurement.of(records, name)

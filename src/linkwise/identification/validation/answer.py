@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from linkwise.argument_types import check_type
 from linkwise.atomic import RESULT
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
@@ -45,8 +44,6 @@ class ValidatedAnswer:
                 return cls(answer.structure, Posterior.of(answer), error, (), answer.sensor_errors)
             why = answer.status if not answer.trusted else f"{answer.method} gives no intervals"
             return cls(answer.structure, None, error, (_exact(why),), answer.sensor_errors)
-        types = (Structure, Estimate, Posterior, str, Path)
-        check_type("validate(record, answer)", "answer", answer, *types)
         return cls(_numbers(answer))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.likelihood.shooting.system import System
@@ -66,6 +67,7 @@ class FreeRun:
         return None if self.motion.simulated is None else self.motion.simulated.horizon
 
 
+@checked
 def free_run(structure: Structure, record: Record, *, settling: int = 50) -> FreeRun:
     """Simulate an identified structure under the inputs of a record, from the state that fits its first samples best.
 

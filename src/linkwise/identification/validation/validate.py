@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from linkwise.argument_types import check_type
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
@@ -38,6 +38,7 @@ _SCORED = 20  # samples at least
 _Predicted: TypeAlias = tuple[int, Prediction, tuple[Floats, Floats], dict[str, float]]
 
 
+@checked
 def validate(
     record: Record,
     answer: Structure | Estimate | Posterior | str | Path,
@@ -100,7 +101,6 @@ def validate(
     >>> sorted(validation.channels)
     ['x:m1', 'x:m2']
     """
-    check_type("validate(record, answer)", "record", record, Record)
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)

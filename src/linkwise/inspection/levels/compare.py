@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
@@ -22,6 +23,7 @@ _UNDAMPED = 2e-4  # damping of what is no mode, but a line of the force or its d
 _MOST = 6  # modes that are followed, where their number is not given: those that respond most
 
 
+@checked
 def compare_levels(
     records: Sequence[Record], *, modes: int | None = None, progress: Progress = silent
 ) -> LevelComparison:
@@ -74,7 +76,7 @@ def compare_levels(
     >>> found.first_nonlinear, found.moved(1), found.moved(2)
     (2, (), (1,))
     """
-    records = record_list("compare_levels(records)", records, "records")
+    records = record_list(records, "records")
     if len(records) < 2:
         raise RecordError(f"levels are compared between two records or more, got {len(records)}")
     _require_same_channels(records)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.records.record import Record
 
@@ -49,6 +50,7 @@ class ResponseFunction:
     coherence: Floats
 
     @classmethod
+    @checked
     def of(cls, record: Record, response: str, force: str) -> ResponseFunction:
         """Estimate that of two channels of a record; missing samples are bridged by straight lines.
 

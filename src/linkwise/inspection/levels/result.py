@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.html import JudgedView
 from linkwise.inspection.levels.distortion import Distortion
@@ -82,6 +83,7 @@ class LevelComparison(JudgedView):
         """(R, n) changes of the damping from that at the lowest level, relative."""
         return np.asarray(self.damping / self.damping[0] - 1.0)
 
+    @checked
     def moved(self, level: int) -> tuple[int, ...]:
         """The modes whose frequency or damping differs from that at the lowest level by more than errors and what matters.
 

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
 
 _REACH, _POINTS = 10.0, 4001  # standard deviations and points of the quadrature for an expectation
 
@@ -106,6 +108,12 @@ class Gaussian(Loss):
         return 1.0
 
 
+def _check_positive(name: str, value: float) -> None:
+    if not 0.0 < value < np.inf:
+        raise IdentificationError(f"{name} must be positive and finite, got {value}")
+
+
+@checked_class
 @dataclass(frozen=True)
 class Huber(Loss):
     """Huber's loss, quadratic for small and linear for large residuals: robust against single outliers.
@@ -114,6 +122,11 @@ class Huber(Loss):
     ----------
     corner : float, optional
         Residual in standard deviations from which the loss is linear. 1.345 has 95 % efficiency for normal noise.
+
+    Raises
+    ------
+    IdentificationError
+        If the corner is not positive and finite.
 
     References
     ----------
@@ -129,6 +142,9 @@ class Huber(Loss):
 
     corner: float = 1.345
 
+    def __post_init__(self) -> None:
+        _check_positive("corner", self.corner)
+
     def costs(self, residuals: Floats) -> Floats:
         size = np.abs(residuals)
         return np.where(size < self.corner, size**2, 2 * self.corner * size - self.corner**2)
@@ -137,6 +153,7 @@ class Huber(Loss):
         return np.asarray(self.corner / np.maximum(np.abs(residuals), self.corner))
 
 
+@checked_class
 @dataclass(frozen=True)
 class Student(Loss):
     """Negative log likelihood of Student's t distribution: robust where outliers are many or large.
@@ -145,6 +162,11 @@ class Student(Loss):
     ----------
     freedom : float, optional
         Degrees of freedom; fewer tolerate larger outliers.
+
+    Raises
+    ------
+    IdentificationError
+        If they are not positive and finite.
 
     References
     ----------
@@ -159,6 +181,9 @@ class Student(Loss):
     """
 
     freedom: float = 4.0
+
+    def __post_init__(self) -> None:
+        _check_positive("freedom", self.freedom)
 
     def costs(self, residuals: Floats) -> Floats:
         return np.asarray((self.freedom + 1) * np.log1p(residuals**2 / self.freedom))

@@ -18,6 +18,7 @@ from typing import ClassVar, final
 import numpy as np
 from scipy.linalg import cho_solve
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.runtime import one_blas_thread
@@ -31,6 +32,7 @@ _STEPS_PER_COLUMN = 8
 _PATIENCE = 30  # supports in a row that do not lower the BIC before the path is left
 
 
+@checked_class
 @final
 @dataclass(frozen=True)
 class L1(Regressor):

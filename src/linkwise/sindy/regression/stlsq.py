@@ -8,6 +8,7 @@ from typing import ClassVar, final
 
 import numpy as np
 
+from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.runtime import one_blas_thread
@@ -19,6 +20,7 @@ _PASSES = 50  # supports only shrink, so far fewer passes are enough
 _FEW, _FEWER = 64, 16  # terms below which a tenth is dropped at once, and below which one is
 
 
+@checked_class
 @final
 @dataclass(frozen=True)
 class Stlsq(Regressor):
