@@ -168,6 +168,20 @@ def test_a_robust_loss_is_chosen_by_name(
     assert losses == [loss]
 
 
+@pytest.mark.parametrize("exact", [False, True])
+def test_exact_laws_leave_no_model_error(files: Path, chain: lw.Structure, exact: bool) -> None:
+    """A sink whose spring gets a quintic term that the law lacks: a model error stands for it, or chi-square tells it."""
+    sink = chain.link("nes1")
+    law = lw.Law.parse(f"{sink.law.text} + q*d**5")
+    bent = replace(sink, law=law, coefficients={**sink.coefficients, "q": lw.Coefficient.number(1e9)})
+    links = tuple(bent if link.name == "nes1" else link for link in chain.links)
+    clean = lw.simulate(replace(chain, links=links), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+    lw.write_record(clean.with_noise(40.0, seed=1), files / "bent.csv")
+    document = answer(files, *(["--exact"] if exact else []), record="bent.csv", code=3)
+    assert (document["model_error_percent"] == 0.0) == exact
+    assert (document["fit"]["chi_square_per_sample"] > 1.2) == exact
+
+
 def test_known_noise_reaches_the_fit(
     files: Path, chain: lw.Structure, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -287,6 +301,7 @@ def test_classical_choices_reach_the_fit(files: Path) -> None:
         (["--method", "weak", "--with", "run2.csv"], "--with is for --method ml, not for weak."),
         (["--method", "sindy", "--profile"], "--profile is for --method ml, not for sindy."),
         (["--derivative", "spline"], "--derivative is for --method sindy, not for ml."),
+        (["--exact", "--method", "weak"], "--exact is for --method ml, not for weak."),
         (["--robust", "brave"], "'brave' is not one of"),
         (["--with", "nowhere.csv"], "nowhere.csv"),
         (["--noise-of", "x:m1"], "--noise-of 'x:m1' is not NAME=VALUE"),
@@ -320,4 +335,4 @@ def test_an_offset_of_a_channel_that_is_not_there_fails_with_a_reason(
 def test_help_has_examples(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["identify", "--help"]) == 0
     out = capsys.readouterr().out
-    assert out.count("linkwise identify run.csv unknown.toml") == 11 and "--profile" in out
+    assert out.count("linkwise identify run.csv unknown.toml") == 12 and "--profile" in out

@@ -87,6 +87,12 @@ ml_options = keyword_group(
         callback=_loss,
         help="Against outliers: what a residual costs (ml).",
     ),
+    click.option(
+        "--exact",
+        is_flag=True,
+        default=None,
+        help="Take the laws for exact, with no model error: chi-square is that of a free run from the start found (ml).",
+    ),
 )
 
 sindy_options = keyword_group(
@@ -140,6 +146,7 @@ def identify(
       linkwise identify run.csv unknown.toml --input-noise force:m1=0.5
       linkwise identify run.csv unknown.toml --let offset,gain,delay
       linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
+      linkwise identify run.csv unknown.toml --exact
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
     if source.errors_to_find and chosen.method != "ml":
