@@ -145,7 +145,7 @@ def test_two_masses_are_predictable_and_ten_are_not() -> None:
 
 
 def test_sensors_are_what_was_asked_for(spring: Structure) -> None:
-    record = simulate(spring, release={"x:m1": 0.1}, duration=1.0, rate=100.0, sensors="a x")
+    record = simulate(spring, release={"x:m1": 0.1}, duration=1.0, rate=100.0, sensors=["a", "x"])
     assert record.channels == ("a:m1", "x:m1")
     v = present(record.simulated).velocity[:, 0]
     assert record.channel("a:m1") == pytest.approx(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from linkwise.argument_types import checked_class
+from linkwise.argument_types import check_type
 from linkwise.errors import RecordError
 
 UNITS = {"x": "m", "v": "m/s", "a": "m/s^2", "force": "N", "f": "N", "state": "?"}
@@ -19,7 +19,6 @@ _RELATIVE = "rel:"
 _RESERVED = frozenset(":[]()\"',;\t\n")
 
 
-@checked_class
 @dataclass(frozen=True)
 class Channel:
     """One sensor, or one input.
@@ -64,6 +63,8 @@ class Channel:
         RecordError
             If it is not the name of a channel.
         """
+        if type(name) is not str:  # a comparison takes no call, and names are parsed by the thousand
+            check_type("Channel.parse(name): name", name, str)
         relative = name.startswith(_RELATIVE)
         kind, colon, mass = name.removeprefix(_RELATIVE).partition(":")
         if not colon or not mass or not kind:
