@@ -41,6 +41,8 @@ _MAKERS = {  # of texts
     "Law": "Law.parse(text) makes one of a text",
     "Coefficient": "Coefficient.unknown() makes one to be identified",
 }
+CHECKED_INSIDE = "checked inside"
+"""Marks a type, as in ``Annotated[..., CHECKED_INSIDE]``, that the function itself checks, whose message says more."""
 _CONTAINERS = (Sequence, Iterable, Collection, tuple, list)
 
 
@@ -115,16 +117,25 @@ class _Takes:
         return inspect.signature(self.function).parameters
 
     @cached_property
-    def _kinds(self) -> dict[str, tuple[Any, ...]]:
-        """The types that each parameter may have, and each of keywords that a TypedDict lists."""
+    def _annotations(self) -> dict[str, Any]:
+        """The annotation of each parameter, and of each of the keywords that a TypedDict lists."""
         function: Any = inspect.unwrap(self.function)
         namespace = {**function.__globals__, **_ARRAYS}
         annotations = inspect.get_annotations(function, globals=namespace, eval_str=True)
         collected = [annotations.pop(name) for name in self._named(inspect.Parameter.VAR_KEYWORD)]
         for kind in (listed for unpacked in collected for listed in get_args(unpacked)):
-            annotations |= get_type_hints(kind, localns=_ARRAYS)
+            annotations |= get_type_hints(kind, localns=_ARRAYS, include_extras=True)
         annotations.pop("return", None)
-        return {name: tuple(_alternatives(kind)) for name, kind in annotations.items()}
+        return annotations
+
+    @cached_property
+    def _kinds(self) -> dict[str, tuple[Any, ...]]:
+        """The types that each of them may have, but for those that the function checks."""
+        return {
+            name: tuple(_alternatives(kind))
+            for name, kind in self._annotations.items()
+            if CHECKED_INSIDE not in getattr(kind, "__metadata__", ())
+        }
 
     def _named(self, *kinds: object) -> list[str]:
         """The names of the parameters of some kinds."""
@@ -143,7 +154,7 @@ class _Takes:
     @cached_property
     def _known(self) -> frozenset[str]:
         """All keywords that the function takes."""
-        return frozenset((*self._parameters, *self._kinds))
+        return frozenset((*self._parameters, *self._annotations))
 
     @cached_property
     def _needed(self) -> list[str]:
@@ -334,7 +345,9 @@ def _given(value: object, expected: list[str]) -> str:
     if _is_array(value):
         array: Any = value
         return f"array of {array.dtype} of shape {array.shape}"
-    return getattr(value, "__name__", type(value).__name__)
+    name: str = getattr(value, "__name__", type(value).__name__)
+    alone = isinstance(value, Mapping) and any(kind.startswith("sequence of str") for kind in expected)
+    return f"{name}; give its keys alone" if alone else name
 
 
 def _is_number(text: str | Path) -> bool:

@@ -95,7 +95,10 @@ def test_a_delay_is_found_beside_a_gain() -> None:
 
 
 def test_known_delays_are_not_taken_for_unknown_ones() -> None:
-    with pytest.raises(lw.IdentificationError, match="delays takes channels"):
+    with pytest.raises(
+        lw.ArgumentTypeError,
+        match="delays must be of type str or sequence of str, got dict; give its keys alone",
+    ):
         lw.DiscoveryOptions(delays={"x:m2": 1e-3})  # type: ignore[arg-type]
 
 

@@ -8,7 +8,6 @@ from typing import TypedDict, Unpack, final
 
 from linkwise.argument_types import checked_class
 from linkwise.discovery.terms import DEFAULT, parse_terms
-from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import Deviations
 
 
@@ -23,11 +22,11 @@ class DiscoveryKeywords(TypedDict, total=False):
     """The keywords of `DiscoveryOptions.of`: its fields."""
 
     terms: str | Sequence[str]
-    offsets: Sequence[str]
-    gains: Sequence[str]
+    offsets: str | Sequence[str]
+    gains: str | Sequence[str]
     calibration: Mapping[str, float]
-    delays: Sequence[str]
-    admit: Sequence[str]
+    delays: str | Sequence[str]
+    admit: str | Sequence[str]
     ambient: Deviations
     input_noise: Deviations
 
@@ -76,11 +75,11 @@ class DiscoveryOptions:
     """
 
     terms: str | Sequence[str] = DEFAULT
-    offsets: Sequence[str] = ()
-    gains: Sequence[str] = ()
+    offsets: str | Sequence[str] = ()
+    gains: str | Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict, hash=False)
-    delays: Sequence[str] = ()
-    admit: Sequence[str] = ()
+    delays: str | Sequence[str] = ()
+    admit: str | Sequence[str] = ()
     ambient: Deviations = field(default=(), hash=False)
     input_noise: Deviations = field(default=(), hash=False)
 
@@ -89,11 +88,6 @@ class DiscoveryOptions:
         object.__setattr__(self, "terms", terms)
         for name in ("offsets", "gains", "delays", "admit"):
             given = getattr(self, name) or ()
-            if isinstance(given, Mapping):
-                raise IdentificationError(
-                    f"{name} takes channels whose errors are to be found, got {given!r}; take known delays out "
-                    "(without_delays), and known gains and offsets"
-                )
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
         object.__setattr__(self, "calibration", dict(self.calibration or {}))
         for name in ("ambient", "input_noise"):

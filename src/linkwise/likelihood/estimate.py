@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import ClassVar, TypedDict, final
+from typing import Annotated, ClassVar, TypedDict, final
 
 import numpy as np
 
-from linkwise.argument_types import checked_class
+from linkwise.argument_types import CHECKED_INSIDE, checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
@@ -60,12 +60,12 @@ class LikelihoodKeywords(TypedDict, total=False):
     gains: Sequence[str]
     calibration: Mapping[str, float] | None
     delays: Sequence[str]
-    drifts: Sequence[str] | Mapping[str, float | None]
-    hums: Mapping[str, float | Sequence[float]]
+    drifts: str | Sequence[str] | Mapping[str, float | None]
+    hums: Annotated[Mapping[str, float | Sequence[float]], CHECKED_INSIDE]
     ambient: Deviations
     input_noise: Deviations
-    admit: Sequence[str]
-    loss: Loss | None
+    admit: str | Sequence[str]
+    loss: Annotated[Loss | None, CHECKED_INSIDE]
     exact: bool
 
 
@@ -140,12 +140,12 @@ class MaximumLikelihood(Estimator):
     gains: Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: Sequence[str] = ()
-    drifts: Sequence[str] | Mapping[str, float | None] = ()
-    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
+    drifts: str | Sequence[str] | Mapping[str, float | None] = ()
+    hums: Annotated[Mapping[str, float | Sequence[float]], CHECKED_INSIDE] = field(default_factory=dict)
     ambient: Deviations = ()
     input_noise: Deviations = ()
-    admit: Sequence[str] = ()
-    loss: Loss = field(default_factory=Gaussian)
+    admit: str | Sequence[str] = ()
+    loss: Annotated[Loss, CHECKED_INSIDE] = field(default_factory=Gaussian)
     exact: bool = False
 
     def __post_init__(self) -> None:

@@ -40,7 +40,7 @@ _HELD_STATE = Law.parse("-z", {"z": LinkState("0*rate*z", unit="N")})
 
 _OF_BASE = (f"x:{BASE}", f"a:{BASE}")
 
-Deviations: TypeAlias = Mapping[str, float | None] | Sequence[str]
+Deviations: TypeAlias = str | Sequence[str] | Mapping[str, float | None]
 
 
 @dataclass(frozen=True)
