@@ -41,7 +41,7 @@ _MAKERS = {  # of texts
     "Law": "Law.parse(text) makes one of a text",
     "Coefficient": "Coefficient.unknown() makes one to be identified",
 }
-CHECKED_INSIDE = "checked inside"
+CHECKED_INSIDE = object()
 """Marks a type, as in ``Annotated[..., CHECKED_INSIDE]``, that the function itself checks, whose message says more."""
 _CONTAINERS = (Sequence, Iterable, Collection, tuple, list)
 

@@ -232,9 +232,9 @@ def test_what_cannot_be_is_refused(options: dict[str, object], words: str) -> No
     ],
 )
 def test_densities_are_numbers_by_mass(ambient: object, message: str) -> None:
-    record = lw.Record.from_arrays(np.arange(100) / 100.0, {"x:m1": np.zeros(100)})
+    record = with_load_cell(3)
     with pytest.raises(lw.ArgumentTypeError, match=re.escape(message)):
-        lw.identify(record, chain(1), ambient=ambient)  # type: ignore[arg-type]
+        lw.identify(record, chain(2).unknown("all"), ambient=ambient)  # type: ignore[arg-type]
 
 
 def test_a_spring_that_is_left_out_is_told_beside_an_ambient_force() -> None:
