@@ -23,6 +23,7 @@ import linkwise as lw
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::RuntimeWarning"),
+    pytest.mark.filterwarnings("ignore:Conversion of an array:DeprecationWarning"),  # NumPy before 2
     pytest.mark.filterwarnings("ignore:linkwise.law_path is deprecated"),
     pytest.mark.usefixtures("unrendered"),
 ]
