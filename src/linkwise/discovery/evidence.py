@@ -219,7 +219,7 @@ def exchange_remarks(selection: Selection) -> tuple[str, ...]:
     names = selection.quadratic.names
     remarks = [
         f"This record hardly distinguishes {names[move.dropped or 0]} from {names[move.added or 0]}: with the other in its "
-        f"place the criterion is only {-move.gain:.1f} higher."
+        f"place the criterion is {f'only {-move.gain:.1f} higher' if move.gain <= 0.0 else 'no higher, to first order'}."
         for move in exchanges[:_NAMED]
     ]
     if len(exchanges) > _NAMED:
