@@ -1,12 +1,15 @@
-"""Dampers and friction with a negative coefficient beyond its interval are named."""
+"""Links that feed energy into a part of their motion are named, with the coefficients that are negative for it."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from problems import chain_record
-from structures import oscillator
+from structures import link, oscillator
 
 import linkwise as lw
+from linkwise.estimates.findings import energy_findings
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 
 RIG = oscillator("k*d + c*v + fc*tanh(v/0.01)", name="spring", k=1000.0, c=2.0, fc=-0.5)
 
@@ -25,3 +28,65 @@ def test_negative_stiffness_of_a_bistable_link_is_not_named(chain: lw.Structure)
     fit = lw.identify(record, chain.unknown("nes"))
     assert fit.coefficient("nes1.alpha").value < 0.0
     assert not [line for line in fit.findings if "is negative" in line]
+
+
+def findings_of(law: str, amplitude: float, /, **values: float) -> list[str]:
+    """What is said of a link that swings so far at 1 rad/s, its coefficients known to 1 %."""
+    errors = {name: 0.01 * abs(value) for name, value in values.items()}
+    estimates = tuple(
+        CoefficientEstimate(
+            f"link.{name}",
+            value,
+            "?",
+            False,
+            errors[name],
+            (value - 2 * errors[name], value + 2 * errors[name]),
+        )
+        for name, value in values.items()
+    )
+    subject = link("link", "m1-ground", law, **values)
+    covariance = np.diag(np.square(list(errors.values())))
+    reach = (-amplitude, amplitude)
+    estimate = LinkEstimate(subject, estimates, reach, reach, tuple(values), covariance, 1.0)
+    phase = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False)
+    return list(energy_findings(estimate, amplitude * np.sin(phase), amplitude * np.cos(phase)))
+
+
+FALLING = "c*v + c2*v*d**2"
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "c", "c2", "named"),
+    [
+        (0.9, 2.0, -2.0, []),  # damping falls with the elongation, to a fifth: it takes energy everywhere
+        (1.2, 2.0, -2.0, ["c2"]),  # and gives it beyond 1 m
+        (0.9, -2.0, 1.0, ["c"]),
+        (2.0, -2.0, 1.0, ["c"]),  # about the middle, where the swing as a whole loses energy
+        (2.0, 2.0, 1.0, []),
+    ],
+)
+def test_a_negative_coefficient_is_named_where_the_law_feeds_energy(
+    amplitude: float, c: float, c2: float, named: list[str]
+) -> None:
+    findings = findings_of(FALLING, amplitude, c=c, c2=c2)
+    assert [line.partition(" is negative")[0] for line in findings] == [f"link.{name}" for name in named]
+
+
+def test_a_law_that_feeds_energy_without_a_negative_coefficient_is_named() -> None:
+    """c v (d^2 - e^2) gives about the middle: within arcsin(1/2) of it, a third of the time."""
+    [finding] = findings_of("c*v*(d**2 - 0.5**2)", 1.0, c=2.0)
+    assert finding.startswith("link feeds energy for 33 % of the time into the motion")
+
+
+def test_friction_that_is_smaller_at_larger_rates_is_not_named() -> None:
+    """-v |v| beside friction: less than that everywhere."""
+    assert findings_of("fc*sign(v) + c2*v*abs(v)", 1.0, fc=1.0, c2=-0.5) == []
+    assert findings_of("fc*sign(v) + c2*v*abs(v)", 1.5, fc=1.0, c2=-0.5) != []
+
+
+def test_a_coefficient_whose_interval_holds_zero_is_not_named() -> None:
+    subject = link("link", "m1-ground", "c*v", c=-1.0)
+    estimates = (CoefficientEstimate("link.c", -1.0, "?", False, 0.6, (-2.2, 0.2)),)
+    estimate = LinkEstimate(subject, estimates, (-1.0, 1.0), (-1.0, 1.0), ("c",), np.array([[0.36]]), 1.0)
+    d = np.sin(np.linspace(0.0, 6.0, 500))
+    assert not list(energy_findings(estimate, d, np.gradient(d, 6.0 / 499)))

@@ -17,8 +17,8 @@ from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StructureError
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.document import coefficient_document, link_document, mode_document
-from linkwise.estimates.energy_supply import active_coefficients, supplied_power
-from linkwise.estimates.findings import link_findings
+from linkwise.estimates.energy_supply import supplied_power
+from linkwise.estimates.findings import energy_findings, link_findings
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate, moving_mass
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
@@ -224,10 +224,9 @@ class Estimate(JudgedView):
         every = self._every_link
         of_links = (line for link in every for line in link_findings(link, supplies.get(link.link.name)))
         active = (
-            f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: it would feed energy into the "
-            "motion, as no damper and no friction does. A term, a link or an applied force that is missing can look like that."
+            sentence
             for index, link in enumerate(every)
-            for coefficient in active_coefficients(link, self.motion.d[:, index], self.motion.v[:, index])
+            for sentence in energy_findings(link, self.motion.d[:, index], self.motion.v[:, index])
         )
         return (*map(str, self.alerts), *self.remarks, *bounds, *of_links, *active)
 

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from linkwise.arrays import Floats
+from linkwise.estimates.energy_supply import active_coefficients, supplying_time
 from linkwise.estimates.link_estimate import LinkEstimate
 
 _COLLINEAR = 0.995  # correlation from which only a combination of two coefficients is reported as determined
@@ -34,6 +36,39 @@ def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
             f"{link.link.name} feeds energy into the motion, {supply:.3g} W on average, which no damper does. An applied "
             "force that is not in the record has this effect."
         )
+
+
+def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
+    """That a link as a whole supplies energy during a part of its motion, and which of its coefficients are negative there.
+
+    Parameters
+    ----------
+    link : LinkEstimate
+        The link.
+    d, v : array of shape (R,)
+        Elongations in m and rates in m/s in the record.
+
+    Yields
+    ------
+    str
+        A sentence for each negative coefficient, or one for the link.
+    """
+    negative = tuple(active_coefficients(link, d, v))
+    part = supplying_time(link, d, v)
+    if link.link.law.states:  # whose energy the motion alone does not tell
+        feeds = "it would feed energy"
+    elif part > 0.0:
+        feeds = f"{link.link.name} feeds energy for {100.0 * part:.2g} % of the time"
+    else:
+        return
+    feeds += (
+        " into the motion, as no damper and no friction does. A term, a link or an applied force that is missing can look "
+        "like that."
+    )
+    for coefficient in negative:
+        yield f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: {feeds}"
+    if not negative and part > 0.0:
+        yield feeds
 
 
 def _extrapolated(link: LinkEstimate) -> Iterator[str]:
