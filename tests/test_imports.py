@@ -107,8 +107,8 @@ def test_only_the_command_line_imports_the_whole_package() -> None:
 
 
 def test_a_module_at_the_root_serves_several_packages() -> None:
-    """One that serves a single package belongs there; `public_names` is a part of the door."""
-    doors = {"linkwise", "linkwise.__main__", "linkwise.public_names"}
+    """One that serves a single package belongs there."""
+    doors = {"linkwise", "linkwise.__main__"}
     shared = [name for name in MODULES - doors if package(name) == "root"]
     users = {
         name: {package(module_name(path)).partition(".")[0] for path in FILES if name in imports_of(path)}

@@ -6,7 +6,7 @@ runs never need. All are used at module level, so that the imports of a file are
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -41,18 +41,26 @@ class LazyFunction:
         return getattr(import_module(self.module), self.name)(*arguments, **keywords)
 
 
-def lazy_names(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
-    """A `__getattr__` for `package` that imports each name from its module on first use.
+def lazy_names(package: str, stub: str) -> tuple[list[str], Callable[[str], object]]:
+    """The `__all__` of `package`, and a `__getattr__` for it that imports each name from its module on first use.
 
-    `homes` are the names by module, relative to the package. Raises AttributeError, as Python does, for any other name.
+    `stub` is the path of the file for type checkers that lists the names, see `listed_names`. The function raises
+    AttributeError, as Python does, for any other name.
     """
-    home = {name: place for place, names in homes.items() for name in names}
+    homes = listed_names(stub)
 
     def load(name: str) -> object:
-        if name not in home:
+        if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{package}.{home[name]}"), name)
+        value = getattr(import_module(homes[name]), name)
         setattr(import_module(package), name, value)
         return value
 
-    return load
+    return sorted(homes), load
+
+
+def listed_names(stub: str) -> dict[str, str]:
+    """The module of each name that a file for type checkers exports, by lines `from MODULE import NAME as NAME`."""
+    with open(stub, encoding="utf-8") as file:
+        exports = [line.split() for line in file if " as " in line and line.startswith("from ")]
+    return {name: module for _, module, _, name, *_ in exports}

@@ -1,0 +1,55 @@
+"""The public figures, one a line; `__init__.py` reads the module of each from here (`linkwise.lazy`)."""
+
+from linkwise.plot.absorption_crossings import crossings as crossings
+from linkwise.plot.absorption_crossings import crossings_figure as crossings_figure
+from linkwise.plot.absorption_decay import absorption as absorption
+from linkwise.plot.absorption_decay import decay_figure as decay_figure
+from linkwise.plot.absorption_energy import energy as energy
+from linkwise.plot.absorption_energy import energy_figure as energy_figure
+from linkwise.plot.absorption_map import map as map
+from linkwise.plot.absorption_map import map_figure as map_figure
+from linkwise.plot.channel_spectra import spectra_figure as spectra_figure
+from linkwise.plot.channel_spectra import spectrum as spectrum
+from linkwise.plot.discovery_average import departures as departures
+from linkwise.plot.discovery_average import departures_figure as departures_figure
+from linkwise.plot.discovery_evidence import evidence as evidence
+from linkwise.plot.discovery_evidence import evidence_figure as evidence_figure
+from linkwise.plot.discovery_graph import graph as graph
+from linkwise.plot.discovery_graph import graph_figure as graph_figure
+from linkwise.plot.discovery_path import path as path
+from linkwise.plot.discovery_path import path_figure as path_figure
+from linkwise.plot.discovery_path import runners_up as runners_up
+from linkwise.plot.displacements import displacement as displacement
+from linkwise.plot.displacements import displacements_figure as displacements_figure
+from linkwise.plot.force_comparisons import force_comparison as force_comparison
+from linkwise.plot.force_comparisons import force_comparison_figure as force_comparison_figure
+from linkwise.plot.force_comparisons import force_errors as force_errors
+from linkwise.plot.level_distortion import distortion as distortion
+from linkwise.plot.level_distortion import distortion_figure as distortion_figure
+from linkwise.plot.level_frequencies import level_modes as level_modes
+from linkwise.plot.level_frequencies import levels_figure as levels_figure
+from linkwise.plot.level_responses import level_response as level_response
+from linkwise.plot.level_responses import level_responses_figure as level_responses_figure
+from linkwise.plot.level_ring_downs import ring_down as ring_down
+from linkwise.plot.level_ring_downs import ring_down_figure as ring_down_figure
+from linkwise.plot.link_force import force as force
+from linkwise.plot.link_force import force_figure as force_figure
+from linkwise.plot.link_loop import loop as loop
+from linkwise.plot.link_loop import loop_figure as loop_figure
+from linkwise.plot.link_surface import surface as surface
+from linkwise.plot.link_surface import surface_figure as surface_figure
+from linkwise.plot.study_accuracy import accuracy_figure as accuracy_figure
+from linkwise.plot.study_accuracy import study as study
+from linkwise.plot.style import save as save
+from linkwise.plot.time_histories import histories as histories
+from linkwise.plot.time_histories import histories_figure as histories_figure
+from linkwise.plot.validation_prediction import prediction as prediction
+from linkwise.plot.validation_prediction import prediction_error as prediction_error
+from linkwise.plot.validation_prediction import prediction_error_figure as prediction_error_figure
+from linkwise.plot.validation_prediction import prediction_figure as prediction_figure
+from linkwise.plot.validation_profiles import prediction_profile as prediction_profile
+from linkwise.plot.validation_profiles import prediction_profile_figure as prediction_profile_figure
+from linkwise.plot.validation_profiles import prediction_spectrum as prediction_spectrum
+from linkwise.plot.validation_profiles import prediction_spectrum_figure as prediction_spectrum_figure
+
+__all__: list[str]
