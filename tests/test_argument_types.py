@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from problems import chain_record
 
@@ -106,7 +108,7 @@ def test_the_second_argument_and_every_record_are_read() -> None:
     ("between", "law", "coefficients", "message"),
     [
         (("m1", "ground"), "k*d", {"k": KNOWN}, "law must be of type Law, got 'k*d'; Law.parse(text) makes one of a text"),
-        (("m1", "ground"), LAW, {"k": 2.5}, "k must be of type Coefficient, got 2.5; Coefficient.number(value) makes one"),
+        (("m1", "ground"), LAW, {"k": None}, "k must be of type Coefficient or float, got NoneType"),
         (("m1", "ground"), LAW, {"k": "unknown"}, "got 'unknown'; Coefficient.unknown() makes one to be identified"),
         ("m1", LAW, {"k": KNOWN}, "between must be of type tuple or list, got 'm1'"),
     ],
@@ -117,9 +119,30 @@ def test_the_parts_of_a_link_are_read(between: Any, law: Any, coefficients: Any,
     assert str(error.value).startswith('link "spring": ') and message in str(error.value)
 
 
-def test_a_mass_that_is_a_number_is_told_how_to_write_it() -> None:
-    with pytest.raises(TypeError, match=r'mass "m1": .* got 2\.0; Coefficient\.number\(value\) makes one'):
-        lw.Mass("m1", 2.0)  # type: ignore[arg-type]
+def test_a_number_stands_for_a_known_coefficient() -> None:
+    two = lw.Coefficient.number(2.0)
+    link = lw.Link("spring", ("m1", "ground"), LAW, {"k": 2.0})
+    mode = lw.HostMode(2, np.float64(2.0), {"tip": 1.0})
+    assert (
+        lw.Mass("m1", np.float64(2.0)).mass == link.coefficients["k"] == mode.frequency == mode.damping == two
+    )
+    assert lw.named_law("jenkins").link("joint", ("m1", "ground"), {"k": 2.0}).coefficients["k"] == two
+    assert replace(link, name="other").coefficients == link.coefficients
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: lw.Mass("m1", np.nan), 'mass "m1"'),
+        (lambda: lw.Mass("m1", -1.0), "the mass must be positive"),
+        (lambda: lw.Link("a", ("m1", "ground"), LAW, {"k": np.inf}), 'link "a", coefficient k'),
+        (lambda: lw.HostMode(np.nan, 0.01, {"tip": 1.0}), "the frequency of a mode"),
+        (lambda: lw.named_law("jenkins").link("a", ("m1", "ground"), {"k": np.nan}), 'link "a", coefficient k'),
+    ],
+)  # fmt: skip
+def test_a_number_that_is_none_is_refused_by_its_place(build: Callable[[], object], message: str) -> None:
+    with pytest.raises(lw.StructureError, match=message):
+        build()
 
 
 def test_what_has_its_type_passes() -> None:

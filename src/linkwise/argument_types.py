@@ -286,13 +286,13 @@ def _is_listed(value: object) -> bool:
 
 
 def _numeric(value: object) -> bool:
-    """Whether NumPy reads a value as an array of numbers."""
+    """Whether NumPy reads a value as an array of real numbers."""
     numpy = sys.modules.get("numpy")
     if numpy is None or value is None or isinstance(value, str | bytes | Mapping):
         return False
     try:
         array = numpy.asarray(value)
-        return array.dtype.kind in "biufc" or (array.dtype.kind == "O" and bool(array.astype(float).size + 1))
+        return array.dtype.kind in "biuf" or (array.dtype.kind == "O" and bool(array.astype(float).size + 1))
     except (TypeError, ValueError):
         return False
 
@@ -341,7 +341,7 @@ def _given(value: object, expected: list[str]) -> str:
             advice.append("put it in a list")
         return "; ".join([shortened(repr(value)), *advice])
     if isinstance(value, int | float):
-        return repr(value) + ("; Coefficient.number(value) makes one" if expected == ["Coefficient"] else "")
+        return repr(value)
     if _is_array(value):
         array: Any = value
         return f"array of {array.dtype} of shape {array.shape}"

@@ -12,7 +12,6 @@ from linkwise.errors import LawError, SimulationError, StructureError
 from linkwise.expression import Expression, Program, parse, symbols, to_text
 from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON
 from linkwise.expression.inference import UnitConflict, infer
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.link_state import unit_dimension
@@ -40,9 +39,7 @@ def with_harvesters(structure: Structure, harvesters: Harvesters) -> Structure:
             raise StructureError(
                 f"the damping of a harvester must be positive, got {damping!r} N s/m", f'link "{name}"'
             )
-        added.append(
-            Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": Coefficient.number(damping)})
-        )
+        added.append(Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": damping}))
     return Structure(structure.name, structure.masses, (*structure.links, *added)) if added else structure
 
 

@@ -141,7 +141,7 @@ def _law_lines(name: str, law: lw.NamedLaw) -> str:
 
 def _link_text(name: str, law: lw.NamedLaw) -> str:
     """The `[[link]]` table of a structure file with the law written out."""
-    masses = tuple(lw.Mass(end, lw.Coefficient.number(1.0)) for end in ("m2", "m1"))
+    masses = tuple(lw.Mass(end, 1.0) for end in ("m2", "m1"))
     link = law.link(name.partition("(")[0], ("m2", "m1"))
     text = lw.format_structure(lw.Structure("", masses, (link,)))
     return f"# {law.title}\n# {law.source}\n{text[text.index('[[link]]') :].rstrip()}"

@@ -26,7 +26,6 @@ from linkwise.expression import (
     symbols,
     to_text,
 )
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.model.link import Link
@@ -58,7 +57,7 @@ class TermScore:
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> cubic = lw.Law.parse("k3*d**3")
-    >>> link = lw.Link("m2-m1", ("m2", "m1"), cubic, {"k3": lw.Coefficient.number(1e6)})
+    >>> link = lw.Link("m2-m1", ("m2", "m1"), cubic, {"k3": 1e6})
     >>> score = lw.term_score(lw.Structure("discovered", chain.masses, (link,)), chain)
     >>> score.right, score.exact, score.missing_links
     (('m2-m1.k3',), False, ('spring1',))
@@ -217,8 +216,7 @@ def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
         name = next(f"true{k}" for k in range(1, len(theirs) + 1) if f"true{k}" not in values)
         values[name] = term.value
         text += f" + {name}*({to_text(term.basis)})"
-    numbers = {name: Coefficient.number(value) for name, value in values.items()}
-    return Link(link.name, link.between, Law.parse(text), numbers)
+    return Link(link.name, link.between, Law.parse(text), values)
 
 
 def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> Iterator[_ComparedTerm]:

@@ -61,8 +61,8 @@ class LawStep:
     --------
     >>> import warnings
     >>> import linkwise as lw
-    >>> spring = lw.Link("k", ("m", "ground"), lw.Law.parse("k*d"), {"k": lw.Coefficient.number(400.0)})
-    >>> structure = lw.Structure("oscillator", (lw.Mass("m", lw.Coefficient.number(1.0)),), (spring,))
+    >>> spring = lw.Link("k", ("m", "ground"), lw.Law.parse("k*d"), {"k": 400.0})
+    >>> structure = lw.Structure("oscillator", (lw.Mass("m", 1.0),), (spring,))
     >>> record = lw.simulate(structure, release={"v:m": 1.0}, duration=2.0, rate=200.0).with_noise(40.0, seed=1)
     >>> with warnings.catch_warnings():
     ...     warnings.simplefilter("ignore")

@@ -14,7 +14,6 @@ from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.score_test import CandidateForce
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.structure import Structure
@@ -76,7 +75,7 @@ def _with_term(structure: Structure, force: CandidateForce, size: float) -> Stru
     while name in link_names:
         name += "_"
     ends = (names[force.first], names[force.second])
-    link = Link(name, ends, law, {"size": Coefficient.number(size)})
+    link = Link(name, ends, law, {"size": size})
     return replace(structure, links=(*structure.links, link))
 
 

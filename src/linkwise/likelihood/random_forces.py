@@ -19,7 +19,6 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.link_state import LinkState
@@ -161,10 +160,6 @@ def _require_white(channel: str, record: Record, structure: Structure) -> None:
 def _by_name(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
     if isinstance(given, str):
         given = (given,)
-    if not isinstance(given, Mapping | Sequence):
-        raise IdentificationError(
-            f'random forces are stated by name, as in ["m1"] or {{"m1": 0.5}}, or as "{ALL}"; got {given!r}'
-        )
     stated = dict(given) if isinstance(given, Mapping) else dict.fromkeys(given, None)
     if ALL not in stated:
         return stated
@@ -221,7 +216,7 @@ def with_random_forces(structure: Structure, places: Sequence[str]) -> Structure
     """
     if not places:
         return structure
-    still = {name: Coefficient.number(0.0) for name in _HELD_STATE.coefficients}
+    still = dict.fromkeys(_HELD_STATE.coefficients, 0.0)
     link_names = {link.name for link in structure.links}
     links = []
     for place in places:

@@ -126,11 +126,6 @@ def answer_with_sensors(
 def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[str]) -> None:
     """Raise IdentificationError for a kind of error that cannot be admitted, and a channel named twice for one kind."""
     for named in channels:
-        if isinstance(named, Mapping):
-            raise IdentificationError(
-                f"errors of sensors to be found are channels, got {named!r}; take known delays out (without_delays), and "
-                "known gains and offsets"
-            )
         repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
         if repeated:
             raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")

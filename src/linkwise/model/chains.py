@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import GROUND, Link, Mass
 from linkwise.model.structure import Structure
@@ -80,7 +79,7 @@ def bnes_chain(
     masses: list[Mass] = []
     links: list[Link] = []
     for cell in range(int(n) // 2):
-        numbers = {name: Coefficient.number(values[cell]) for name, values in cells.items()}
+        numbers = {name: values[cell] for name, values in cells.items()}
         primary, attached = f"m{2 * cell + 1}", f"m{2 * cell + 2}"
         below = f"m{2 * cell - 1}" if cell else GROUND
         masses += [Mass(primary, numbers["primary_mass"]), Mass(attached, numbers["sink_mass"])]

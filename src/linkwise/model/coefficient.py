@@ -172,6 +172,16 @@ class Coefficient:
         return Coefficient(None, known=False, lower=self.lower, upper=self.upper, same_as=self.same_as)
 
 
+def as_coefficient(given: Coefficient | float, where: str) -> Coefficient:
+    """A coefficient, known where a plain number is given; `where` is told of one that is not finite."""
+    if isinstance(given, Coefficient):
+        return given
+    try:
+        return Coefficient.number(given)
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+
+
 def _number(given: object, field: str) -> float:
     """`given` as a float that is not NaN."""
     if isinstance(given, bool):

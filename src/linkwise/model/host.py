@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 from linkwise.argument_types import checked_class
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
 from linkwise.model.names import index_of
@@ -36,9 +36,9 @@ class HostMode:
 
     Parameters
     ----------
-    frequency : Coefficient
-        Natural frequency in Hz; 0 for a rigid motion.
-    damping : Coefficient
+    frequency : Coefficient or float
+        Natural frequency in Hz; 0 for a rigid motion. A number is known.
+    damping : Coefficient or float
         Damping as a part of the critical one.
     shape : mapping of str to float
         Mass-normalised shape at every point of the host, in 1/sqrt(kg).
@@ -54,7 +54,7 @@ class HostMode:
     Examples
     --------
     >>> import linkwise as lw
-    >>> mode = lw.HostMode(lw.Coefficient.number(5.2), lw.Coefficient.number(0.01), {"tip": 1.0, "joint": 0.62})
+    >>> mode = lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62})
     >>> mode.shape["joint"]
     0.62
     """
@@ -62,9 +62,21 @@ class HostMode:
     frequency: Coefficient
     damping: Coefficient
     shape: Mapping[str, float] = field(hash=False)
-    shape_sigma: Mapping[str, float] = field(hash=False, default_factory=dict)
+    shape_sigma: Mapping[str, float] = field(hash=False)
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        frequency: Coefficient | float,
+        damping: Coefficient | float,
+        shape: Mapping[str, float],
+        shape_sigma: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
+        vars(self).update(
+            frequency=as_coefficient(frequency, "the frequency of a mode"),
+            damping=as_coefficient(damping, "the damping of a mode"),
+            shape=shape,
+            shape_sigma=shape_sigma,
+        )
         if self.frequency.value is not None and not self.frequency.value >= 0.0:
             raise StructureError(
                 f"the frequency of a mode must not be negative, got {self.frequency.value!r} Hz"
@@ -325,7 +337,7 @@ class Host:
         links : tuple of Link
             Their stiffness and damping, with the law `MODE_LAW`.
         """
-        masses = tuple(Mass(name, Coefficient.number(1.0)) for name in self.coordinates)
+        masses = tuple(Mass(name, 1.0) for name in self.coordinates)
         links = tuple(
             Link(name, (name, GROUND), MODE_LAW, {"frequency": mode.frequency, "damping": mode.damping})
             for name, mode in zip(self.coordinates, self.modes, strict=True)

@@ -20,7 +20,6 @@ import scipy
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
 
 _DENSE = 400  # degrees of freedom up to which all eigenvalues are computed
@@ -140,8 +139,8 @@ def reduce_host(
     local = shapes[rows]
     modes = tuple(
         HostMode(
-            Coefficient.number(float(frequency)),
-            Coefficient.number(float(ratio)),
+            float(frequency),
+            float(ratio),
             {point: float(value) for point, value in zip(points, column, strict=True)},
         )
         for frequency, ratio, column in zip(frequencies, zeta, local.T, strict=True)

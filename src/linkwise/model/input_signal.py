@@ -171,10 +171,7 @@ class Sampled:
     band_limited: bool = False
 
     def __post_init__(self) -> None:
-        try:
-            values = np.array(self.values, dtype=float)
-        except (TypeError, ValueError):
-            raise SimulationError("the samples of an input must be numbers") from None
+        values = np.array(self.values, dtype=float)
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "start", float(self.start))

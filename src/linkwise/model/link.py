@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from linkwise.argument_types import check_type, checked, checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law
 from linkwise.model.link_state import LinkState, as_link_states
 from linkwise.text import near_miss
@@ -40,27 +40,28 @@ class Mass:
     ----------
     name : str
         Name of the mass.
-    mass : Coefficient
-        Mass in kg, positive; an unknown mass is bounded below by 0.
+    mass : Coefficient or float
+        Mass in kg, positive; a number is known, an unknown mass is bounded below by 0.
 
     Raises
     ------
     StructureError
         If the name is reserved or invalid, or the mass is not positive.
     TypeError
-        If the mass is no `Coefficient`.
+        If the mass is neither a `Coefficient` nor a number.
 
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.Mass("m1", lw.Coefficient.number(0.5)).mass.value
-    0.5
+    >>> lw.Mass("m1", 0.5).mass == lw.Coefficient.number(0.5)
+    True
     """
 
     name: str
     mass: Coefficient
 
-    def __post_init__(self) -> None:
+    def __init__(self, name: str, mass: Coefficient | float) -> None:
+        vars(self).update(name=name, mass=as_coefficient(mass, f'mass "{name}"'))
         check_name(self.name, "mass")
         if self.name in (GROUND, BASE):
             raise StructureError(
@@ -89,8 +90,8 @@ class Link:
         First and second end: names of masses, ``"ground"`` or ``"base"``. The elongation is d = x_first - x_second.
     law : Law
         Force in N on the first end, with reversed sign.
-    coefficients : mapping of str to Coefficient
-        One coefficient for each name in the law and in the rates of its states.
+    coefficients : mapping of str to Coefficient or float
+        One coefficient for each name in the law and in the rates of its states; a number is known.
     states : mapping of str to LinkState or str, optional
         The states of a link with memory, such as ``{"z": "(v - abs(v)*z)/x0"}``: the rate of each, or a `LinkState` with its
         initial value and unit too. By default those that `law` was parsed with.
@@ -108,19 +109,26 @@ class Link:
     --------
     >>> import linkwise as lw
     >>> law = lw.Law.parse("k*d + c*v")
-    >>> k, c = lw.Coefficient.number(100.0), lw.Coefficient.number(0.5)
-    >>> link = lw.Link("spring", ("m1", "ground"), law, {"k": k, "c": c})
-    >>> float(link.force(0.01, 0.0))
-    1.0
+    >>> link = lw.Link("spring", ("m1", "ground"), law, {"k": 100.0, "c": lw.Coefficient.unknown()})
+    >>> link.coefficients["k"] == lw.Coefficient.number(100.0)
+    True
     """
 
     name: str
     between: tuple[str, str]
     law: Law
     coefficients: Mapping[str, Coefficient] = field(hash=False)
-    states: Mapping[str, LinkState | str] = field(default_factory=dict, hash=False)
+    states: Mapping[str, LinkState | str] = field(hash=False)
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        name: str,
+        between: tuple[str, str],
+        law: Law,
+        coefficients: Mapping[str, Coefficient | float],
+        states: Mapping[str, LinkState | str] = MappingProxyType({}),
+    ) -> None:
+        vars(self).update(name=name, between=between, law=law, coefficients=coefficients, states=states)
         check_name(self.name, "link")
         where = f'link "{self.name}"'
         check_type(f"{where}: law", self.law, Law)
@@ -134,9 +142,12 @@ class Link:
         if self.between[0] == self.between[1]:
             raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
         self._check_coefficients(where)
-        for name, coefficient in self.coefficients.items():
-            check_type(f"{where}: coefficient {name}", coefficient, Coefficient)
-        ordered = {name: self.coefficients[name] for name in self.law.coefficients}
+        for key, coefficient in coefficients.items():
+            check_type(f"{where}: coefficient {key}", coefficient, Coefficient, float)
+        ordered = {
+            key: as_coefficient(coefficients[key], f"{where}, coefficient {key}")
+            for key in self.law.coefficients
+        }
         object.__setattr__(self, "coefficients", MappingProxyType(ordered))
 
     def __reduce__(self) -> tuple[type[Link], tuple[object, ...]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
 from linkwise.argument_types import checked_class
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.link_state import LinkState
@@ -131,7 +131,10 @@ class NamedLaw:
         )
 
     def link(
-        self, name: str, between: tuple[str, str], coefficients: Mapping[str, Coefficient] | None = None
+        self,
+        name: str,
+        between: tuple[str, str],
+        coefficients: Mapping[str, Coefficient | float] | None = None,
     ) -> Link:
         """A link with this law.
 
@@ -141,8 +144,8 @@ class NamedLaw:
             Name of the link.
         between : tuple of two str
             Its ends.
-        coefficients : mapping of str to Coefficient, optional
-            Coefficients, within the bounds of the law where they have none; the others are unknown.
+        coefficients : mapping of str to Coefficient or float, optional
+            Coefficients, within the bounds of the law where they have none; a number is known, and the others are unknown.
 
         Returns
         -------
@@ -157,13 +160,14 @@ class NamedLaw:
         Examples
         --------
         >>> import linkwise as lw
-        >>> link = lw.named_law("jenkins").link("joint", ("m1", "ground"), {"k": lw.Coefficient.number(1e4)})
+        >>> link = lw.named_law("jenkins").link("joint", ("m1", "ground"), {"k": 1e4})
         >>> [name for name, coefficient in link.coefficients.items() if not coefficient.known]
         ['Fs']
         """
         law = Law.parse(self.law, self.states)
         given = {key: self.coefficient(key) for key in law.coefficients}
         given |= {
-            key: self.within_bounds(key, coefficient) for key, coefficient in (coefficients or {}).items()
+            key: self.within_bounds(key, as_coefficient(coefficient, f'link "{name}", coefficient {key}'))
+            for key, coefficient in (coefficients or {}).items()
         }
         return Link(name, between, law, given, self.states)

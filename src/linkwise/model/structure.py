@@ -19,7 +19,7 @@ from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.html import NotebookView
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.ends import check_ends
 from linkwise.model.host import Host, counted, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
@@ -65,9 +65,9 @@ class Structure(NotebookView):
     Examples
     --------
     >>> import linkwise as lw
-    >>> k, c = lw.Coefficient.number(400.0), lw.Coefficient.unknown()
-    >>> spring = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d + c*v"), {"k": k, "c": c})
-    >>> structure = lw.Structure("oscillator", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (spring,))
+    >>> coefficients = {"k": 400.0, "c": lw.Coefficient.unknown()}
+    >>> spring = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d + c*v"), coefficients)
+    >>> structure = lw.Structure("oscillator", (lw.Mass("m1", 1.0),), (spring,))
     >>> [parameter.name for parameter in structure.parameters]
     ['spring.c']
     """
@@ -355,10 +355,7 @@ class Structure(NotebookView):
         for name, value in values.items():
             identified = identified or not self.coefficient(name).known
             leader = self._leaders.get(name, name)
-            try:
-                change = Coefficient.number(value)
-            except StructureError as error:
-                raise StructureError(error.message, name) from None
+            change = as_coefficient(value, name)
             if changes.setdefault(leader, change) != change:
                 raise StructureError(f'is equal to "{leader}", for which another value is given', name)
         changed = self._with(changes)

@@ -80,7 +80,7 @@ class PartialStructure:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.PartialStructure((lw.Mass("m1", lw.Coefficient.number(1.0)),), ()).masses[0].name
+    >>> lw.PartialStructure((lw.Mass("m1", 1.0),), ()).masses[0].name
     'm1'
     """
 

@@ -17,7 +17,6 @@ import msgspec
 
 from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, StructureError
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
 from linkwise.model.host_reduction import reduce_host
 from linkwise.model.matrices import read_matrix
@@ -263,6 +262,6 @@ def _mode_of_line(names: list[str], units: dict[str, str], cells: list[str], whe
     try:
         in_hertz = float(to_si(f"{frequency!r} {units.get(_FREQUENCY, 'Hz')}", "Hz"))
         damping *= 0.01 if units.get(_DAMPING) == "%" else 1.0
-        return HostMode(Coefficient.number(in_hertz), Coefficient.number(damping), numbers)
+        return HostMode(in_hertz, damping, numbers)
     except LinkwiseError as error:
         raise StructureError(str(error), where) from None

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import HostMode
 
 _DATA_AT_NODES, _NORMAL_MODE = 55, 2
@@ -71,8 +70,6 @@ def _mode(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> Ho
         )
     }
     try:
-        return HostMode(
-            Coefficient.number(float(data["freq"])), Coefficient.number(float(data["modal_damp_vis"])), shape
-        )
+        return HostMode(float(data["freq"]), float(data["modal_damp_vis"]), shape)
     except StructureError as error:
         raise StructureError(error.message, where) from None

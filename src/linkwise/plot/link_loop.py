@@ -50,8 +50,8 @@ def loop(
     --------
     >>> import linkwise as lw
     >>> law = lw.Law.parse("k*d + c*v")
-    >>> numbers = {"k": lw.Coefficient.number(400.0), "c": lw.Coefficient.number(20.0)}
-    >>> rig = lw.Structure("rig", (), (lw.Link("damper", ("base", "ground"), law, numbers),))
+    >>> damper = lw.Link("damper", ("base", "ground"), law, {"k": 400.0, "c": 20.0})
+    >>> rig = lw.Structure("rig", (), (damper,))
     >>> record = lw.simulate(rig, duration=4.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
     >>> fit = lw.identify(record, rig.unknown("damper"))
     >>> lw.plot.loop(fit, "damper").get_ylabel()
@@ -112,8 +112,8 @@ def loop_figure(estimate: Estimate, link: str) -> Figure:
     --------
     >>> import linkwise as lw
     >>> law = lw.Law.parse("k*d + c*v")
-    >>> numbers = {"k": lw.Coefficient.number(400.0), "c": lw.Coefficient.number(20.0)}
-    >>> rig = lw.Structure("rig", (), (lw.Link("damper", ("base", "ground"), law, numbers),))
+    >>> damper = lw.Link("damper", ("base", "ground"), law, {"k": 400.0, "c": 20.0})
+    >>> rig = lw.Structure("rig", (), (damper,))
     >>> record = lw.simulate(rig, duration=4.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
     >>> fit = lw.identify(record, rig.unknown("damper"))
     >>> len(lw.plot.loop_figure(fit, "damper").axes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import GROUND, Link, Mass
 from linkwise.model.structure import Structure
@@ -26,9 +25,8 @@ def with_mass_at_rest(structure: Structure) -> Structure:
     """The structure of a rig, and a mass on a spring that nothing moves behind its links; others as they are."""
     if not structure.on_rig:
         return structure
-    unity = Coefficient.number(1.0)
-    spring = Link(_SPRING, (_MASS, GROUND), Law.parse("k*d"), {"k": unity})
-    return _MovedStructure(structure.name, (Mass(_MASS, unity),), (*structure.links, spring))
+    spring = Link(_SPRING, (_MASS, GROUND), Law.parse("k*d"), {"k": 1.0})
+    return _MovedStructure(structure.name, (Mass(_MASS, 1.0),), (*structure.links, spring))
 
 
 @dataclass(frozen=True, eq=False)
