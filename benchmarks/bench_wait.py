@@ -1,12 +1,16 @@
 """What a person waits for: five commands as whole processes, against the time that they may take: `make benchmark`.
 
-The unit is the time of a process that imports NumPy and scipy.linalg, in the same run, so that figures of different machines
-can be compared; every figure is the median of five processes, taken in turn. On a machine that has other work, the processor
-time of a command (of its second process too, which draws while the first one computes) tells more than the time on the wall.
+The goals are seconds on an idle machine of two processors, and a command that stays within its seconds meets its goal. On a
+slower machine it meets the goal too where it takes no more than that in units: a unit is the time of a process that imports
+NumPy and scipy.linalg, in the same run. Every figure is the median of five processes, taken in turn after one that is not
+counted, in which Python compiles modules and stores them, as the first command of an installation does. On a machine that has
+other work, the processor time of a command (of its second process too, which draws while the first one computes) tells more
+than the time on the wall.
 """
 
 from __future__ import annotations
 
+import os
 import resource
 import shutil
 import subprocess
@@ -21,8 +25,8 @@ import pytest
 import linkwise as lw
 
 ROUNDS = 5
-UNIT = 0.46  # s: `identify` before, 2.8 s when goals were set, takes 6.1 times the reference, measured side by side
-HEADROOM = 1.3  # of the goals, for machines whose parts differ in speed
+UNIT = 0.46  # s of the reference on the machine that the goals were set on: `identify` took 2.8 s there, 6.1 times as long
+HEADROOM = 1.3  # of the goals in units, for machines whose parts differ in speed
 BUSY = 1.3  # wall over processor time of the reference; above it other work takes the processors
 REFERENCE = "imports NumPy and scipy.linalg"
 
@@ -55,10 +59,11 @@ class Times:
 def test_commands_answer_in_the_time_that_a_person_waits(tmp_path: Path) -> None:
     commands = _commands(tmp_path)
     times: dict[str, list[Times]] = {name: [] for name in commands}
-    for _ in range(ROUNDS):
+    for number in range(1 + ROUNDS):
         for name, command in commands.items():
             shutil.rmtree(tmp_path / "answer", ignore_errors=True)
-            times[name].append(_timed(command, tmp_path))
+            time = _timed(command, tmp_path)
+            times[name] += [time] if number else []
     medians = {
         name: Times(median(time.wall for time in taken), median(time.processor for time in taken))
         for name, taken in times.items()
@@ -74,14 +79,14 @@ def test_commands_answer_in_the_time_that_a_person_waits(tmp_path: Path) -> None
             f"{time.processor / unit.processor:7.2f}"
             + ("" if goal is None else f"{goal.before / UNIT:8.2f}{goal.goal / UNIT:7.2f}{goal.goal:9.2f}")
         )
-    if unit.wall > BUSY * unit.processor:
-        pytest.skip("the processors have other work; compare processor times")
     slow = {
-        name: f"{medians[name].wall / unit.wall:.2f}"
+        name: f"{medians[name].wall:.2f} s, {medians[name].wall / unit.wall:.2f} units"
         for name, goal in GOALS.items()
-        if medians[name].wall / unit.wall > HEADROOM * goal.goal / UNIT
+        if medians[name].wall > goal.goal * max(1.0, HEADROOM * unit.wall / UNIT)
     }
-    assert not slow, f"units on the wall, above {HEADROOM:g} times the goal: {slow}"
+    if slow and unit.wall > BUSY * unit.processor:
+        pytest.skip("the processors have other work; compare processor times")
+    assert not slow, f"on the wall, above the goal in s and {HEADROOM:g} times that in units: {slow}"
 
 
 def _commands(folder: Path) -> dict[str, list[str]]:
@@ -109,7 +114,11 @@ def _commands(folder: Path) -> dict[str, list[str]]:
 
 def _timed(command: list[str], folder: Path) -> Times:
     """Run a command in `folder`; what it prints goes nowhere, and it must succeed."""
+    environment = {**os.environ, "PYTHONPYCACHEPREFIX": str(folder / "compiled")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
-    subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+    subprocess.run(
+        command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True
+    )
     wall, after = perf_counter() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
     return Times(wall, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)

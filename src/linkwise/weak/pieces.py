@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import gammaincc
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
@@ -112,5 +112,5 @@ def _differences(
         own, weight = values[determined, number], weights[determined, number]
         if len(own) > 1:
             squares = float(np.sum(weight * (own - np.average(own, weights=weight)) ** 2))
-            chance = float(gammaincc(0.5 * (len(own) - 1), 0.5 * squares))
+            chance = float(scipy.special.gammaincc(0.5 * (len(own) - 1), 0.5 * squares))
             yield chance, Disagreement(name, float(own.min()), float(own.max()))
