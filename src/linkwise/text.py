@@ -72,6 +72,23 @@ def format_chi_square(value: float) -> str:
     return f"{value:.3f}" if value < _FAR_FROM_NOISE else f"{value:.3g}"
 
 
+def format_duration(seconds: float) -> str:
+    """A time that something took, or takes, as people say it.
+
+    >>> [format_duration(seconds) for seconds in (0.0123, 9.96, 75.4, 110.0, 4000.0)]
+    ['0.012 s', '10 s', '75 s', '1 min 50 s', '1 h 7 min']
+    """
+    if seconds < 9.95:
+        return f"{seconds:.2g} s"
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    if seconds < 3599.5:
+        minutes, rest = divmod(round(seconds), 60)
+        return f"{minutes} min {rest} s"
+    hours, rest = divmod(round(seconds / 60.0), 60)
+    return f"{hours} h {rest} min"
+
+
 def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
     """One line per row, cells padded to columns: the first and last flush left, the others flush right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]

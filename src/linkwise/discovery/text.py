@@ -8,7 +8,14 @@ from textwrap import fill
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
-from linkwise.text import align_columns, as_text, format_chi_square, format_error, format_value
+from linkwise.text import (
+    align_columns,
+    as_text,
+    format_chi_square,
+    format_duration,
+    format_error,
+    format_value,
+)
 from linkwise.verdict import Decision
 
 Rows = list[tuple[str, ...]]
@@ -81,7 +88,7 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
     return (
         f"{estimate.structure.contents if estimate.structure.hosts else plain} with {_count(terms, 'term')}: {trust}",
         f"{search}{estimate.explanation} {certainty_sentence(discovery)} ({len(discovery.terms)} candidates tested, "
-        f"{estimate.samples} samples{chi_square}, {_count(discovery.rounds, 'round')}, {discovery.seconds:.2g} s)",
+        f"{estimate.samples} samples{chi_square}, {_count(discovery.rounds, 'round')}, {format_duration(discovery.seconds)})",
     )
 
 

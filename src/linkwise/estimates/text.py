@@ -7,7 +7,14 @@ from textwrap import fill
 
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
-from linkwise.text import align_columns, as_text, format_chi_square, format_error, format_value
+from linkwise.text import (
+    align_columns,
+    as_text,
+    format_chi_square,
+    format_duration,
+    format_error,
+    format_value,
+)
 
 _MANY = 12  # channels or links that are shown
 _SHAPES = 6  # of modes at points, that are shown
@@ -59,7 +66,7 @@ def _verdict(estimate: Estimate) -> str:
     value = estimate.chi_square_per_sample
     chi = "" if value is None else f", chi-square {format_chi_square(value)}"
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
-    summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {estimate.seconds:.2g} s)"
+    summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {format_duration(estimate.seconds)})"
     return f"{head}\n{fill(summary, _WIDTH)}"
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from linkwise.text import format_duration
+
 TEMPLATES = Environment(
     loader=PackageLoader("linkwise", "report"),
     autoescape=True,
@@ -11,3 +13,4 @@ TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+TEMPLATES.filters["duration"] = format_duration

@@ -15,6 +15,7 @@ from linkwise.study.row import WORKER_DIED, Case
 from linkwise.study.store import Store
 from linkwise.study.timing import Timing, next_batch
 from linkwise.study.worker import CaseBatch, CaseResult, failed_row
+from linkwise.text import format_duration
 
 _MOST_DEATHS = 3  # of workers that run a case, after which the case is the reason
 _BATCHES_LEFT = 4  # per slot; with fewer left, batches are made smaller
@@ -49,15 +50,9 @@ class StudyProgress:
     @property
     def report(self) -> ProgressReport:
         """The report for a person."""
-        left = "" if self.left is None else f", {_duration(self.left)} left"
+        left = "" if self.left is None else f", {format_duration(self.left)} left"
         activity = f"{self.done} of {self.total} cases, {self.rate:.2g}/s{left}"
         return ProgressReport(self.done / self.total, activity, self)
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def run(study: Study, store: Store, executor: Executor, progress: Progress) -> None:

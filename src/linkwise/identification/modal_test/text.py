@@ -5,7 +5,7 @@ from __future__ import annotations
 from textwrap import fill
 
 from linkwise.identification.modal_test.result import HostEstimate
-from linkwise.text import align_columns, as_text, format_error, format_value
+from linkwise.text import align_columns, as_text, format_duration, format_error, format_value
 
 _WIDTH = 100
 _POINTS = 6  # whose shapes are printed
@@ -19,7 +19,7 @@ def modal_test_text(estimate: HostEstimate) -> str:
     status = " ".join(verdict.value for verdict in estimate.verdicts)
     head = f"{host.name}: {len(host.modes)} modes at {len(host.points)} points, {trust}"
     numbers = f"{estimate.samples} samples, chi-square {estimate.chi_square_per_sample:.3f}"
-    summary = f"{status} ({numbers}, {estimate.seconds:.2g} s)"
+    summary = f"{status} ({numbers}, {format_duration(estimate.seconds)})"
     points = tuple(host.modes[0].shape)[:_POINTS]
     rows: list[tuple[str, ...]] = [
         ("", "frequency [Hz]", "std. error", "damping [%]", "std. error", *points, "std. error")
