@@ -1,13 +1,12 @@
 """Modules that load on first use, so that a command pays only for what it touches.
 
-The names of a package do so by PEP 562 (`lazy_names`); `lazy_module` and `LazyFunction` are for what has no such door and most
-runs never need. All are used at module level, so that the imports of a file are still all at its top.
+The names of a package do so by PEP 562 (`lazy_names`); `lazy_module` is for what has no such door and most runs never need.
+Both are used at module level, so that the imports of a file are still all at its top.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -27,18 +26,6 @@ class _LazyModule:
 def lazy_module(name: str) -> Any:
     """The module of this full dotted name, imported when an attribute of it is first read."""
     return _LazyModule(name)
-
-
-@dataclass(frozen=True)
-class LazyFunction:
-    """Stands for a function of a module; the first call imports it. It can be pickled, as the function can."""
-
-    module: str
-    name: str
-
-    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
-        """Call the function."""
-        return getattr(import_module(self.module), self.name)(*arguments, **keywords)
 
 
 def lazy_names(package: str, stub: str) -> tuple[list[str], Callable[[str], object]]:

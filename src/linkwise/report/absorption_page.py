@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from linkwise import plot
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.intervals_text import interval_headline, interval_rows
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep_text import map_headline, map_rows
 from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
-from linkwise.lazy import LazyFunction
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.section_page import section_page
-
-if TYPE_CHECKING:
-    from linkwise.plot import crossings_figure, decay_figure, energy_figure, map_figure
-else:  # matplotlib loads where a figure is drawn, which may be another process
-    crossings_figure = LazyFunction("linkwise.plot", "crossings_figure")
-    decay_figure = LazyFunction("linkwise.plot", "decay_figure")
-    energy_figure = LazyFunction("linkwise.plot", "energy_figure")
-    map_figure = LazyFunction("linkwise.plot", "map_figure")
 
 Answer = Absorption | AbsorptionIntervals
 
@@ -47,7 +37,7 @@ def _masses(reported: Reported[Answer]) -> Section:
         "of an exponential through the peaks that none later exceeds."
     )
     return Section(
-        "Primary masses", [text], rows=mass_rows(plain), figure=partial(decay_figure, reported.result)
+        "Primary masses", [text], rows=mass_rows(plain), figure=lambda: plot.decay_figure(reported.result)
     )
 
 
@@ -58,14 +48,16 @@ def _energy(reported: Reported[Answer]) -> Section:
         "Energies count from the lowest wells of all links, so that what was put in is what is still there and what each link "
         f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
-    return Section("Energy", [text], rows=energy_rows(plain), figure=partial(energy_figure, reported.result))
+    return Section(
+        "Energy", [text], rows=energy_rows(plain), figure=lambda: plot.energy_figure(reported.result)
+    )
 
 
 def _crossings(reported: Reported[Answer]) -> Section:
     """How the sinks cross from well to well."""
     plain = without_intervals(reported.result)
     return Section(
-        "Wells crossed", rows=crossing_rows(plain), figure=partial(crossings_figure, reported.result)
+        "Wells crossed", rows=crossing_rows(plain), figure=lambda: plot.crossings_figure(reported.result)
     )
 
 
@@ -80,7 +72,7 @@ def _harvesters(reported: Reported[Answer]) -> Section | None:
 def _map(reported: Reported[AbsorptionMap]) -> Section:
     """The quantities over the swept parameters."""
     swept = reported.result
-    return Section("Map", rows=map_rows(swept), figure=partial(map_figure, swept))
+    return Section("Map", rows=map_rows(swept), figure=lambda: plot.map_figure(swept))
 
 
 SECTIONS: Registry[Build[Answer]] = Registry(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from linkwise import plot
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.scoring import align_truth, term_score
@@ -23,19 +22,10 @@ from linkwise.discovery.text import (
     term_rows,
 )
 from linkwise.estimates.estimate import Estimate
-from linkwise.lazy import LazyFunction
 from linkwise.registry import Registry
 from linkwise.report.estimate_page import estimate_figures, page_parts
 from linkwise.report.section import Build, Reported, Section, figure_section, sections_of
 from linkwise.report.templates import TEMPLATES
-
-if TYPE_CHECKING:
-    from linkwise.plot import departures_figure, evidence_figure, graph_figure, path_figure
-else:  # matplotlib loads where a figure is drawn, which may be another process
-    departures_figure = LazyFunction("linkwise.plot", "departures_figure")
-    evidence_figure = LazyFunction("linkwise.plot", "evidence_figure")
-    graph_figure = LazyFunction("linkwise.plot", "graph_figure")
-    path_figure = LazyFunction("linkwise.plot", "path_figure")
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 
@@ -81,7 +71,9 @@ def _doubts(reported: Reported[Discovery]) -> Section | None:
 def _path(reported: Reported[Discovery]) -> Section:
     """The path over model sizes and the next best models."""
     discovery = reported.result
-    return Section("Why these terms", rows=runner_up_rows(discovery), figure=partial(path_figure, discovery))
+    return Section(
+        "Why these terms", rows=runner_up_rows(discovery), figure=lambda: plot.path_figure(discovery)
+    )
 
 
 def _average(reported: Reported[Discovery]) -> Section | None:
@@ -95,7 +87,7 @@ def _average(reported: Reported[Discovery]) -> Section | None:
         [
             "Each has the weight of its criterion. The averaged band counts in that the selected one may be wrong."
         ],
-        figure=partial(departures_figure, discovery, link),
+        figure=lambda: plot.departures_figure(discovery, link),
         folded=True,
     )
 
@@ -105,7 +97,7 @@ def _evidence(reported: Reported[Discovery]) -> Section:
     return Section(
         "The evidence term by term",
         ["terms.csv lists all candidates that were tested."],
-        figure=partial(evidence_figure, reported.result),
+        figure=lambda: plot.evidence_figure(reported.result),
         folded=True,
     )
 
@@ -113,7 +105,7 @@ def _evidence(reported: Reported[Discovery]) -> Section:
 SECTIONS: Registry[Build[Discovery]] = Registry(
     "section",
     {
-        "graph": figure_section("Discovered links", graph_figure),
+        "graph": figure_section("Discovered links", lambda discovery: plot.graph_figure(discovery)),
         "comparison": _comparison,
         "memory": _memory,
         "certainty": _certainty,

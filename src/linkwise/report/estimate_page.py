@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from linkwise import plot
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_loop import has_loop
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
-from linkwise.lazy import LazyFunction
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.plot.titles import force_title
@@ -26,14 +25,7 @@ from linkwise.text import format_chi_square, format_error, format_value
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from linkwise.plot import force_figure, histories_figure, loop_figure
-else:  # matplotlib loads where a figure is drawn, which may be another process
-    force_figure = LazyFunction("linkwise.plot", "force_figure")
-    histories_figure = LazyFunction("linkwise.plot", "histories_figure")
-    loop_figure = LazyFunction("linkwise.plot", "loop_figure")
-
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
-_LOOP = "loop"
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
 
@@ -49,7 +41,7 @@ def _record(reported: Reported[Estimate]) -> Section:
         ],
         items=record.notes,
         rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
-        figure=partial(histories_figure, record),
+        figure=lambda: plot.histories_figure(record),
         interactive=True,
     )
 
@@ -57,8 +49,23 @@ def _record(reported: Reported[Estimate]) -> Section:
 SECTIONS: Registry[Build[Estimate]] = Registry("section", {"histories": _record})
 """What follows the links, in order; the name of a section is that of its figure's files."""
 
-LINK_FIGURES: Registry[Callable[..., Figure]] = Registry("figure", {"force": force_figure})
-"""What is drawn of each link: functions of the estimate and the link's name, with the keyword `truth`."""
+
+def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
+    """The force law."""
+    return lambda: plot.force_figure(reported.result, link, truth=reported.truth)
+
+
+def _loop(reported: Reported[Estimate], link: str) -> Callable[[], Figure] | None:
+    """The force over one cycle, of a link with memory."""
+    if not has_loop(reported.result, link):
+        return None
+    return lambda: plot.loop_figure(reported.result, link)
+
+
+LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] | None]] = Registry(
+    "figure", {"force": _force, "loop": _loop}
+)
+"""What is drawn of each link, from the report and the name of the link; None where there is nothing to draw."""
 
 
 @dataclass(frozen=True)
@@ -89,20 +96,13 @@ class LinkSection:
 
 def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
     """All sections with a figure, by the name of its files: those of the links, then the others."""
-    estimate = reported.result
     links = {
-        f"{kind}_{name}": Section(
-            name, figure=partial(draw, estimate, name, truth=reported.truth), interactive=True
-        )
-        for name in _pictured(estimate)
-        for kind, draw in LINK_FIGURES.items()
+        f"{kind}_{name}": Section(name, figure=figure, interactive=True)
+        for kind, build in LINK_FIGURES.items()
+        for name in _pictured(reported.result)
+        if (figure := build(reported, name)) is not None
     }
-    loops = {
-        f"{_LOOP}_{name}": Section(name, figure=partial(loop_figure, estimate, name), interactive=True)
-        for name in _pictured(estimate)
-        if has_loop(estimate, name)
-    }
-    return {**links, **loops, **sections_of(SECTIONS, reported)}
+    return {**links, **sections_of(SECTIONS, reported)}
 
 
 def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> str:
@@ -170,7 +170,7 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
         visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} m, "
         f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} m/s",
         nmse="" if error is None else f"{error:.3g} %",
-        pictures=tuple(f"{kind}_{name}" for kind in (*LINK_FIGURES, _LOOP) if f"{kind}_{name}" in pictures),
+        pictures=tuple(f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures),
     )
 
 

@@ -2,109 +2,129 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
 from markupsafe import Markup
 
-from linkwise.inspection.levels.result import LevelComparison
+from linkwise import plot
 from linkwise.inspection.levels.text import distortion_rows, mode_rows
 from linkwise.inspection.levels.text import headline as level_headline
 from linkwise.inspection.result import Inspection, labels
 from linkwise.inspection.text import HEAD, alert_text, channel_row, headline
-from linkwise.lazy import LazyFunction
-from linkwise.report.section import Reported, Section
+from linkwise.registry import Registry
+from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.section_page import section_page
-
-if TYPE_CHECKING:
-    from linkwise.plot import (
-        distortion_figure,
-        histories_figure,
-        level_responses_figure,
-        levels_figure,
-        ring_down_figure,
-        spectra_figure,
-    )
-else:  # matplotlib loads where a figure is drawn, which may be another process
-    histories_figure = LazyFunction("linkwise.plot", "histories_figure")
-    spectra_figure = LazyFunction("linkwise.plot", "spectra_figure")
-    levels_figure = LazyFunction("linkwise.plot", "levels_figure")
-    level_responses_figure = LazyFunction("linkwise.plot", "level_responses_figure")
-    distortion_figure = LazyFunction("linkwise.plot", "distortion_figure")
-    ring_down_figure = LazyFunction("linkwise.plot", "ring_down_figure")
 
 PICTURED = 8  # records with figures; the others have their table
 
 
-def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
-    """The alerts, and of each record a table, its histories and its spectra, by the names of their files."""
+def _levels(reported: Reported[Inspection]) -> Section | None:
+    """The modes over the level of the records."""
+    levels = reported.result.levels
+    if levels is None:
+        return None
+    return Section(
+        "Modes over level",
+        level_headline(levels),
+        rows=mode_rows(levels),
+        figure=lambda: plot.levels_figure(levels),
+    )
+
+
+def _responses(reported: Reported[Inspection]) -> Section | None:
+    """The response functions at each level."""
+    levels = reported.result.levels
+    if levels is None:
+        return None
+    text = "Absolute value of the response per force, and the part of its power that follows from the force linearly."
+    return Section("Response functions", [text], figure=lambda: plot.level_responses_figure(levels))
+
+
+def _distortion(reported: Reported[Inspection]) -> Section | None:
+    """What a periodic force excites at other frequencies than its own."""
+    levels = reported.result.levels
+    if levels is None or not any(levels.distortions):
+        return None
+    text = (
+        "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, and "
+        "what of the start has not died out."
+    )
+    return Section(
+        "Distortion", [text], rows=distortion_rows(levels), figure=lambda: plot.distortion_figure(levels)
+    )
+
+
+def _ring_down(reported: Reported[Inspection]) -> Section | None:
+    """The modes over their amplitude while they ring down."""
+    levels = reported.result.levels
+    if levels is None or not levels.ring_downs:
+        return None
+    text = (
+        "Frequency and damping of modes over their amplitude, after the force of the highest level has ended."
+    )
+    return Section("Ring-down", [text], figure=lambda: plot.ring_down_figure(levels))
+
+
+def _alerts(reported: Reported[Inspection]) -> Section | None:
+    """What is wrong with the records."""
     inspection = reported.result
-    sections = {} if inspection.levels is None else _level_sections(inspection.levels)
-    if inspection.alerts:
-        items = [alert_text(inspection, alert) for alert in inspection.alerts]
-        sections["alerts"] = Section("Alerts", items=items)
-    for number, (label, record) in enumerate(
-        zip(labels(inspection.records), inspection.records, strict=True)
-    ):
-        end = record.start + record.duration
-        text = f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {end:g} s."
-        table = [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))]
-        ending = "" if len(inspection.records) == 1 else f"_{number + 1}"
-        pictured = number < PICTURED
-        sections[f"histories{ending}"] = Section(
-            label,
-            [text],
-            record.notes,
-            table,
-            partial(histories_figure, record) if pictured else None,
-            interactive=True,
-        )
-        if pictured:
-            title = "Spectra" if len(inspection.records) == 1 else f"Spectra of {label}"
-            text = "Amplitude spectral density; dashed is white noise of the level that was found."
-            sections[f"spectra{ending}"] = Section(
-                title, [text], figure=partial(spectra_figure, inspection, number), interactive=True
-            )
-    return sections
+    items = [alert_text(inspection, alert) for alert in inspection.alerts]
+    return Section("Alerts", items=items) if items else None
 
 
-def _level_sections(levels: LevelComparison) -> dict[str, Section]:
-    """What records at several levels tell of linearity."""
-    sections = {
-        "levels": Section(
-            "Modes over level",
-            level_headline(levels),
-            rows=mode_rows(levels),
-            figure=partial(levels_figure, levels),
-        ),
-        "responses": Section(
-            "Response functions",
-            [
-                "Absolute value of the response per force, and the part of its power that follows from the force linearly."
-            ],
-            figure=partial(level_responses_figure, levels),
-        ),
+def _histories(inspection: Inspection, number: int) -> Section:
+    """A table of the channels of one record, and their histories."""
+    record = inspection.records[number]
+    end = record.start + record.duration
+    return Section(
+        labels(inspection.records)[number],
+        [f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {end:g} s."],
+        record.notes,
+        [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))],
+        (lambda: plot.histories_figure(record)) if number < PICTURED else None,
+        interactive=True,
+    )
+
+
+def _spectra(inspection: Inspection, number: int) -> Section | None:
+    """The spectra of the channels of one record."""
+    if number >= PICTURED:
+        return None
+    title = "Spectra"
+    if len(inspection.records) > 1:
+        title += f" of {labels(inspection.records)[number]}"
+    text = "Amplitude spectral density; dashed is white noise of the level that was found."
+    return Section(title, [text], figure=lambda: plot.spectra_figure(inspection, number), interactive=True)
+
+
+SECTIONS: Registry[Build[Inspection]] = Registry(
+    "section",
+    {
+        "levels": _levels,
+        "responses": _responses,
+        "distortion": _distortion,
+        "ring_down": _ring_down,
+        "alerts": _alerts,
+    },
+)
+"""What stands before the records, in order; the name of a section is that of its figure's files."""
+
+RECORD_SECTIONS: Registry[Callable[[Inspection, int], Section | None]] = Registry(
+    "section", {"histories": _histories, "spectra": _spectra}
+)
+"""What is told of each record, from the inspection and the number of the record."""
+
+
+def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
+    """All sections by the names of their files, those of one record among several with its number, as `histories_2`."""
+    count = len(reported.result.records)
+    of_records = {
+        name if count == 1 else f"{name}_{number + 1}": section
+        for number in range(count)
+        for name, build in RECORD_SECTIONS.items()
+        if (section := build(reported.result, number)) is not None
     }
-    if any(levels.distortions):
-        sections["distortion"] = Section(
-            "Distortion",
-            [
-                "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, "
-                "and what of the start has not died out."
-            ],
-            rows=distortion_rows(levels),
-            figure=partial(distortion_figure, levels),
-        )
-    if levels.ring_downs:
-        sections["ring_down"] = Section(
-            "Ring-down",
-            [
-                "Frequency and damping of modes over their amplitude, after the force of the highest level has ended."
-            ],
-            figure=partial(ring_down_figure, levels),
-        )
-    return sections
+    return {**sections_of(SECTIONS, reported), **of_records}
 
 
 def inspection_page(reported: Reported[Inspection], pictures: Mapping[str, Markup]) -> str:

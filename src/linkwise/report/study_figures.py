@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
+from linkwise import plot
 from linkwise.paper.captions import motion_captions
 from linkwise.paper.figures_2_to_5 import figure_2, figure_3, figure_4, figure_5
 from linkwise.paper.figures_6_7 import figure_6, figure_7
 from linkwise.paper.figures_8_9 import figure_8, figure_9
-from linkwise.plot import accuracy_figure
 from linkwise.registry import Registry
 from linkwise.report.study_page import StudyReport
 
@@ -66,7 +66,7 @@ def _figure_9(report: StudyReport) -> Figure | None:
 
 
 def _accuracy(report: StudyReport) -> Figure | None:
-    return accuracy_figure(report.table) if report.beyond else None
+    return plot.accuracy_figure(report.table) if report.beyond else None
 
 
 def _without_times(report: StudyReport) -> str:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from linkwise import plot
 from linkwise.identification.validation.result import Validation
 from linkwise.identification.validation.text import (
     CHANNEL_HEAD,
@@ -16,23 +15,9 @@ from linkwise.identification.validation.text import (
     coefficient_rows,
     headline,
 )
-from linkwise.lazy import LazyFunction
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.section_page import section_page
-
-if TYPE_CHECKING:
-    from linkwise.plot import (
-        prediction_error_figure,
-        prediction_figure,
-        prediction_profile_figure,
-        prediction_spectrum_figure,
-    )
-else:  # matplotlib loads where a figure is drawn, which may be another process
-    prediction_figure = LazyFunction("linkwise.plot", "prediction_figure")
-    prediction_error_figure = LazyFunction("linkwise.plot", "prediction_error_figure")
-    prediction_profile_figure = LazyFunction("linkwise.plot", "prediction_profile_figure")
-    prediction_spectrum_figure = LazyFunction("linkwise.plot", "prediction_spectrum_figure")
 
 
 def _scores(reported: Reported[Validation]) -> Section:
@@ -49,7 +34,7 @@ def _scores(reported: Reported[Validation]) -> Section:
         ],
         items=record.notes,
         rows=[CHANNEL_HEAD, *channel_rows(validation)],
-        figure=partial(prediction_figure, validation),
+        figure=lambda: plot.prediction_figure(validation),
         interactive=True,
     )
 
@@ -67,7 +52,7 @@ def _error(reported: Reported[Validation]) -> Section:
         [
             "The band is twice the standard deviation that noise and the errors of the answer give the difference."
         ],
-        figure=partial(prediction_error_figure, reported.result),
+        figure=lambda: plot.prediction_error_figure(reported.result),
         interactive=True,
     )
 
@@ -80,7 +65,7 @@ def _profiles(reported: Reported[Validation]) -> Section:
             "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
             "of the links along the predicted motion."
         ],
-        figure=partial(prediction_profile_figure, reported.result),
+        figure=lambda: plot.prediction_profile_figure(reported.result),
     )
 
 
@@ -93,7 +78,7 @@ def _spectra(reported: Reported[Validation]) -> Section | None:
         [
             "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
         ],
-        figure=partial(prediction_spectrum_figure, reported.result),
+        figure=lambda: plot.prediction_spectrum_figure(reported.result),
     )
 
 
