@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, final
 
+import msgspec
 import numpy as np
 
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
@@ -113,6 +114,14 @@ class StudyMethod(ABC):
         """
 
 
+class MethodTable(msgspec.Struct, forbid_unknown_fields=True):
+    """The table of a kind of method in a study file: its fields are the keys, and `build` makes the method."""
+
+    @abstractmethod
+    def build(self) -> StudyMethod:
+        """The method. Raises IdentificationError where something in it is unknown."""
+
+
 @final
 @dataclass(frozen=True)
 class LinkByLink(StudyMethod):
@@ -126,6 +135,16 @@ class LinkByLink(StudyMethod):
 
     def document(self) -> dict[str, Any]:
         return {"name": self.name, "kind": self.kind}
+
+
+class LinkByLinkTable(MethodTable):
+    """Its table in a study file."""
+
+    kind: Literal["ml", "weak"]
+    name: str = ""
+
+    def build(self) -> StudyMethod:
+        return LinkByLink(self.name or self.kind, self.kind)
 
 
 @final
@@ -150,6 +169,18 @@ class PhysicsInformedMethod(StudyMethod):
             "derivative": self.derivative,
             "regressor": self.regressor,
         }
+
+
+class PhysicsInformedTable(MethodTable):
+    """Its table in a study file."""
+
+    kind: Literal["physics-informed"]
+    name: str = ""
+    derivative: Literal["spline", "savgol", "differences"] = "spline"
+    regressor: str = "stlsq"
+
+    def build(self) -> StudyMethod:
+        return PhysicsInformedMethod(self.name or self.kind, self.derivative, self.regressor)
 
 
 def _identify(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
-from typing import Any, final
+from typing import Annotated, Any, Literal, final
 
+import msgspec
 import numpy as np
 
 from linkwise.arrays import Floats
@@ -22,7 +23,7 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.linear_system import StreamedSystem
 from linkwise.sindy.regression.regressor import RegressionFit, Regressor
-from linkwise.study.method import MethodResult, StudyMethod
+from linkwise.study.method import MethodResult, MethodTable, StudyMethod
 from linkwise.study.subject import Subject
 from linkwise.verdict import Verdict
 
@@ -74,6 +75,22 @@ class MonomialMethod(StudyMethod):
     def _regressor(self) -> Regressor:
         regressor = REGRESSORS.lookup(self.regressor)()
         return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
+
+
+class MonomialTable(MethodTable):
+    """Its table in a study file."""
+
+    kind: Literal["monomial", "classical"]  # "classical" is the old spelling
+    convention: Convention
+    name: str = ""
+    regressor: str = "least-squares"
+    reading: Reading = "coefficients"
+    order: Annotated[int, msgspec.Meta(ge=1)] = 3
+    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
+
+    def build(self) -> StudyMethod:
+        name = self.name or f"{self.kind}, {self.convention}"
+        return MonomialMethod(name, self.convention, self.regressor, self.reading, self.order, self.threshold)
 
 
 @lru_cache(maxsize=1)

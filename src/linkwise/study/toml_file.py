@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import msgspec
 
@@ -16,11 +16,9 @@ from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import parse_structure, read_structure
 from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
-from linkwise.sindy.conventions import Convention
-from linkwise.sindy.force_reading import Reading
+from linkwise.registry import Registry
 from linkwise.study.definition import Study
-from linkwise.study.method import LinkByLink, PhysicsInformedMethod, StudyMethod
-from linkwise.study.method_monomials import MonomialMethod
+from linkwise.study.method import MethodTable, StudyMethod
 from linkwise.study.subject import Subject
 from linkwise.text import near_miss
 
@@ -50,45 +48,18 @@ class _Structure(msgspec.Struct, forbid_unknown_fields=True):
     scatter: float = 0.0
 
 
-class _LinkByLink(msgspec.Struct, forbid_unknown_fields=True):
-    kind: Literal["ml", "weak"]
-    name: str = ""
-
-    def build(self) -> StudyMethod:
-        return LinkByLink(self.name or self.kind, self.kind)
-
-
-class _PhysicsInformed(msgspec.Struct, forbid_unknown_fields=True):
-    kind: Literal["physics-informed"]
-    name: str = ""
-    derivative: Literal["spline", "savgol", "differences"] = "spline"
-    regressor: str = "stlsq"
-
-    def build(self) -> StudyMethod:
-        return PhysicsInformedMethod(self.name or self.kind, self.derivative, self.regressor)
-
-
-class _MonomialTable(msgspec.Struct, forbid_unknown_fields=True):
-    kind: Literal["monomial", "classical"]  # "classical" is the old spelling
-    convention: Convention
-    name: str = ""
-    regressor: str = "least-squares"
-    reading: Reading = "coefficients"
-    order: Annotated[int, msgspec.Meta(ge=1)] = 3
-    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
-
-    def build(self) -> StudyMethod:
-        name = self.name or f"{self.kind}, {self.convention}"
-        return MonomialMethod(name, self.convention, self.regressor, self.reading, self.order, self.threshold)
-
-
-_KINDS: dict[str, type[Any]] = {
-    "ml": _LinkByLink,
-    "weak": _LinkByLink,
-    "physics-informed": _PhysicsInformed,
-    "monomial": _MonomialTable,
-    "classical": _MonomialTable,
-}
+METHOD_TABLES: Registry[type[MethodTable]] = Registry(
+    "kind of method",
+    {
+        "ml": "linkwise.study.method:LinkByLinkTable",
+        "weak": "linkwise.study.method:LinkByLinkTable",
+        "physics-informed": "linkwise.study.method:PhysicsInformedTable",
+        "monomial": "linkwise.study.method_monomials:MonomialTable",
+        "classical": "linkwise.study.method_monomials:MonomialTable",  # the old spelling
+    },
+    StudyError,
+)
+"""The table of each kind of method in a study file."""
 
 
 class _Document(msgspec.Struct, forbid_unknown_fields=True):
@@ -229,12 +200,13 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
 
 def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
     kind = entry.get("kind")
-    if not isinstance(kind, str) or kind not in _KINDS:
-        hint = near_miss(kind, _KINDS) if isinstance(kind, str) else ""
+    if not isinstance(kind, str) or kind not in METHOD_TABLES:
+        hint = near_miss(kind, METHOD_TABLES) if isinstance(kind, str) else ""
         got = "nothing" if kind is None else repr(kind)
-        raise StudyError(f"expected one of {', '.join(_KINDS)}; got {got}{hint}", f"{source}, {path}.kind")
+        raise StudyError(
+            f"expected one of {', '.join(METHOD_TABLES)}; got {got}{hint}", f"{source}, {path}.kind"
+        )
     try:
-        method: StudyMethod = decode(entry, _KINDS[kind], source, path, StudyError).build()
+        return decode(entry, METHOD_TABLES[kind], source, path, StudyError).build()
     except IdentificationError as error:
         raise StudyError(str(error), f"{source}, {path}") from None
-    return method
