@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.energy_supply import active_coefficients, supplying_time
 from linkwise.estimates.link_estimate import LinkEstimate
+from linkwise.registry import Registry
 
 _COLLINEAR = 0.995  # correlation from which only a combination of two coefficients is reported as determined
 
@@ -28,9 +29,8 @@ def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
     str
         A sentence.
     """
-    yield from _extrapolated(link)
-    yield from _correlated(link)
-    yield from _insignificant(link)
+    for find in FINDINGS.values():
+        yield from find(link)
     if supply is not None:
         yield (
             f"{link.link.name} feeds energy into the motion, {supply:.3g} W on average, which no damper does. An applied "
@@ -117,3 +117,9 @@ def _insignificant(link: LinkEstimate) -> Iterator[str]:
                 f"{coefficient.name} cannot be distinguished from zero: {coefficient.value:.3g} within ±{error:.2g} "
                 f"{coefficient.unit}."
             )
+
+
+FINDINGS: Registry[Callable[[LinkEstimate], Iterator[str]]] = Registry(
+    "finding", {"extrapolated": _extrapolated, "correlated": _correlated, "insignificant": _insignificant}
+)
+"""What is looked for in each identified link, in order: functions that yield sentences."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.errors import RecordError
+from linkwise.records.channel import OF_CHANNELS
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
 
@@ -182,12 +184,12 @@ def _refuse_common(record: Record, added: Record) -> None:
 
 def _refuse_other_statements(record: Record, continuation: Record) -> None:
     """Raise RecordError where a part of a record states another noise, uncertainty or interpolation of a channel."""
-    for kind in ("noise", "uncertainty", "interpolation"):
+    for kind, quantity in OF_CHANNELS.items():
         first, second = getattr(record, kind), getattr(continuation, kind)
         for name in first:
             if name in second and first[name] != second[name]:
                 raise RecordError(
-                    f"states another {kind} of its sensor than the first part of the record; state the same of both, "
+                    f"states another {quantity} of its sensor than the first part of the record; state the same of both, "
                     "for instance in a mapping file",
                     continuation.source or None,
                     channel=name,
@@ -214,14 +216,14 @@ def _at_one_rate(record: Record, added: Record) -> tuple[Record, Record]:
 
 def _side_by_side(record: Record, added: Record) -> Record:
     length = min(len(record), len(added))
+    of_both: dict[str, Any] = {
+        kind: {**getattr(added, kind), **getattr(record, kind)} for kind in OF_CHANNELS
+    }
     return replace(
         record,
         channels=(*record.channels, *added.channels),
         values=np.hstack([record.values[:length], added.values[:length]]),
-        noise={**record.noise, **added.noise},
-        interpolation={**record.interpolation, **added.interpolation},
-        units={**record.units, **added.units},
-        uncertainty={**added.uncertainty, **record.uncertainty},
+        **of_both,
         simulated=None,
         notes=tuple(dict.fromkeys((*record.notes, *added.notes))),
     )

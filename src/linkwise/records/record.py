@@ -15,7 +15,7 @@ from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.html import NotebookView
-from linkwise.records.channel import Channel
+from linkwise.records.channel import OF_CHANNELS, Channel
 from linkwise.records.checks import check_names, check_values
 from linkwise.records.decimation import check_complete, check_factor, check_interpolation, lowpass_for
 from linkwise.records.immutable import read_only
@@ -91,7 +91,7 @@ class Record(NotebookView):
     def __post_init__(self) -> None:
         for name, kind in (("start", float), ("rate", float), ("channels", tuple), ("notes", tuple)):
             object.__setattr__(self, name, kind(getattr(self, name)))
-        for name in ("noise", "interpolation", "units", "uncertainty"):
+        for name in OF_CHANNELS:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "values", read_only(self.values))
         check_names(self.channels, self.noise, self.interpolation)
@@ -279,7 +279,7 @@ class Record(NotebookView):
         columns = [self._column(name) for name in names]
         selected: dict[str, Any] = {
             kind: {name: value for name, value in getattr(self, kind).items() if name in (*names, COMMON)}
-            for kind in ("noise", "interpolation", "units", "uncertainty")
+            for kind in OF_CHANNELS
         }
         return replace(self, channels=names, values=self.values[:, columns], **selected)
 
