@@ -12,6 +12,7 @@ import click
 import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
+from linkwise.cli.listed_help import listing
 from linkwise.cli.options import (
     FILE,
     folder_option,
@@ -120,17 +121,7 @@ prior_options = grouped(
 )
 
 
-class _CommandWithFamilies(click.Command):
-    """Lists the families of terms where its help is asked for."""
-
-    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the help with the families in it."""
-        listed = "\n      ".join(families.listed_families())
-        whole = click.Command(self.name, help=(self.help or "").replace("FAMILIES", listed))
-        whole.format_help_text(ctx, formatter)
-
-
-@click.command(cls=_CommandWithFamilies)
+@click.command(cls=listing("FAMILIES", lambda: families.listed_families()))
 @record_options
 @prior_options
 @keyword_group("errors", *sensor_options(), *random_force_options())

@@ -9,16 +9,19 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import tell
+from linkwise.cli.listed_help import listing
 from linkwise.cli.options import FILE
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.report import export as exports
+    from linkwise.report import export_formats as formats
 else:
     exports = lazy_module("linkwise.report.export")
+    formats = lazy_module("linkwise.report.export_formats")
 
 
-@click.command()
+@click.command(cls=listing("FORMATS", lambda: formats.listed_formats()))
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
 def export(answer: Path, files: tuple[Path, ...]) -> None:
@@ -27,11 +30,7 @@ def export(answer: Path, files: tuple[Path, ...]) -> None:
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number.
 
     \b
-      .py    a Python module: the force of each link as a function of arrays, with coefficients, errors and covariance
-      .m     the same as a function for MATLAB and Octave
-      .mat   the numbers and laws as variables for MATLAB
-      .csv   a table of the coefficients with units, errors and intervals
-      .xlsx  the same table, and the covariance
+      FORMATS
 
     \b
     Examples:

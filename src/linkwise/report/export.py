@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.registry import Registry
+from linkwise.report.export_formats import EXPORTS
 
 
 @dataclass(frozen=True)
@@ -81,21 +80,6 @@ class ExportedAnswer:
         )
 
 
-Writer: TypeAlias = Callable[[ExportedAnswer, Path, str], None]
-
-EXPORTS: Registry[Writer] = Registry(
-    "suffix",
-    {
-        ".py": "linkwise.report.export_python:write",
-        ".m": "linkwise.report.export_matlab:write",
-        ".mat": "linkwise.report.export_mat:write",
-        ".csv": "linkwise.report.export_table:write_csv",
-        ".xlsx": "linkwise.report.export_table:write_xlsx",
-    },
-)
-"""What writes an answer to a path, by suffix; the name that the file will have, without its suffix, comes last."""
-
-
 @checked
 def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: str | Path) -> Path:
     """Write an answer for another program: the forces of its links, and its coefficients with errors and covariance.
@@ -143,10 +127,10 @@ def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: s
     return path
 
 
-def export_writer(path: Path) -> Writer:
+def export_writer(path: Path) -> Callable[[ExportedAnswer, Path, str], None]:
     """What writes a file of this suffix; OutputError for another one."""
     suffix = path.suffix.lower()
     if suffix not in EXPORTS:
         kind, choices = path.suffix or "a file without suffix", ", ".join(EXPORTS)
         raise OutputError(f"{path}: answers cannot be exported to {kind}; choose from {choices}")
-    return EXPORTS[suffix]
+    return EXPORTS[suffix].load()

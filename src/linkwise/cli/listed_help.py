@@ -1,0 +1,19 @@
+"""Help that lists what is registered, as families of terms, where it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import click
+
+
+def listing(placeholder: str, lines: Callable[[], Iterable[str]]) -> type[click.Command]:
+    """A kind of command in whose help `lines` stand in place of `placeholder`."""
+
+    class Listing(click.Command):
+        def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+            listed = "\n      ".join(lines())
+            whole = click.Command(self.name, help=(self.help or "").replace(placeholder, listed))
+            whole.format_help_text(ctx, formatter)
+
+    return Listing
