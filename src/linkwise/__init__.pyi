@@ -106,7 +106,7 @@ from linkwise.model.chains import bnes_chain as bnes_chain
 from linkwise.model.excitation import Excitation as Excitation
 from linkwise.model.excitation import Impulse as Impulse
 from linkwise.model.host import Host as Host
-from linkwise.model.host import HostMode as HostMode
+from linkwise.model.host_mode import HostMode as HostMode
 from linkwise.model.host_reduction import HostReduction as HostReduction
 from linkwise.model.host_reduction import reduce_host as reduce_host
 from linkwise.model.input_signal import PiecewisePolynomial as PiecewisePolynomial

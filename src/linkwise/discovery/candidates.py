@@ -13,7 +13,8 @@ from linkwise.discovery.terms import Term, offered_memory, parse_terms
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.expression import Number
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.host import Host, HostMode
+from linkwise.model.host import Host
+from linkwise.model.host_mode import HostMode
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.memory_support import refuse_memory

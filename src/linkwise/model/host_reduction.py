@@ -20,7 +20,8 @@ import scipy
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
-from linkwise.model.host import Host, HostMode
+from linkwise.model.host import Host
+from linkwise.model.host_mode import HostMode
 
 _DENSE = 400  # degrees of freedom up to which all eigenvalues are computed
 _ROUNDING = 100.0 * float(

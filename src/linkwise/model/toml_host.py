@@ -17,7 +17,8 @@ import msgspec
 
 from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, StructureError
-from linkwise.model.host import Host, HostMode
+from linkwise.model.host import Host
+from linkwise.model.host_mode import HostMode
 from linkwise.model.host_reduction import reduce_host
 from linkwise.model.matrices import read_matrix
 from linkwise.model.toml_link import coefficient_of

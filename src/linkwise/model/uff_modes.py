@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.errors import StructureError
-from linkwise.model.host import HostMode
+from linkwise.model.host_mode import HostMode
 
 _DATA_AT_NODES, _NORMAL_MODE = 55, 2
 _DIRECTIONS = {"r1": "x", "r2": "y", "r3": "z", "r4": "rx", "r5": "ry", "r6": "rz"}

@@ -16,7 +16,8 @@ from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.output_error import ModalFit, modal_fit
 from linkwise.modal.pursuit import pursued_modes
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.host import Host, HostMode
+from linkwise.model.host import Host
+from linkwise.model.host_mode import HostMode
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
 from linkwise.records.sequence import record_list
