@@ -1,97 +1,38 @@
 """What it takes to add one of each kind of thing: how many new files, and how many lines elsewhere.
 
 Each test adds something from outside the package, in modules of its own and through the registry of its kind, counts both, and
-then uses the new thing as any user would. Nothing else is patched, so nothing else needed touching.
+then uses the new thing as any user would. Nothing else is patched, so nothing else needed touching. CONTRIBUTING.md promises
+these counts; those of what is read, shown and repeated are in test_places_of_results.py.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from places import Places, adding, command
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.cli import COMMANDS, linkwise, run
 from linkwise.discovery.term_families import FAMILIES, TermFamily
 from linkwise.estimates.cause import CAUSE_KINDS, CauseKind
+from linkwise.estimates.findings import FINDINGS
 from linkwise.expression.functions import FUNCTIONS, LawFunction
-from linkwise.files import FORMATS, Format
 from linkwise.inspection.checks import CHECKS
 from linkwise.likelihood.shooting.sensor_errors import ADDED
-from linkwise.registry import Registry
-from linkwise.report.estimate_page import SECTIONS
-from linkwise.report.section import Reported, Section
 from linkwise.sindy.regression import REGRESSORS
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
 
-class Places:
-    """What a test adds: `files` are new modules, `lines` are entries in registries."""
-
-    def __init__(self, folder: Path, undo: ExitStack) -> None:
-        self.files, self.lines = 0, 0
-        self._folder, self._undo = folder, undo
-
-    def file(self, name: str, text: str) -> None:
-        """Write a module that can be imported as `name`."""
-        (self._folder / f"{name}.py").write_text(text, encoding="utf-8")
-        self._undo.callback(sys.modules.pop, name, None)
-        self.files += 1
-
-    def copy(self) -> Path:
-        """A copy of the package, which `script` will import; returns its folder."""
-        folder = self._folder / "linkwise"
-        shutil.copytree(Path(lw.__file__).parent, folder, ignore=shutil.ignore_patterns("__pycache__"))
-        return folder
-
-    def insert(self, path: Path, after: str, line: str) -> None:
-        """Add a line to a copied file, behind another that is there once."""
-        text = path.read_text(encoding="utf-8")
-        assert text.count(after) == 1 and line.count("\n") == 1
-        path.write_text(text.replace(after, after + line), encoding="utf-8")
-        self.lines += 1
-
-    def script(self, text: str, where: Path) -> str:
-        """What a program prints that can import the modules written so far; a study's workers import the program itself."""
-        path = where / "program.py"
-        path.write_text(text, encoding="utf-8")
-        environment = {**os.environ, "PYTHONPATH": str(self._folder)}
-        ran = subprocess.run(
-            [sys.executable, path.name],
-            cwd=where,
-            env=environment,
-            check=True,
-            text=True,
-            stdout=subprocess.PIPE,
-        )
-        return ran.stdout
-
-    def line(self, registry: Registry[Any], name: str, entry: object) -> None:
-        """Register something for the time of the test."""
-        self._undo.enter_context(registry.temporarily(name, entry))
-        self.lines += 1
-
-
 @pytest.fixture
 def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Places]:
-    folder = tmp_path / "added"
-    folder.mkdir()
-    monkeypatch.syspath_prepend(folder)
-    with ExitStack() as undo:
-        yield Places(folder, undo)
+    with adding(tmp_path, monkeypatch) as places:
+        yield places
 
 
 SPRING = """
@@ -205,8 +146,8 @@ def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> Non
 
     lw.write_record(record, tmp_path / "run.csv")
     lw.write_structure(unknown, tmp_path / "unknown.toml")
-    assert "stlsq|l1|least-squares|ridge" in _command("identify", "--help").output
-    command = (
+    assert "stlsq|l1|least-squares|ridge" in command("identify", "--help").output
+    arguments = (
         "identify",
         str(tmp_path / "run.csv"),
         str(tmp_path / "unknown.toml"),
@@ -214,7 +155,7 @@ def test_a_regressor_is_a_file_and_a_line(places: Places, tmp_path: Path) -> Non
         "sindy",
         "--json",
     )
-    document = json.loads(_command(*command, "--regressor", "ridge").output)
+    document = json.loads(command(*arguments, "--regressor", "ridge").output)
     assert document["links"][0]["coefficients"]["k"]["value"] == ridge.coefficient("spring1.k").value
 
     (tmp_path / "ridge.toml").write_text(RIDGE_STUDY, encoding="utf-8")
@@ -301,143 +242,99 @@ def test_a_family_of_terms_is_an_entry(places: Places) -> None:
     assert (places.files, places.lines) == (0, 1)
 
     assert [term.text for term in lw.parse_terms("linear, periodic(0.1)")] == ["v", "d", "cos(d/0.1)"]
-    assert "periodic(L)        cos(d/L), a force that repeats" in _command("discover", "--help").output
+    assert "periodic(L)        cos(d/L), a force that repeats" in command("discover", "--help").output
     with pytest.raises(
         lw.IdentificationError, match="the family periodic takes a length in m, a positive number"
     ):
         lw.parse_terms("periodic")
 
 
-JSON_LINES = """
-import json
-from pathlib import Path
+DAMPER = """
+[[mass]]
+name = "m1"
+mass = 1.0
 
-import numpy as np
-
-from linkwise.files.table import Column, Table
-from linkwise.records.record import Record
-
-
-def read_table(path: Path) -> Table:
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    return Table(tuple(Column.of(name, np.array([row[name] for row in rows])) for name in rows[0]))
-
-
-def write(record: Record, path: Path) -> None:
-    columns = {"time": record.time, **{name: record.channel(name) for name in record.channels}}
-    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-    path.write_text("".join(json.dumps(dict(zip(columns, row))) + "\\n" for row in rows))
+[[link]]
+name = "damper"
+between = ["m1", "ground"]
+law = "power-damper"
+coefficients = { k = 400.0, c = 5.0, p = 1.0 }
 """
 
 
-def test_a_file_format_is_a_file_and_a_line(places: Places, tmp_path: Path) -> None:
-    places.file("extra_jsonl", JSON_LINES)
-    places.line(FORMATS, ".jsonl", Format("extra_jsonl", writable=True))
-    assert (places.files, places.lines) == (1, 1)
-
-    record = chain_record(2, duration=0.1)
-    lw.write_record(record, tmp_path / "run.jsonl")
-    again = lw.read_record(tmp_path / "run.jsonl")
-    assert again.channels == record.channels and np.array_equal(again.values, record.values)
-    lw.write_structure(lw.bnes_chain(2), tmp_path / "chain.toml")
-    drive = ("--duration", "0.1", "--rate", "1000", "--release", "v:m1=1.0")
-    ran = _command("simulate", str(tmp_path / "chain.toml"), *drive, "-o", str(tmp_path / "typed.jsonl"))
-    assert ran.exit_code == 0
-    assert (tmp_path / "typed.jsonl").read_bytes() == (tmp_path / "run.jsonl").read_bytes()
-
-
-ENERGY_FOLDER = '''
-"""What `energy` hands over."""
-
-import numpy as np
-from problems import chain_record
-
-from linkwise.records.record import Record
-from linkwise.report.result_folder import ResultFolder
-from linkwise.report.section import Section
-from linkwise.report.section_page import section_page
-
-
-def document(record, truth):
-    return {"method": "energy", "joules": float(record.simulated.energy.supplied[-1])}
-
-
-def data(reported, folder):
-    np.savetxt(folder / "put_in.csv", reported.result.simulated.energy.supplied)
-
-
-def sections(reported):
-    return {"balance": Section("Balance", ["All of it."])}
-
-
-def page(reported, pictures):
-    structure = reported.result.simulated.structure
-    return section_page(structure, sections(reported), pictures, verdict=["Energy was put in."], trusted=True)
-
-
-FOLDER = ResultFolder[Record](mark="energy.json", document=document, data=data, figures=sections, page=page)
-'''
-
-ENERGY_COMMAND = '''
-"""`linkwise energy`: a structure to the energy that a release puts in."""
-
-from pathlib import Path
-
-import click
-
-import linkwise as lw
-from extra_energy_folder import FOLDER
-from linkwise.cli.console import deliver
-from linkwise.cli.options import FOLDER as DIRECTORY
-
-
-@click.command()
-@click.argument("structure", type=click.Path(path_type=Path))
-@click.option("-o", "--output", metavar="DIR", type=DIRECTORY)
-def energy(structure: Path, output: Path | None) -> None:
-    """Tell what energy a release puts into STRUCTURE."""
-    if output is not None:
-        FOLDER.check(output)
-    record = lw.simulate(lw.read_structure(structure), release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
-    joules = FOLDER.document(record, None)["joules"]
-    deliver(f"{joules:g} J", output, lambda folder, step: FOLDER.write(record, folder, progress=step))
-'''
-
-
-def test_a_command_with_a_result_folder_is_two_files_and_a_line(
-    places: Places, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    places.file("extra_energy_folder", ENERGY_FOLDER)
-    places.file("extra_energy", ENERGY_COMMAND)
-    places.line(COMMANDS, "energy", "extra_energy:energy")
-    assert (places.files, places.lines) == (2, 1)
-
-    assert "energy     Tell what energy a release puts into STRUCTURE." in _command("--help").output
-    chain, folder = str(tmp_path / "chain.toml"), tmp_path / "answer"
-    lw.write_structure(lw.bnes_chain(2), chain)
-    assert run(["energy", chain, "-o", str(folder)]) == 0
-    assert capsys.readouterr().out == "0.5 J\n"
-    document = json.loads((folder / "energy.json").read_text())
-    assert document == {"method": "energy", "joules": 0.5, "files": ["put_in.csv", "report.html"]}
-    assert "<h2>Balance</h2>" in (folder / "report.html").read_text()
-    # an earlier result is replaced, and neither command takes the place of the other's
-    (folder / "put_in.csv").unlink()
-    assert run(["energy", chain, "-o", str(folder)]) == 0 and (folder / "put_in.csv").exists()
-    drive = ["--duration", "0.5", "--release", "v:m1=1.0"]
-    assert run(["absorb", chain, *drive, "-o", str(folder)]) == 2
-    assert "holds the result of another command (energy.json)" in capsys.readouterr().err
-
-
-def test_a_section_of_a_report_is_an_entry(places: Places, fitted: lw.Estimate, tmp_path: Path) -> None:
-    def count(reported: Reported[lw.Estimate]) -> Section:
-        return Section("Samples", [f"{reported.result.samples} were used."])
-
-    places.line(SECTIONS, "samples", count)
+def test_a_named_law_is_an_entry(places: Places) -> None:
+    damper = lw.NamedLaw(
+        title="spring and damper of a power of the velocity",
+        source="this test",
+        coefficients={"k": "stiffness", "c": "damping", "p": "exponent"},
+        formula=lw.LawText("k*d + c*abs(v)**p*sign(v)", {}),
+        bounds={"p": (0.0, 3.0)},
+    )
+    places.line(lw.NAMED_LAWS, "power-damper", damper)
     assert (places.files, places.lines) == (0, 1)
 
-    page = (lw.write_result(fitted, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
-    assert "<h2>Samples</h2>" in page and f"{fitted.samples} were used." in page
+    assert lw.parse_structure(DAMPER).link("damper").law.text == "k*d + c*abs(v)**p*sign(v)"
+    assert "spring and damper of a power of the velocity" in command("structure", "laws").output
+    free = lw.parse_structure(DAMPER.replace("p = 1.0", 'p = "unknown"'))
+    assert free.coefficient("damper.p").upper == 3.0  # the bounds come with the law
 
 
-def _command(*arguments: str) -> Result:
-    return CliRunner().invoke(linkwise, arguments)
+TOLD = """
+from collections.abc import Iterator
+
+from linkwise.estimates.link_estimate import LinkEstimate
+
+
+def soft(link: LinkEstimate) -> Iterator[str]:
+    if link.link.name == "nes1":
+        yield "nes1 is as soft as butter."
+"""
+
+
+def test_a_finding_is_a_function_and_a_line(places: Places) -> None:
+    places.file("extra_soft", TOLD)
+    places.line(FINDINGS, "soft", "extra_soft:soft")
+    assert (places.files, places.lines) == (1, 1)
+
+    fit = lw.identify(chain_record(2, duration=2.0).with_noise(40.0, seed=1), lw.bnes_chain(2).unknown("nes"))
+    assert "nes1 is as soft as butter." in fit.findings and "nes1 is as soft as butter." in str(fit)
+
+
+PERIOD = '''
+"""Periods of modes."""
+
+from linkwise.analysis.modes import modes
+from linkwise.argument_types import checked
+from linkwise.model.structure import Structure
+
+
+@checked
+def longest_period(structure: Structure) -> float:
+    """Longest period of a structure in s."""
+    return float(1.0 / modes(structure).frequencies.min())
+'''
+
+PERIOD_SCRIPT = """
+import linkwise as lw
+
+print(lw.longest_period(lw.bnes_chain(2)), "longest_period" in dir(lw), lw.__all__.count("longest_period"))
+try:
+    lw.longest_period("chain.toml")
+except lw.ArgumentTypeError as error:
+    print(error)
+"""
+
+
+def test_a_public_function_is_a_file_and_a_line(places: Places, tmp_path: Path) -> None:
+    """In a copy of the package; the reference is made of the same list of names (docs/extensions/api_reference.py)."""
+    package = places.copy()
+    places.file("linkwise/analysis/period", PERIOD)
+    line = "from linkwise.analysis.period import longest_period as longest_period\n"
+    places.insert(package / "__init__.pyi", "from linkwise.analysis.modes import modes as modes\n", line)
+    assert (places.files, places.lines) == (1, 1)
+
+    printed = places.script(PERIOD_SCRIPT, tmp_path).splitlines()
+    assert printed[0] == f"{1.0 / lw.modes(lw.bnes_chain(2)).frequencies.min()} True 1"
+    assert printed[1].startswith(
+        "longest_period(structure): structure must be of type Structure, got 'chain.toml'"
+    )
