@@ -17,6 +17,7 @@ from linkwise.text import (
 )
 
 _MANY = 12  # channels or links that are shown
+_RATES = 3  # states of a link whose rates are printed; the result folder has all
 _SHAPES = 6  # of modes at points, that are shown
 _CAUSES = 4  # of what is left, that are shown
 _WIDTH = 100  # at which sentences are broken
@@ -119,7 +120,10 @@ def _link(link: LinkEstimate) -> str:
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
     d_low, d_high, v_low, v_high = (f"{end:.4g}" for end in (*link.d_range, *link.v_range))
     visited = f"range: d {d_low} to {d_high} m, v {v_low} to {v_high} m/s"
-    return "\n".join([head, *align_columns([_HEAD, *rows]), f"  {visited}"])
+    rates = [f"  {rate}" for rate in link.link.rate_texts[:_RATES]]
+    if len(link.link.rate_texts) > _RATES:
+        rates.append(f"  ... and {len(link.link.rate_texts) - _RATES} more states")
+    return "\n".join([head, *rates, *align_columns([_HEAD, *rows]), f"  {visited}"])
 
 
 def _row(coefficient: CoefficientEstimate, label: str) -> tuple[str, ...]:

@@ -165,6 +165,11 @@ class Link:
         object.__setattr__(self, "states", MappingProxyType(states))
 
     @property
+    def rate_texts(self) -> tuple[str, ...]:
+        """The rate of each state of a link with memory, such as "z' = v - z/tau"."""
+        return tuple(f"{rate.name}' = {rate.text}" for rate in self.law.rates)
+
+    @property
     def zero_states(self) -> dict[str, float]:
         """A value of 0 for each state: what `force` and `Law.partials` take for the elastic part of a law with memory."""
         return dict.fromkeys(self.law.states, 0.0)

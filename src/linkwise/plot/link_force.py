@@ -164,7 +164,8 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
     axes.set_xlim(d[0], d[-1])
     axes.set_ylim(curve.frame[0] * to_f, curve.frame[1] * to_f)
     axes.set_xlabel(f"elongation d, {unit_d}")
-    axes.set_ylabel(f"force at v = 0, {unit_f}")
+    at_rest = "v = 0 and states of 0" if curve.link.states else "v = 0"
+    axes.set_ylabel(f"force at {at_rest}, {unit_f}")
 
 
 def _samples_label(curve: ForceCurve) -> str:

@@ -83,9 +83,10 @@ class CoefficientRow:
 
 @dataclass(frozen=True)
 class LinkSection:
-    """One link: heading, coefficients, derived quantities, comparison with the truth (a sentence), names of its figures."""
+    """One link: heading, rates of states, coefficients, derived quantities, error against the truth, names of its figures."""
 
     title: str
+    rates: tuple[str, ...]
     name: str
     rows: tuple[CoefficientRow, ...]
     derived: tuple[str, ...]
@@ -161,6 +162,7 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
     error = reported.nmse.get(name)
     return LinkSection(
         title=force_title(estimate.link),
+        rates=estimate.link.rate_texts,
         name=name,
         rows=tuple(
             _row(coefficient, true.get(coefficient.name.rpartition(".")[2]))

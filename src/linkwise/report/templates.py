@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from linkwise.text import format_duration
+from linkwise.text import format_duration, format_error
 
 TEMPLATES = Environment(
     loader=PackageLoader("linkwise", "report"),
@@ -13,4 +13,4 @@ TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-TEMPLATES.filters["duration"] = format_duration
+TEMPLATES.filters |= {"duration": format_duration, "two_digits": format_error}
