@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from linkwise.errors import ArgumentTypeError, LawError, SimulationError
+from linkwise.model import input_signal
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.input_signal import Sampled, TimeFunction
 
@@ -147,3 +148,19 @@ def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle() -> None:
     again = pickle.loads(pickle.dumps(given))
     assert again.forces == given.forces and again.release == given.release
     assert np.array_equal(again.base.values, sampled.values)
+
+
+@pytest.mark.parametrize("order", [0, 5])
+def test_inputs_of_the_same_samples_share_nothing_that_can_be_changed(
+    order: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Splines of short inputs are kept; what they give is what a long one gives, of which none is kept."""
+    values, time = np.sin(0.3 * np.arange(200)), np.linspace(0.0, 1.9, 40)
+    first, second = Sampled(0.0, 100.0, values, order), Sampled(0.0, 100.0, values, order)
+    first.pieces.edges[:] = first.pieces.coefficients[:] = 0.0
+    monkeypatch.setattr(input_signal, "_KEPT", 0)
+    alone = Sampled(0.0, 100.0, values, order)
+    for derivative in (0, 1, 2):
+        assert np.array_equal(second.derivative(time, derivative), alone.derivative(time, derivative))
+    assert alone.value(time).any() and np.array_equal(second.value(time), alone.value(time))
+    assert np.array_equal(second.pieces.edges, alone.pieces.edges) and alone.pieces.edges.any()

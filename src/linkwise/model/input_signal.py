@@ -19,6 +19,7 @@ from linkwise.expression.tree import Symbol
 ORDERS = (0, 1, 3, 5, 7)
 _UPSAMPLING = 4  # factor by which band-limited samples are refined before the spline
 _HALF_WIDTH = 32  # of the windowed sinc, in samples
+_KEPT = 20_000  # samples up to which the last splines are kept: at most 4 MB each
 _KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
 
 
@@ -203,23 +204,19 @@ class Sampled:
 
     @cached_property
     def _spline(self) -> scipy.interpolate.PPoly:
-        values, rate = self.values, self.rate
-        if self.band_limited:
-            values, rate = _upsampled(values), rate * _UPSAMPLING
-        time = self.start + np.arange(values.size) / rate
-        if self.order == 0:
-            return scipy.interpolate.PPoly(values[None, :-1], time)
-        spline = scipy.interpolate.make_interp_spline(time, values, k=self.order)
-        pieces = scipy.interpolate.PPoly.from_spline(scipy.interpolate.BSpline(spline.t, spline.c, spline.k))
-        nonempty = np.diff(pieces.x) > 0.0  # knots at the ends are repeated
-        return scipy.interpolate.PPoly(
-            pieces.c[:, nonempty], np.append(pieces.x[:-1][nonempty], pieces.x[-1])
-        )
+        return self._derived(0)
+
+    def _derived(self, order: int) -> scipy.interpolate.PPoly:
+        """The derivative of an order of the interpolant, which simulations and fits of one record ask for again and again."""
+        given = (self.values.tobytes(), self.start, self.rate, (self.order, self.band_limited))
+        if self.values.size <= _KEPT:
+            return _spline_through(*given, order)
+        return self._spline.derivative(order) if order else _spline_through.__wrapped__(*given, 0)
 
     @cached_property
     def pieces(self) -> PiecewisePolynomial:
         """The interpolant as polynomials, lowest power first."""
-        return PiecewisePolynomial(self._spline.x, np.ascontiguousarray(self._spline.c[::-1].T))
+        return PiecewisePolynomial(self._spline.x.copy(), np.array(self._spline.c[::-1].T, order="C"))
 
     def value(self, time: ArrayLike) -> Floats:
         """Values of the interpolant.
@@ -261,7 +258,7 @@ class Sampled:
         SimulationError
             If a time is outside the samples.
         """
-        return self._evaluated(self._spline.derivative(order), time)
+        return self._evaluated(self._derived(order), time)
 
     def integral(self, time: ArrayLike) -> Floats:
         """Integral of the interpolant from the first sample.
@@ -293,6 +290,25 @@ class Sampled:
                 f"{np.atleast_1d(time)[np.atleast_1d(outside)][0]:g} s; give more samples or simulate a shorter time"
             )
         return np.asarray(spline(np.clip(time, self.start, self.end)), dtype=float)
+
+
+@lru_cache(maxsize=16)
+def _spline_through(
+    samples: bytes, start: float, rate: float, kind: tuple[int, bool], derivative: int
+) -> scipy.interpolate.PPoly:
+    """A derivative of the spline through samples; `kind` has its order and whether the signal is band-limited."""
+    values, (order, band_limited) = np.frombuffer(samples), kind
+    if band_limited:
+        values, rate = _upsampled(values), rate * _UPSAMPLING
+    time = start + np.arange(values.size) / rate
+    if order == 0:
+        steps = scipy.interpolate.PPoly(values[None, :-1], time)
+        return steps.derivative(derivative) if derivative else steps
+    spline = scipy.interpolate.make_interp_spline(time, values, k=order)
+    pieces = scipy.interpolate.PPoly.from_spline(scipy.interpolate.BSpline(spline.t, spline.c, spline.k))
+    nonempty = np.diff(pieces.x) > 0.0  # knots at the ends are repeated
+    whole = scipy.interpolate.PPoly(pieces.c[:, nonempty], np.append(pieces.x[:-1][nonempty], pieces.x[-1]))
+    return whole.derivative(derivative) if derivative else whole
 
 
 def _upsampled(values: Floats) -> Floats:

@@ -42,16 +42,19 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
     state, time, parameters = start.state, float(start.time), start.parameters.copy()
     integrator, layout = system.without_events, system.layout
     branches, unwatched = parameters[layout.branches], parameters[layout.unwatched]
+    values = system.kink_values(state, parameters, time)
     for _ in range(system.kinks):  # kinks may be nested, inner ones first
+        signs = np.where(values == 0.0, branches, np.sign(values))
+        if (signs == branches).all():
+            break
+        branches[:] = signs
         values = system.kink_values(state, parameters, time)
-        branches[:] = np.where(values == 0.0, branches, np.sign(values))
     reversals = np.zeros(system.kinks, dtype=int)
     fraction = _FRACTION
     while True:
         integrator.place(Placement(time, state, parameters))
         later_state, later = integrator.trial_step(fraction, longest)
         then = system.kink_values(later_state, parameters, later)
-        values = system.kink_values(state, parameters, time)
         on_kink = np.abs(values) <= _ON_KINK * np.abs(then - values)
         if np.any(~on_kink & (values * then < 0.0)) and fraction > _SHORTEST:
             fraction *= 0.1  # another kink is passed within this moment
@@ -68,3 +71,4 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
         if reversals.max() > 2:
             return BranchChoice(time, parameters, int(np.argmax(reversals)))
         branches[wrong] *= -1.0
+        values = system.kink_values(state, parameters, time)

@@ -222,6 +222,7 @@ class _Stages:
     def __init__(self, mechanics: NumericSystem, step: Floats, inputs: Inputs, S: int) -> None:
         (n, L), K = mechanics.gain.shape, len(step)
         self.mechanics, self.inputs, self.has_memory = mechanics, inputs, S > 0
+        self.on_base = inputs.base is not None or mechanics.system.base_error is not None
         self.step, self.step2, self.rate = (np.tile(a, (L, 1)) for a in (step, step * step, 1.0 / step))
         self.step_of_states, self.step2_of_masses = np.tile(step, (S, 1)), np.tile(step * step, (2, n, 1))
         self.into_links = mechanics.incidence.T
@@ -268,7 +269,8 @@ class _Stages:
         for i, (point, row, above, inner_row, inner_above) in enumerate(self.combined):
             np.dot(row, above, row_of_motion)
             np.multiply(v, self.rate, v)
-            _add_base(mechanics, motion, self.inputs, (j, point), memory)
+            if self.on_base:
+                _add_base(mechanics, motion, self.inputs, (j, point), memory)
             if self.has_memory:
                 np.add(memory, np.dot(inner_row, inner_above, self.gone).reshape(memory.shape), self.inside)
             if i == 0:
