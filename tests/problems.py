@@ -89,10 +89,10 @@ def chain_fit(
 
 @cache
 def chain_discovery(masses: int, snr_db: float, seed: int) -> lw.Discovery:
-    """The paper's chain, discovered between its masses from its record of six seconds with noise in dB."""
+    """The paper's chain, discovered between its masses from three seconds of its record with noise in dB."""
     chain = lw.bnes_chain(masses)
     kilograms = dict(zip(chain.mass_names, chain.mass_values.tolist(), strict=True))
-    return lw.discover(chain_record(masses).with_noise(snr_db, seed=seed), kilograms)
+    return lw.discover(chain_record(masses, duration=3.0).with_noise(snr_db, seed=seed), kilograms)
 
 
 def rubbing_trio() -> lw.Structure:

@@ -25,7 +25,7 @@ SINE = "60*sin(150*t) + 40*sin(190*t)"
 @pytest.fixture(scope="module")
 def two() -> tuple[lw.Record, lw.Discovery]:
     """The two-mass chain at 20 dB, discovered."""
-    return chain_record(2).with_noise(20.0, seed=1000), chain_discovery(2, 20.0, 1000)
+    return chain_record(2, duration=DURATION).with_noise(20.0, seed=1000), chain_discovery(2, 20.0, 1000)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
     chain = lw.bnes_chain(2)
-    discovery = chain_discovery(2, 5.0, 1000)
+    discovery = lw.discover(chain_record(2).with_noise(5.0, seed=1000), masses(chain))
     assert discovery.trusted and terms(discovery.structure) == terms(chain)
     assert (
         discovery.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
@@ -152,7 +152,7 @@ def test_where_they_do_touch_the_link_is_found() -> None:
 @pytest.mark.parametrize("n", [2, 4])
 @pytest.mark.parametrize("stated", [False, True])
 def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: bool) -> None:
-    clean = chain_record(n)
+    clean = chain_record(n, duration=DURATION)
     values = 1e-3 * np.random.default_rng(1000).normal(size=clean.values.shape)
     noise = dict.fromkeys(clean.channels, 1e-3) if stated else {}
     record = replace(clean, values=values, noise=noise, simulated=None)
@@ -178,7 +178,7 @@ def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, l
 
 def test_coloured_noise_gives_nothing_to_be_trusted() -> None:
     """A random walk in every channel is no noise that a sensor makes, and no motion of a structure either."""
-    clean = chain_record(2)
+    clean = chain_record(2, duration=DURATION)
     walk = 1e-4 * np.cumsum(np.random.default_rng(1000).normal(size=clean.values.shape), axis=0)
     assert trusted(replace(clean, values=walk, simulated=None), lw.bnes_chain(2)) is None
     assert chain_discovery(2, 20.0, 1000).trusted
@@ -294,7 +294,7 @@ def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise
 def test_states_that_accelerations_put_on_a_wrong_branch_are_computed_again() -> None:
     """The first fit of this record leaves a part of the motion in the other well, and later ones start from its states."""
     chain = lw.bnes_chain(2)
-    record = chain_record(2, sensors=("a",)).with_noise(30.0, seed=1002)
+    record = chain_record(2, duration=DURATION, sensors=("a",)).with_noise(30.0, seed=1002)
     assert terms(lw.discover(record, masses(chain)).structure) == terms(chain)
 
 

@@ -36,7 +36,7 @@ def sinks(n: int, fit: lw.Estimate, record: lw.Record) -> float:
 
 
 def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
-    chain, clean = lw.bnes_chain(4), chain_record(4)
+    chain, clean = lw.bnes_chain(4), chain_record(4, duration=3.0)
     for seed in range(FIRST, FIRST + 2):
         fit = lw.identify(
             clean.with_noise(20.0, seed=seed), chain.unknown("all"), starts=off(chain, seed, 2.0)
@@ -46,7 +46,7 @@ def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
 
 
 def test_a_hidden_primary_is_found_through_its_sink() -> None:
-    chain, clean = lw.bnes_chain(2), chain_record(2, sensors=("x:m2",))
+    chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0, sensors=("x:m2",))
     good, seeds = 0, 4
     for seed in range(FIRST, FIRST + seeds):
         record = clean.with_noise(30.0, seed=seed)
@@ -63,7 +63,7 @@ def test_a_hidden_primary_is_found_through_its_sink() -> None:
     "sensors", [("x:m1", "v:m2"), ("v:m1", "x:m2"), ("x:m1", "a:m2"), ("x:m1", "x:m2", "a:m2")]
 )
 def test_mixed_sensors_need_no_start(sensors: tuple[str, ...]) -> None:
-    clean = chain_record(2, sensors=sensors)
+    clean = chain_record(2, duration=3.0, sensors=sensors)
     fit = lw.identify(clean.with_noise(30.0, seed=FIRST), lw.bnes_chain(2).unknown("all"))
     assert fit.trusted
     assert sinks(2, fit, clean) < LARGEST_NMSE / 10

@@ -21,7 +21,7 @@ from linkwise.signals.channel_noise import channel_noise
 
 
 def noisy(n: int, kind: str, seed: int) -> lw.Record:
-    return chain_record(n, sensors=(kind,)).with_noise(30.0, seed=seed)
+    return chain_record(n, duration=3.0, sensors=(kind,)).with_noise(30.0, seed=seed)
 
 
 def deviations(fit: lw.Estimate, true: lw.Structure) -> np.ndarray:
