@@ -16,6 +16,7 @@ import linkwise as lw
 RATE, DURATION = 200.0, 40.0
 LAW = "k*d + c*v + k3*d**3"
 TRUE = oscillator(LAW, k=987.0, c=2.0, k3=4e5)
+DRAG = oscillator(f"{LAW} + q*v*abs(v)", k=987.0, c=2.0, k3=4e5, q=1.0)
 PLAY = oscillator(f"{LAW} + q*(max(d - 0.02, 0) + min(d + 0.02, 0))", k=987.0, c=2.0, k3=4e5, q=100.0)
 CHANCE = 3.3  # standard errors that a normal estimate is off once in 1000
 SEED = 31
@@ -38,14 +39,17 @@ def drifting(size: float) -> Change:
     return lambda record: record.channel("x:m1") + size * np.sqrt(3.0) * np.linspace(-1.0, 1.0, len(record))
 
 
-def recorded(change: Change) -> lw.Record:
-    """The oscillator with a stop that its law lacks, 0.3 % of its force, under a random force from 1 to 12 Hz, at 50 dB."""
+def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
+    """The oscillator with a stop that its law lacks, 0.3 % of its force, under a random force from 1 to 12 Hz, at 50 dB.
+
+    Or another `structure`.
+    """
     rng, samples = np.random.default_rng(SEED), round(DURATION * RATE) + 1
     frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
     band = (frequency > 1.0) & (frequency < 12.0)
     force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
     forces = {"m1": lw.Sampled(0.0, RATE, 6.0 * force / force.std())}
-    clean = lw.simulate(PLAY, forces=forces, duration=DURATION, rate=RATE)
+    clean = lw.simulate(structure, forces=forces, duration=DURATION, rate=RATE)
     values = clean.values.copy()
     values[:, clean.channels.index("x:m1")] = change(clean)
     return replace(clean, values=values, simulated=None).with_noise(50.0, seed=SEED)
@@ -74,3 +78,21 @@ def test_an_error_that_moves_a_coefficient_beyond_its_interval_takes_trust(chang
     off = np.abs(fit.values - truth(TRUE, unknown)) / np.sqrt(np.asarray(fit.covariance).diagonal())
     assert np.max(off) > CHANCE
     assert not fit.trusted and fit.diagnosis[0].is_instrument
+
+
+def test_an_error_beside_a_likelier_term_takes_trust_where_intervals_do_not_hold_it() -> None:
+    """Of a law that lacks drag, and a gain of 2 %: drag explains more, and k3 was 15 standard errors off and trusted."""
+    unknown = TRUE.unknown("all")
+    fit = lw.identify(recorded(lambda record: 1.02 * record.channel("x:m1"), DRAG), unknown)
+    assert fit.diagnosis[0].kind == "term" and fit.model_error > 0.0
+    assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,)
+    assert "beside the terms that would explain more it would change" in fit.message
+
+
+def test_an_error_that_intervals_hold_beside_a_likelier_term_leaves_trust() -> None:
+    unknown = TRUE.unknown("all")
+    fit = lw.identify(recorded(late(3e-4), DRAG), unknown)
+    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,) and fit.diagnosis[0].kind == "term"
+    assert some(cause for cause in fit.diagnosis if cause.kind.endswith("delay"))
+    off, covariance = np.abs(fit.values - truth(TRUE, unknown)), np.asarray(fit.covariance)
+    assert np.all(off < CHANCE * np.sqrt(covariance.diagonal()))

@@ -16,7 +16,7 @@ from structures import link, oscillator, row_of_masses, with_links
 
 import linkwise as lw
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.judgement import _decisive, _not_held
+from linkwise.likelihood.held_errors import decisive, not_held
 from linkwise.likelihood.missing_terms import MissingTerms
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.signals.outliers import has_outliers, outliers_exceed_noise
@@ -302,16 +302,16 @@ def test_a_term_that_overturns_a_coefficient_is_held_by_its_interval() -> None:
     assert low < 0.0 < high
     assert any("link.c cannot be distinguished from zero" in finding for finding in fits[0].findings)
     narrow = fits[0].diagnosis[0]
-    assert _decisive((narrow,), by_blocks=True) is narrow
-    assert _decisive((replace(narrow, overturned=()),), by_blocks=True) is None
+    assert decisive((narrow,), by_blocks=True) is narrow
+    assert decisive((replace(narrow, overturned=()),), by_blocks=True) is None
     # a term that makes most of the force in its own link, after one that explains more elsewhere
     large = replace(narrow, overturned=(), share=0.6, gain=0.5 * narrow.gain)
-    assert _decisive((replace(narrow, overturned=()), large), by_blocks=True) is large
+    assert decisive((replace(narrow, overturned=()), large), by_blocks=True) is large
     assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "With it, link.c would change by" in fits[1].message
 
 
-def test_a_weak_term_overturns_nothing_that_likelier_ones_explain(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_weak_term_overturns_nothing_that_likelier_ones_explain() -> None:
     """Of a structure with two terms missing, a third that looks like them would leave a damping without a sign."""
     names = SimpleNamespace(system=SimpleNamespace(parameters=SimpleNamespace(names=("link.c",))))
     fit: Any = SimpleNamespace(values=np.array([5.0]), covariance=np.eye(1), segments=names)
@@ -323,11 +323,7 @@ def test_a_weak_term_overturns_nothing_that_likelier_ones_explain(monkeypatch: p
         (0.0, ("link.c",)),
         (9.0, ()),
     ):  # of 5: zero is outside the interval, or inside
-        missing = MissingTerms(np.full((1, 1), variance), frozenset({("link", "v**3")}))
-        monkeypatch.setattr(
-            "linkwise.likelihood.judgement.for_missing_terms", lambda *given, told=missing: told
-        )
-        first, second = _not_held(fit, oscillator("c*v", c=5.0), (like, beyond))
+        missing = MissingTerms((), np.full((1, 1), variance**0.5), frozenset({("link", "v**3")}))
+        first, second = not_held(fit, (like, beyond), missing)
         assert first.overturned == () and second.overturned == overturned
-    monkeypatch.setattr("linkwise.likelihood.judgement.for_missing_terms", lambda *given: None)
-    assert _not_held(fit, oscillator("c*v", c=5.0), (like,)) == (like,)
+    assert not_held(fit, (like,), None) == (like,)

@@ -48,22 +48,23 @@ _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
 
-def diagnose(
-    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
-) -> tuple[Cause, ...]:
+def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool) -> Diagnosis:
     """The causes that are significant, that with the largest gain first; all missing terms only where `terms` is true.
 
     `channels` are those of the record.
     """
+    causes: tuple[Cause, ...] = ()
+    tested = None
     try:
         with one_blas_thread():
             if any(force.ambient for force in fit.random_forces):
-                tested = _missing_terms(fit, identified)
+                causes = _missing_terms(fit, identified)
             else:
-                tested = _diagnosed(fit, identified, channels, terms)
+                tested = tested_causes(fit, identified, channels, terms=terms)
+                causes = _significant(tested, fit, identified)
     except np.linalg.LinAlgError:
-        tested = ()
-    return tuple(sorted((*tested, *_prior_conflicts(fit)), key=lambda cause: -cause.gain))
+        pass
+    return Diagnosis(tuple(sorted((*causes, *_prior_conflicts(fit)), key=lambda cause: -cause.gain)), tested)
 
 
 def least_gain(causes: int) -> float:
@@ -119,6 +120,17 @@ class TestedCauses:
     filtered: SensorErrors
 
 
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The significant `causes`, that with the largest gain first, and all that were `tested`.
+
+    The latter is None beside ambient forces, and where the equations are singular.
+    """
+
+    causes: tuple[Cause, ...]
+    tested: TestedCauses | None
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
 def tested_causes(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
@@ -161,11 +173,8 @@ def tested_causes(
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
-def _diagnosed(
-    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], terms: bool
-) -> tuple[Cause, ...]:
-    tested, optimum = tested_causes(fit, identified, channels, terms=terms), fit.optimum
-    hypotheses, misfit = tested.hypotheses, tested.misfit
+def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
+    optimum, hypotheses, misfit = fit.optimum, tested.hypotheses, tested.misfit
     parameters = optimum.segments.system.parameters.size
     tests = single_tests(tested.curvature, tested.slope, tested.scatter, parameters)
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
@@ -193,7 +202,7 @@ def _diagnosed(
     return tuple(cause for cause in causes if cause.gain > limit or cause.shift > _SHIFTED)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # as in `_diagnosed`
+@np.errstate(over="ignore", invalid="ignore")  # as in `_significant`
 def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
     optimum = fit.optimum

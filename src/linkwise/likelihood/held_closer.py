@@ -116,7 +116,9 @@ def _explaining(
     names = fit.segments.system.parameters.names
     closer_structure = identified.with_values(dict(zip(names, map(float, closer.point.theta), strict=True)))
     left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
-    causes = diagnose(closer_fit, closer_structure, channels, terms=True) if np.isfinite(left) else ()
+    if not np.isfinite(left):
+        return None
+    causes = diagnose(closer_fit, closer_structure, channels, terms=True).causes
     if not causes or causes[0].kind != "term" or not causes[0].gain > _MOST * left:
         return None
     change, shift = 0.0, 0.0

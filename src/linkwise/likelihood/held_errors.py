@@ -2,19 +2,32 @@
 
 A record whose laws are a little wrong shows a little of everything: a drift, a part of a sample of delay. The score test of
 such an error says to first order what it would make of each coefficient. Where that is no more than an interval can hold, it
-joins the covariance as a missing term does; an error that moves a coefficient by more takes trust from the answer.
+joins the covariance as a missing term does; an error that moves a coefficient by more takes trust from the answer. Where a
+missing term explains more, which an error may look like, errors are judged beside the terms that the intervals count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from linkwise.estimates.cause import Cause
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.missing_terms import MissingTerms, for_missing_terms
+from linkwise.model.structure import Structure
 
 LARGEST_SHIFT = 3.0
 """Standard errors: the largest change of a coefficient that is trusted, by an error of a sensor or an input beside a model
 error, by a missing link, or by a term beside noise. An interval that holds it is up to three times as wide."""
+LARGEST_TERM = 0.05
+"""Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
+would change by more than an engineer can neglect."""
+_ANOTHER_LAW = 0.5
+"""The same where other causes explain more: a term that makes most of the force in its link, which then has another law."""
 _KINDS = ("gain", "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay")
 """Whose effect the first order tells. A filter of all sensors changes the motion that nonlinear links act by as well, noise of
 inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""
@@ -26,14 +39,17 @@ def told_by_blocks(fit: LikelihoodFit) -> bool:
 
 
 def held_errors(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """The errors of sensors and inputs among the `causes`, where one of them explains most and intervals hold them all.
+    """The errors of sensors and inputs among the `causes` that intervals may hold, since they allow for a model error already.
 
-    They do where they allow for a model error already, and each such error would move no coefficient by more than
-    `LARGEST_SHIFT` of its standard errors, nor overturn what is said of one. None where an error is of another kind.
+    Where one of them explains most, all of them, if each would move no coefficient by more than `LARGEST_SHIFT` of its
+    standard errors, nor overturn what is said of one; none where an error is of another kind. Where a term explains most, all
+    whose effect is known; `counted_causes` says of these whether intervals do.
     """
     errors = tuple(cause for cause in causes if cause.is_instrument)
-    if not errors or errors[0] is not causes[0] or not told_by_blocks(fit):
+    if not errors or not told_by_blocks(fit):
         return ()
+    if errors[0] is not causes[0]:
+        return tuple(error for error in errors if error.kind in _KINDS)
     small = all(
         error.kind in _KINDS and 0.0 < error.shift <= LARGEST_SHIFT and not error.overturned
         for error in errors
@@ -41,13 +57,96 @@ def held_errors(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Cause, ...
     return errors if small else ()
 
 
-def of_held_errors(errors: Sequence[Cause]) -> str:
-    """That an error of a sensor or an input explains most, and how little it would move the coefficients."""
-    if not errors:
+@dataclass(frozen=True, eq=False)
+class CountedCauses:
+    """The `missing` terms and errors that intervals count, and an error that moves a coefficient `too_far` for them.
+
+    The `shift` of the latter is that beside the terms, in standard errors that count them.
+    """
+
+    missing: MissingTerms | None = None
+    too_far: Cause | None = None
+
+
+def counted_causes(
+    fit: LikelihoodFit, identified: Structure, causes: Sequence[Cause], tested: TestedCauses | None
+) -> CountedCauses:
+    """What intervals count of the causes of a model error.
+
+    Where a term explains most, only the likeliest error is counted: with those that look like it, as the error of a mass like
+    a gain, it has no size that the records tell.
+    """
+    errors = {(cause.kind, cause.where, cause.source): cause for cause in held_errors(fit, causes)}
+    missing = for_missing_terms(fit, identified, tested, tuple(errors.values()))
+    likeliest = next((cause for cause in missing.counted if not cause.term), None) if missing else None
+    if likeliest is None:
+        return CountedCauses(missing)
+    error = errors[likeliest.kind, likeliest.where, likeliest.source]
+    alone = for_missing_terms(fit, identified, tested, (error,))
+    numbers = [number for number, cause in enumerate(alone.counted) if not cause.term] if alone else []
+    if alone is None or not numbers:
+        return CountedCauses(missing)
+    by_terms = np.delete(alone.moves, numbers, axis=1).sum(axis=1)
+    deviation = np.sqrt(np.maximum(fit.covariance.diagonal() + by_terms**2, np.finfo(float).tiny))
+    shifts = np.where(fit.free, np.abs(alone.moves[:, numbers[0]]) / deviation, 0.0)
+    farthest, names = int(np.argmax(shifts)), fit.segments.system.parameters.names
+    beside_terms = replace(error, shift=float(shifts[farthest]), shifted=names[farthest])
+    return CountedCauses(
+        missing if causes[0].is_instrument else alone,
+        beside_terms if beside_terms.shift > LARGEST_SHIFT else None,
+    )
+
+
+def of_held_errors(causes: Sequence[Cause], errors: Sequence[Cause]) -> str:
+    """That one of the held `errors` explains most, where it does, and how little they would move the coefficients."""
+    if not errors or errors[0] is not causes[0]:
         return ""
     farthest = max(errors, key=lambda error: error.shift)
     return (
         f" {errors[0].description[0].upper()}{errors[0].description[1:]} would explain most of what is left. It would "
         f"change {farthest.shifted} by {farthest.shift:.2g} of its standard errors, and no coefficient by more; the intervals "
         "allow for that."
+    )
+
+
+def decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
+    """The cause that takes trust away, if there is one; with intervals `by_blocks`, small terms of the links do not.
+
+    They do where they would overturn what the answer says of a coefficient, whose interval does not hold that.
+    """
+    if not causes or not by_blocks or causes[0].kind == "link" or causes[0].share > LARGEST_TERM:
+        return causes[0] if causes else None
+    too_large = (
+        cause
+        for cause in causes
+        if cause.share > _ANOTHER_LAW
+        or cause.overturned
+        or (cause.kind == "link" and cause.shift > LARGEST_SHIFT)
+    )
+    return next(too_large, None)
+
+
+def not_held(fit: LikelihoodFit, causes: Sequence[Cause], missing: MissingTerms | None) -> tuple[Cause, ...]:
+    """The causes without the coefficients that they would overturn, where intervals hold that.
+
+    They do where they hold zero, counting `missing` terms, and where a cause explains nothing beside those that they count: a
+    weak one would overturn what the likelier ones, which it looks like, do not.
+    """
+    if missing is None:
+        return tuple(causes)
+    errors = np.sqrt(np.maximum((fit.covariance + missing.covariance).diagonal(), 0.0))
+    names = fit.segments.system.parameters.names
+    uncertain = {
+        name for name, clear in zip(names, np.abs(fit.values) > NORMAL_95 * errors, strict=True) if not clear
+    }
+    return tuple(
+        replace(
+            cause,
+            overturned=tuple(
+                name
+                for name in cause.overturned
+                if name not in uncertain and (cause.where, cause.term) in missing.unexplained
+            ),
+        )
+        for cause in causes
     )

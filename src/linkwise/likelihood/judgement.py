@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_closer import HiddenTerm, hidden_term
-from linkwise.likelihood.held_errors import LARGEST_SHIFT, held_errors, of_held_errors, told_by_blocks
+from linkwise.likelihood.held_errors import (
+    LARGEST_SHIFT,
+    LARGEST_TERM,
+    CountedCauses,
+    counted_causes,
+    decisive,
+    held_errors,
+    not_held,
+    of_held_errors,
+    told_by_blocks,
+)
 from linkwise.likelihood.input_noise import for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.missing_terms import for_missing_terms
@@ -34,11 +43,6 @@ neglected second order is 1 % of the forces at this limit, a tenth of what they 
 _NOISIEST_INPUT = (
     0.15  # of an input: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
 )
-_LARGEST_TERM = 0.05
-"""Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
-would change by more than an engineer can neglect."""
-_ANOTHER_LAW = 0.5
-"""The same where other causes explain more: a term that makes most of the force in its link, which then has another law."""
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NOT_WHITE = (
     ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "
@@ -94,34 +98,36 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         or fit.model_error > 0.0
         or fit.chi_square > 1.0 + chance * np.sqrt(2.0 / fit.samples)
     )
-    diagnosed = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
+    diagnosis = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
     inputs = noise_of_inputs(fit, identified, channels)
     noisy = [input_noise.cause for input_noise in inputs if input_noise.cause is not None]
     noisy += unstated_forces(fit, identified, channels)
-    causes = tuple(sorted((*diagnosed, *noisy), key=lambda cause: -cause.gain))
+    causes = tuple(sorted((*diagnosis.causes, *noisy), key=lambda cause: -cause.gain))
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
+    counted = CountedCauses()
+    if fit.model_error > 0.0 and causes:
+        counted = counted_causes(fit, identified, causes, diagnosis.tested)
+    missing = counted.missing
     verdict, message = _verdict(
         fit,
         identified,
         share,
         causes,
+        counted,
         coloured=remembering,
         filtered=1 < len(responses) == len(remembering) and lag_one_autocorrelation(fit.misfit) > 0.0,
-        noisy=_noisy_inputs(fit, identified.mass_names),
-        faint_modes=with_faint_modes(fit, identified)[1],
     )
-    shown = fit
     if not verdict.forbids and not causes:
         hidden = hidden_term(fit, identified, channels)
         if hidden is not None:
             verdict, message = _with_hidden_term(fit, verdict, message, hidden)
-            causes, shown = (hidden.cause,), hidden.closer_fit
+            causes = (hidden.cause,)
+            inexact = verdict is Verdict.MODEL_ERROR_NEEDED
+            missing = for_missing_terms(hidden.closer_fit, identified) if inexact else None
     message += _of_forces(fit, verdict, causes, channels)
-    allowed = verdict is Verdict.MODEL_ERROR_NEEDED and causes
-    missing = for_missing_terms(shown, identified, held_errors(fit, causes), channels) if allowed else None
-    added = None if missing is None else missing.covariance
+    added = None if missing is None or verdict.forbids else missing.covariance
     hinted = for_noise_of_inputs(fit, inputs) if verdict is Verdict.CONVERGED and not causes else None
     if hinted is None:
         return Judgement(verdict, message, share, causes, added)
@@ -138,7 +144,7 @@ def _with_hidden_term(
     would change a coefficient by more than can be neglected. Beside noise of inputs every term does that would change one by
     more than its interval says.
     """
-    if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < _LARGEST_TERM):
+    if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < LARGEST_TERM):
         return verdict, f"{message}{_likeliest((hidden.cause,))}{_moved((hidden.cause,))}"
     if fit.random_forces and hidden.shift <= LARGEST_SHIFT:
         return verdict, message + _likeliest((hidden.cause,))
@@ -157,20 +163,20 @@ def _verdict(
     identified: Structure,
     share: float,
     causes: Sequence[Cause],
+    counted: CountedCauses,
     *,
     coloured: Sequence[str],
     filtered: bool,
-    noisy: Sequence[str],
-    faint_modes: Sequence[str],
 ) -> tuple[Verdict, str]:
     """The first of all verdicts that holds.
 
-    `coloured` channels have such noise, all of them if `filtered` as a low-pass filter gives it; `noisy` ones of forces have
-    too much of it; `faint_modes` are frequencies that keep the intervals of what was known before.
+    Intervals hold what is `counted` where blocks tell it; `coloured` channels have noise that remembers, all of them if
+    `filtered` as a low-pass filter gives it.
     """
     explained = _explained(fit, share, coloured)
     allowed = held_errors(fit, causes)
     others = [cause for cause in causes if cause not in allowed]
+    noisy = _noisy_inputs(fit, identified.mass_names)
     if fit.chi_square_off:
         return _mismatch(fit, causes)
     if noisy:
@@ -185,9 +191,11 @@ def _verdict(
             f"{explained}; that is too much for intervals: a term or a link is missing.{_likeliest(causes)}"
         )
     by_blocks = told_by_blocks(fit)
-    decisive = _decisive(_not_held(fit, identified, others) if by_blocks else others, by_blocks=by_blocks)
-    if decisive is not None:
-        return Verdict.SYSTEMATIC_MISFIT, explained + _systematic(decisive)
+    largest = decisive(not_held(fit, others, counted.missing) if by_blocks else others, by_blocks=by_blocks)
+    if largest is not None:
+        return Verdict.SYSTEMATIC_MISFIT, explained + _systematic(largest)
+    if counted.too_far is not None:
+        return Verdict.MEASUREMENT_ERROR, explained + _beside_terms(counted.too_far)
     if filtered:
         return Verdict.COLOURED_RESIDUALS, explained + _FILTERED
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
@@ -200,15 +208,15 @@ def _verdict(
             "hardly stands above the noise, so no interval is given. Hold them at known values, or record a motion that "
             "stretches the link more."
         )
-    if not is_regular(fit, faint_modes):
+    if not is_regular(fit, with_faint_modes(fit, identified)[1]):
         return Verdict.SEVERAL_OPTIMA, (
             f"{explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume, "
             "so no interval is given. Give closer starting values, a shorter part of the record, or less noise."
         )
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
-            f"{explained}, a model error that all intervals include. {_error_factor(fit)}{of_held_errors(allowed)}"
-            f"{_likeliest(others, 'of the rest' if allowed else 'of what is left')}{_moved(others)}"
+            f"{explained}, a model error that all intervals include. {_error_factor(fit)}{of_held_errors(causes, allowed)}"
+            f"{_likeliest(others, 'of what is left' if others[:1] == causes[:1] else 'of the rest')}{_moved(others)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals allow for that' if coloured else ''}."
 
@@ -227,6 +235,15 @@ def _instrument(cause: Cause) -> str:
     return (
         f", but {_would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than their intervals "
         "say, so none is given: correct it, or estimate it with the other unknowns."
+    )
+
+
+def _beside_terms(error: Cause) -> str:
+    """What an error means that moves a coefficient farther than intervals hold, beside the terms that they count."""
+    return (
+        f", but {_would_explain(error)}, and beside the terms that would explain more it would change {error.shifted} by "
+        f"{error.shift:.2g} of its standard errors. Intervals do not hold that, so none is given: correct it, or estimate it "
+        "with the other unknowns."
     )
 
 
@@ -284,50 +301,6 @@ def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], ch
     if inputs and verdict is Verdict.MODEL_ERROR_NEEDED:
         return f" Noise of {inputs[0]} leaves such an error, too: where it has some, allow for noise of {inputs[0]}."
     return ""
-
-
-def _decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
-    """The cause that takes trust away, if there is one; with intervals `by_blocks`, small terms of the links do not.
-
-    They do where they would overturn what the answer says of a coefficient, whose interval does not hold that.
-    """
-    if not causes or not by_blocks or causes[0].kind == "link" or causes[0].share > _LARGEST_TERM:
-        return causes[0] if causes else None
-    too_large = (
-        cause
-        for cause in causes
-        if cause.share > _ANOTHER_LAW
-        or cause.overturned
-        or (cause.kind == "link" and cause.shift > LARGEST_SHIFT)
-    )
-    return next(too_large, None)
-
-
-def _not_held(fit: LikelihoodFit, identified: Structure, causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """The causes without the coefficients that they would overturn, where intervals hold that.
-
-    They do where they hold zero, counting missing terms, and where a cause explains nothing beside those that they count: a
-    weak one would overturn what the likelier ones, which it looks like, do not.
-    """
-    missing = for_missing_terms(fit, identified) if any(cause.overturned for cause in causes) else None
-    if missing is None:
-        return tuple(causes)
-    errors = np.sqrt(np.maximum((fit.covariance + missing.covariance).diagonal(), 0.0))
-    names = fit.segments.system.parameters.names
-    uncertain = {
-        name for name, clear in zip(names, np.abs(fit.values) > NORMAL_95 * errors, strict=True) if not clear
-    }
-    return tuple(
-        replace(
-            cause,
-            overturned=tuple(
-                name
-                for name in cause.overturned
-                if name not in uncertain and (cause.where, cause.term) in missing.unexplained
-            ),
-        )
-        for cause in causes
-    )
 
 
 def _systematic(cause: Cause) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.diagnosis import least_gain, tested_causes
+from linkwise.likelihood.diagnosis import TestedCauses, least_gain
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import Hypothesis, missing_forces
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
@@ -34,16 +34,26 @@ _MOST = 6  # terms; of more, each makes a small part of what the first ones do
 class MissingTerms:
     """The `covariance` (p, p), in SI units, that missing terms, missing links and errors add to that of the coefficients.
 
-    `unexplained` are links with terms, and pairs of masses with forms, that are still significant beside those added.
+    `counted` are those added, the likeliest first, and `moves` (p, c) what each makes of the coefficients beside the others;
+    `unexplained` are links with terms, and pairs of masses with forms, that are still significant beside them.
     """
 
-    covariance: Floats
+    counted: tuple[Hypothesis, ...]
+    moves: Floats
     unexplained: frozenset[tuple[str, str]]
+
+    @property
+    def covariance(self) -> Floats:
+        moved = self.moves.sum(axis=1)
+        return np.outer(moved, moved)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
 def for_missing_terms(
-    fit: LikelihoodFit, identified: Structure, errors: Collection[Cause] = (), channels: Sequence[str] = ()
+    fit: LikelihoodFit,
+    identified: Structure,
+    tested: TestedCauses | None = None,
+    errors: Collection[Cause] = (),
 ) -> MissingTerms | None:
     """What missing terms of links, missing links and named errors add to the covariance of the coefficients.
 
@@ -53,24 +63,44 @@ def for_missing_terms(
         A fit with a model error.
     identified : Structure
         The structure with the values of the fit.
+    tested : TestedCauses or None
+        What was tested at this fit, all terms among it; only terms and links are tested here without it.
     errors : collection of Cause
-        The errors of sensors, masses and inputs that are added with the terms.
-    channels : sequence of str
-        Those of the record; needed beside `errors`.
+        The errors of sensors, masses and inputs among these that are added with the terms.
 
     Returns
     -------
     MissingTerms or None
         None where no term explains what the laws leave.
     """
-    optimum, p = fit.optimum, len(fit.values)
+    if tested is not None:
+        named = {(error.kind, error.where, error.source) for error in errors}
+        numbers = [
+            number
+            for number, hypothesis in enumerate(tested.hypotheses)
+            if hypothesis.kind in ("term", "link")
+            or (hypothesis.kind, hypothesis.where, hypothesis.source) in named
+        ]
+        return _counted(fit, *_among(tested, numbers, len(fit.values)), least_gain(len(numbers)))
+    optimum = fit.optimum
+    hypotheses, forces = missing_forces(identified, optimum.segments.system.parameters.names)
     try:
         with one_blas_thread():
-            hypotheses, curvature, slope = _equations(fit, identified, errors, channels)
+            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+            candidates, _ = candidate_forces(optimum, misfit, forces)
+            quadratic = augmented_quadratic(optimum, misfit, candidates)
     except np.linalg.LinAlgError:
         return None
-    tested = len(slope) - p
-    limit = least_gain(tested) * optimum.noise**2
+    return _counted(fit, hypotheses, quadratic.curvature, quadratic.slope, least_gain(len(hypotheses)))
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
+def _counted(
+    fit: LikelihoodFit, hypotheses: Sequence[Hypothesis], curvature: Floats, slope: Floats, least: float
+) -> MissingTerms | None:
+    """The terms that are added one at a time, each the likeliest beside those before it, while one gains more than `least`."""
+    optimum, p = fit.optimum, len(fit.values)
+    limit = least * optimum.noise**2
     scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     curvature, slope = curvature * np.outer(scale, scale), slope * scale
     order, added = np.arange(len(slope)), 0
@@ -78,7 +108,7 @@ def for_missing_terms(
         among = np.ix_(order, order)
         gains = single_tests(curvature[among], slope[order], curvature[among], p + added).gains
         significant = gains > limit
-        if added == min(_MOST, tested) or not significant.any():
+        if added == min(_MOST, len(hypotheses)) or not significant.any():
             break
         best = int(np.argmax(np.where(np.isfinite(gains), gains, 0.0)))
         position = p + added
@@ -90,32 +120,20 @@ def for_missing_terms(
     both = order[: p + added]
     values = np.linalg.lstsq(curvature[np.ix_(both, both)], slope[both], rcond=_SINGULAR)[0][p:]
     beside = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
-    moved = np.linalg.lstsq(*beside, rcond=_SINGULAR)[0] @ values
-    moved = np.where(fit.free, moved * scale[:p] * optimum.scales.theta[:p], 0.0)
+    moves = np.linalg.lstsq(*beside, rcond=_SINGULAR)[0] * values
+    moves = np.where(fit.free[:, None], moves * (scale[:p] * optimum.scales.theta[:p])[:, None], 0.0)
     beyond = (hypotheses[number - p] for number in order[p + added :][significant].tolist())
-    unexplained = frozenset((hypothesis.where, hypothesis.term) for hypothesis in beyond)
-    return MissingTerms(np.outer(moved, moved), unexplained)
+    return MissingTerms(
+        moves=moves,
+        counted=tuple(hypotheses[number - p] for number in terms.tolist()),
+        unexplained=frozenset((hypothesis.where, hypothesis.term) for hypothesis in beyond),
+    )
 
 
-def _equations(
-    fit: LikelihoodFit, identified: Structure, errors: Collection[Cause], channels: Sequence[str]
-) -> tuple[Sequence[Hypothesis], Floats, Floats]:
-    """The hypotheses, missing forces and named `errors`; curvature and slope in the parameters and their sizes, scaled."""
-    optimum = fit.optimum
-    if not errors:
-        hypotheses, forces = missing_forces(identified, optimum.segments.system.parameters.names)
-        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        candidates, _ = candidate_forces(optimum, misfit, forces)
-        quadratic = augmented_quadratic(optimum, misfit, candidates)
-        return hypotheses, quadratic.curvature, quadratic.slope
-    tested = tested_causes(fit, identified, channels, terms=True)
-    named = {(error.kind, error.where, error.source) for error in errors}
-    allowed = [
-        number
-        for number, hypothesis in enumerate(tested.hypotheses)
-        if hypothesis.kind in ("term", "link")
-        or (hypothesis.kind, hypothesis.where, hypothesis.source) in named
-    ]
-    order = [*range(len(fit.values)), *(len(fit.values) + number for number in allowed)]
-    hypotheses = [tested.hypotheses[number] for number in allowed]
+def _among(
+    tested: TestedCauses, numbers: Sequence[int], parameters: int
+) -> tuple[list[Hypothesis], Floats, Floats]:
+    """The hypotheses of these `numbers`; curvature and slope in the `parameters` and their sizes, scaled."""
+    order = [*range(parameters), *(parameters + number for number in numbers)]
+    hypotheses = [tested.hypotheses[number] for number in numbers]
     return hypotheses, tested.curvature[np.ix_(order, order)], tested.slope[order]
