@@ -48,6 +48,21 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
         lw.profile_interval(fit, f"link.{moved}")
 
 
+@pytest.mark.parametrize("seed", [17, 19])
+def test_intervals_hold_a_second_term_that_is_not_significant(seed: int) -> None:
+    """Beside missing drag a quintic of 0.5 % of the force left k3 5 to 7 standard errors off, and was trusted."""
+    unknown = TRUE.unknown("all")
+    true = oscillator(f"{LAW} + q*v*abs(v) + r*d**5", k=987.0, c=2.0, k3=4e5, q=0.5, r=6e6)
+    fit = lw.identify(record(true, seed), unknown)
+    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
+    assert "d**5" not in [cause.term for cause in fit.diagnosis]
+    off, covariance = np.abs(fit.values - truth(TRUE, unknown)), np.asarray(fit.covariance)
+    number = [parameter.name for parameter in fit.parameters].index("link.k3")
+    alone = covariance - present(fit.for_dropped_terms)
+    assert off[number] > CHANCE * np.sqrt(alone[number, number])
+    assert np.all(off < CHANCE * np.sqrt(covariance.diagonal()))
+
+
 def test_intervals_beside_errors_of_sensors_hold_the_same() -> None:
     """An offset is found with the coefficients, and is not one of them."""
     given = record(oscillator(f"{LAW} + q*v*abs(v)", k=987.0, c=2.0, k3=4e5, q=0.5), 3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -56,12 +56,17 @@ def usual_terms(
 ) -> tuple[list[Hypothesis], list[CandidateForce]]:
     """The few terms that links lack most often, with the force of each, for fits that leave no more than noise."""
     hypotheses, forces = missing_terms(structure, estimated)
-    usual = [
+    usual = which_usual(hypotheses, structure)
+    return [hypotheses[number] for number in usual], [forces[number] for number in usual]
+
+
+def which_usual(hypotheses: Sequence[Hypothesis], structure: Structure) -> list[int]:
+    """The numbers of the `usual_terms` among hypotheses."""
+    return [
         number
         for number, hypothesis in enumerate(hypotheses)
-        if hypothesis.term in _USUAL and hypothesis.where not in structure.modes
+        if hypothesis.kind == "term" and hypothesis.term in _USUAL and hypothesis.where not in structure.modes
     ]
-    return [hypotheses[number] for number in usual], [forces[number] for number in usual]
 
 
 def missing_terms(

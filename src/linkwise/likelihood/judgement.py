@@ -107,7 +107,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
     counted = CountedCauses()
-    if fit.model_error > 0.0 and causes:
+    if fit.model_error > 0.0:
         counted = counted_causes(fit, identified, causes, diagnosis.tested)
     missing = counted.missing
     verdict, message = _verdict(

@@ -2,10 +2,12 @@
 
 The coefficients of a law that lacks a term make up for it, as far as they can, and do so alike in all parts of a record: no
 scatter of blocks tells. Here terms are added to the linearised equations one at a time, always the one that explains most of
-what those before it leave, while what it gains is significant. With values c_D of the terms D so found the coefficients move
-by G c_D, and G c_D c_D' G' is added to their covariance: the second moment of the c_D about the zero that the laws as stated
-give them, as for terms that a discovery dropped (Berk et al., Ann. Statist. 41, 2013). Errors of sensors and inputs that the
-diagnosis names are added with the terms, where they would move coefficients by no more than the intervals can hold.
+what those before it leave, while what it gains is significant; after those the few that laws lack most often, while they are
+farther from zero than their standard error: laws that are known to be wrong may well lack them, and coefficients that
+resemble them make up for many times their score. With values c_D of the terms D so found the coefficients move by G c_D, and
+G c_D c_D' G' is added to their covariance: the second moment of the c_D about the zero that the laws as stated give them, as
+for terms that a discovery dropped (Berk et al., Ann. Statist. 41, 2013). Errors of sensors and inputs that the diagnosis
+names are added with the terms, where they would move coefficients by no more than the intervals can hold.
 """
 
 from __future__ import annotations
@@ -14,12 +16,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.diagnosis import TestedCauses, least_gain
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.hypotheses import Hypothesis, missing_forces
+from linkwise.likelihood.hypotheses import Hypothesis, missing_forces, which_usual
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.single_tests import single_tests
@@ -27,7 +30,11 @@ from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 
 _SINGULAR = 1e-12
-_MOST = 6  # terms; of more, each makes a small part of what the first ones do
+_MOST = 6  # significant terms; of more, each makes a small part of what the first ones do
+_MOST_USUAL = 24  # usual terms after them; those of more links are as many decisions
+_LIKELY = 1.0
+"""Standard errors from zero beyond which usual terms are counted: as for a term of a regression (Theil 1961), those that are
+nearer to zero than their own error say no more of the coefficients than their absence does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +88,7 @@ def for_missing_terms(
             if hypothesis.kind in ("term", "link")
             or (hypothesis.kind, hypothesis.where, hypothesis.source) in named
         ]
-        return _counted(fit, *_among(tested, numbers, len(fit.values)), least_gain(len(numbers)))
+        return _counted(fit, identified, *_among(tested, numbers, len(fit.values)))
     optimum = fit.optimum
     hypotheses, forces = missing_forces(identified, optimum.segments.system.parameters.names)
     try:
@@ -91,43 +98,57 @@ def for_missing_terms(
             quadratic = augmented_quadratic(optimum, misfit, candidates)
     except np.linalg.LinAlgError:
         return None
-    return _counted(fit, hypotheses, quadratic.curvature, quadratic.slope, least_gain(len(hypotheses)))
+    return _counted(fit, identified, hypotheses, quadratic.curvature, quadratic.slope)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
 def _counted(
-    fit: LikelihoodFit, hypotheses: Sequence[Hypothesis], curvature: Floats, slope: Floats, least: float
+    fit: LikelihoodFit,
+    identified: Structure,
+    hypotheses: Sequence[Hypothesis],
+    curvature: Floats,
+    slope: Floats,
 ) -> MissingTerms | None:
-    """The terms that are added one at a time, each the likeliest beside those before it, while one gains more than `least`."""
+    """The terms that are added one at a time, each the likeliest beside those before it: significant ones, then usual ones."""
     optimum, p = fit.optimum, len(fit.values)
-    limit = least * optimum.noise**2
     scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     curvature, slope = curvature * np.outer(scale, scale), slope * scale
+    limits = np.full(len(hypotheses), least_gain(len(hypotheses)))
+    likely = limits.copy()
+    likely[which_usual(hypotheses, identified)] = _LIKELY**2
     order, added = np.arange(len(slope)), 0
-    while True:
-        among = np.ix_(order, order)
-        gains = single_tests(curvature[among], slope[order], curvature[among], p + added).gains
-        significant = gains > limit
-        if added == min(_MOST, len(hypotheses)) or not significant.any():
-            break
-        best = int(np.argmax(np.where(np.isfinite(gains), gains, 0.0)))
-        position = p + added
-        order[[position, position + best]] = order[[position + best, position]]
-        added += 1
+    for least, at_most in ((limits, _MOST), (likely, _MOST_USUAL)):
+        most = min(added + at_most, len(hypotheses))
+        while added < most:
+            beyond = _beyond(curvature, slope, order, p + added) / optimum.noise**2
+            excess = np.where(beyond > least[order[p + added :] - p], beyond, 0.0)
+            if not excess.any():
+                break
+            position, best = p + added, int(np.argmax(excess))
+            order[[position, position + best]] = order[[position + best, position]]
+            added += 1
     if not added:
         return None
     own, terms = order[:p], order[p : p + added]
     both = order[: p + added]
     values = np.linalg.lstsq(curvature[np.ix_(both, both)], slope[both], rcond=_SINGULAR)[0][p:]
-    beside = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
-    moves = np.linalg.lstsq(*beside, rcond=_SINGULAR)[0] * values
+    follow = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
+    moves = np.linalg.lstsq(*follow, rcond=_SINGULAR)[0] * values
     moves = np.where(fit.free[:, None], moves * (scale[:p] * optimum.scales.theta[:p])[:, None], 0.0)
-    beyond = (hypotheses[number - p] for number in order[p + added :][significant].tolist())
+    significant = _beyond(curvature, slope, order, p + added) / optimum.noise**2 > limits[0]
+    beside = (hypotheses[number - p] for number in order[p + added :][significant].tolist())
     return MissingTerms(
         moves=moves,
         counted=tuple(hypotheses[number - p] for number in terms.tolist()),
-        unexplained=frozenset((hypothesis.where, hypothesis.term) for hypothesis in beyond),
+        unexplained=frozenset((hypothesis.where, hypothesis.term) for hypothesis in beside),
     )
+
+
+def _beyond(curvature: Floats, slope: Floats, order: NDArray[np.intp], counted: int) -> Floats:
+    """What each of the columns after those `counted` would take off the cost beside them."""
+    among = np.ix_(order, order)
+    gains = single_tests(curvature[among], slope[order], curvature[among], counted).gains
+    return np.where(np.isfinite(gains), gains, 0.0)
 
 
 def _among(
