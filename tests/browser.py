@@ -8,6 +8,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from matplotlib.image import imread
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -70,4 +71,5 @@ def show(page: Path, scratch: Path) -> Shown:
         check=True,
     )
     console = re.findall(r":CONSOLE[:(]\d+\)?\] (.*)", run.stderr)
-    return Shown(run.stdout, tuple(console), len({tuple(row) for row in imread(picture).reshape(-1, 4)[::7]}))
+    colours = np.round(255.0 * imread(picture).reshape(-1, 4)[::7]).astype(np.uint8).view(np.uint32)
+    return Shown(run.stdout, tuple(console), len(np.unique(colours)))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present, some
-from problems import chain_discovery, chain_record
+from problems import chain_record
 from structures import equal_sinks
 
 import linkwise as lw
@@ -129,11 +129,12 @@ def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Es
     assert "covariance.csv" in result["files"]
 
 
-def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(tmp_path: Path) -> None:
-    discovery = chain_discovery(2, 30.0, 1)
-    assert discovery.trusted
-    lw.write_discovery(discovery, tmp_path / "found")
-    posterior, true = lw.read_posterior(tmp_path / "found"), lw.Posterior.of(discovery.estimate)
+def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(
+    discovered: lw.Discovery, tmp_path: Path
+) -> None:
+    assert discovered.trusted
+    lw.write_discovery(discovered, tmp_path / "found")
+    posterior, true = lw.read_posterior(tmp_path / "found"), lw.Posterior.of(discovered.estimate)
     np.testing.assert_allclose(
         posterior.covariance, true.covariance, rtol=1e-9
     )  # the file has one half of it
@@ -142,7 +143,7 @@ def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(tmp_path: Pat
     )
     own, whole = np.diag(posterior.beside_terms_kept), np.diag(posterior.covariance)
     assert (own > 0.0).all() and (own < whole).all()
-    unsettled = replace(discovery, verdicts=(*discovery.verdicts, lw.Verdict.SEARCH_UNSETTLED))
+    unsettled = replace(discovered, verdicts=(*discovered.verdicts, lw.Verdict.SEARCH_UNSETTLED))
     lw.write_discovery(unsettled, tmp_path / "unsettled")
     assert not (tmp_path / "unsettled" / "covariance.csv").exists()
     (tmp_path / "covariance.csv").write_text("first,second,covariance\nnes1.alpha,nes1.alpha,1,2,3\n")

@@ -74,6 +74,7 @@ def test_where_laws_run_away_the_selection_of_white_noise_stays(monkeypatch: pyt
     assert not discovery.trusted and discovery.structure.links
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_a_term_that_was_not_offered_is_no_coloured_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cubic spring of a bistable link, and only springs and dampers to choose from."""
     tried = []

@@ -28,9 +28,9 @@ def plain(law: str, **values: float) -> lw.Structure:
     return pair(link("m2-m1", "m2-m1", law, **values))
 
 
-def noisy(subject: lw.Structure, seed: int) -> lw.Record:
+def noisy(subject: lw.Structure, seed: int, duration: float = 6.0) -> lw.Record:
     force = "9*sin(17*t) + 7*sin(31*t + 1) + 6*sin(53*t + 2)"
-    record = lw.simulate(subject, forces={"m2": force}, duration=6.0, rate=200.0, sensors=("x",))
+    record = lw.simulate(subject, forces={"m2": force}, duration=duration, rate=200.0, sensors=("x",))
     return record.with_noise(40.0, seed=seed)
 
 
@@ -76,13 +76,13 @@ def test_takes_memory_into_a_stated_link() -> None:
 
 def test_does_not_take_a_missing_form_for_memory() -> None:
     found = lw.discover(
-        noisy(plain("k*d + c*v + k3*d**3", k=800.0, c=1.0, k3=4e5), 73), MASSES, terms="linear"
+        noisy(plain("k*d + c*v + k3*d**3", k=800.0, c=1.0, k3=4e5), 73, 3.0), MASSES, terms="linear"
     )
     assert not found.trusted and not any(each.certain for each in found.memory)
 
 
 def test_says_that_no_memory_was_found() -> None:
-    found = lw.discover(noisy(plain("k*d + c*v", k=800.0, c=1.0), 74), MASSES, terms="linear, zener")
+    found = lw.discover(noisy(plain("k*d + c*v", k=800.0, c=1.0), 74, 3.0), MASSES, terms="linear, zener")
     assert found.trusted and found.memory == ()
     assert any("no memory was found" in remark for remark in found.remarks)
 

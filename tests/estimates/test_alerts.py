@@ -34,6 +34,7 @@ def clipped_record() -> lw.Record:
     return faulty(clean_record(), "x:m2", clip)
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_alert_stands_in_the_answer(name: str) -> None:
     answer = ANSWERS[name](clipped_record())

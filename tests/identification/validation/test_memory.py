@@ -99,7 +99,7 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
 
 
 def test_chaotic_motion_is_predicted_in_windows() -> None:
-    record = in_wells(bistable(c=0.02), 12.0, "0.005*sin(20*t)", 8)
+    record = in_wells(bistable(c=0.02), 6.0, "0.005*sin(20*t)", 8)
     validation = lw.validate(record, bistable(c=0.02))
     assert not validation.free_run and validation.windows > 1 and validation.trusted
     assert not lw.validate(record, bistable(c=0.02, alpha=-55.0)).trusted
