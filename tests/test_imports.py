@@ -15,8 +15,8 @@ PACKAGES = (  # from the ground up: a package imports only from those before it,
     "root", "expression", "model", "records", "files", "signals", "modal", "inspection.levels", "inspection",
     "analysis", "simulation.integrator", "simulation", "estimates", "sindy.regression", "sindy", "weak",
     "likelihood.starts", "likelihood.shooting", "likelihood.prescribed", "likelihood", "identification.limit",
-    "identification.modal_test", "identification.validation", "identification", "discovery", "absorption", "study", "plot",
-    "paper", "report", "cli",
+    "identification.modal_test", "identification.validation", "identification", "discovery", "absorption", "study", "export",
+    "plot", "paper", "report", "cli",
 )  # fmt: skip
 DOORS = {
     "heyoka": "simulation/integrator",

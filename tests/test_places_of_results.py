@@ -14,9 +14,9 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import COMMANDS, run
+from linkwise.export.formats import EXPORTS, ExportFormat
 from linkwise.files import FORMATS, Format
 from linkwise.report.estimate_page import SECTIONS
-from linkwise.report.export_formats import EXPORTS, ExportFormat
 from linkwise.report.section import Reported, Section, figure_section
 from linkwise.study.toml_file import METHOD_TABLES
 
@@ -200,7 +200,7 @@ def test_a_figure_of_a_page_is_a_function_and_a_line(
 CELLS = """
 from pathlib import Path
 
-from linkwise.report.export import ExportedAnswer
+from linkwise.export.answer import ExportedAnswer
 
 
 def write(answer: ExportedAnswer, path: Path, name: str) -> None:

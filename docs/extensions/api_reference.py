@@ -38,6 +38,7 @@ PACKAGES = {
     "study": "Studies",
     "plot": "Figures",
     "report": "Result folders",
+    "export": "Exports",
     "paper": "The paper",
     "verdict": "Trust",
     "progress": "Progress",

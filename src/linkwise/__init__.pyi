@@ -62,6 +62,7 @@ from linkwise.estimates.random_force import RandomForceEstimate as RandomForceEs
 from linkwise.estimates.sensor_error import SensorErrorEstimate as SensorErrorEstimate
 from linkwise.estimates.uncertainty import Posterior as Posterior
 from linkwise.estimates.uncertainty import read_posterior as read_posterior
+from linkwise.export.answer import export_answer as export_answer
 from linkwise.expression.tree import Expression as Expression
 from linkwise.files import read_record as read_record
 from linkwise.files import write_record as write_record
@@ -158,7 +159,6 @@ from linkwise.report.discovery_folder import write_discovery as write_discovery
 from linkwise.report.discovery_json import discovery_of as discovery_of
 from linkwise.report.estimate_folder import write_result as write_result
 from linkwise.report.estimate_json import result_of as result_of
-from linkwise.report.export import export_answer as export_answer
 from linkwise.report.inspection_folder import write_inspection as write_inspection
 from linkwise.report.study_folder import write_study_report as write_study_report
 from linkwise.report.validation_folder import write_validation as write_validation

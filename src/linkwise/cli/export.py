@@ -14,11 +14,11 @@ from linkwise.cli.options import FILE
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
-    from linkwise.report import export as exports
-    from linkwise.report import export_formats as formats
+    from linkwise.export import answer as exports
+    from linkwise.export import formats
 else:
-    exports = lazy_module("linkwise.report.export")
-    formats = lazy_module("linkwise.report.export_formats")
+    exports = lazy_module("linkwise.export.answer")
+    formats = lazy_module("linkwise.export.formats")
 
 
 @click.command(cls=listing("FORMATS", lambda: formats.listed_formats()))

@@ -10,7 +10,7 @@ from typing import Any
 
 from linkwise.errors import OutputError
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.report.export import ExportedAnswer
+from linkwise.export.answer import ExportedAnswer
 from linkwise.text import csv_cell
 
 _HEADER = ("of", "coefficient", "value", "unit", "standard error", "lower", "upper", "law")

@@ -6,11 +6,11 @@ import builtins
 import keyword
 from pathlib import Path
 
+from linkwise.export.answer import ExportedAnswer
+from linkwise.export.names import identifiers
 from linkwise.expression.code import NUMPY, to_code
 from linkwise.expression.tree import to_text
 from linkwise.model.link import Link
-from linkwise.report.export import ExportedAnswer
-from linkwise.report.export_names import identifiers
 
 _RESERVED = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist, *dir(builtins))
 _HEAD = '''"""Forces of the links of a structure, identified by linkwise {version}.

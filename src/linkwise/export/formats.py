@@ -33,21 +33,15 @@ EXPORTS: Registry[ExportFormat] = Registry(
     {
         ".py": ExportFormat(
             "a Python module: the force of each link as a function of arrays, with coefficients, errors and covariance",
-            "linkwise.report.export_python:write",
+            "linkwise.export.python:write",
         ),
-        ".m": ExportFormat(
-            "the same as a function for MATLAB and Octave", "linkwise.report.export_matlab:write"
-        ),
-        ".mat": ExportFormat(
-            "the numbers and laws as variables for MATLAB", "linkwise.report.export_mat:write"
-        ),
+        ".m": ExportFormat("the same as a function for MATLAB and Octave", "linkwise.export.matlab:write"),
+        ".mat": ExportFormat("the numbers and laws as variables for MATLAB", "linkwise.export.mat:write"),
         ".csv": ExportFormat(
             "a table of the coefficients with units, errors and intervals",
-            "linkwise.report.export_table:write_csv",
+            "linkwise.export.table:write_csv",
         ),
-        ".xlsx": ExportFormat(
-            "the same table, and the covariance", "linkwise.report.export_table:write_xlsx"
-        ),
+        ".xlsx": ExportFormat("the same table, and the covariance", "linkwise.export.table:write_xlsx"),
     },
     OutputError,
 )

@@ -15,10 +15,10 @@ from linkwise.atomic import atomic_file
 from linkwise.errors import OutputError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
+from linkwise.export.formats import EXPORTS
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.report.export_formats import EXPORTS
 
 
 @dataclass(frozen=True)

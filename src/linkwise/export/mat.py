@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from linkwise.report.export import ExportedAnswer
+from linkwise.export.answer import ExportedAnswer
 
 
 def write(answer: ExportedAnswer, path: Path, name: str) -> None:

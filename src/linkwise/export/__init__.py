@@ -1,0 +1,1 @@
+"""Answers for other programs: one format a file, of a structure with its coefficients, errors and covariance."""
