@@ -68,16 +68,14 @@ def force_comparison(
     ['theory', 'weak form']
     """
     d = _elongations(d_range)
-    to_d, unit_d = scale(float(np.abs(d).max()), "m")
     force = true.force(d)
     to_f, unit_f = scale(float(np.abs(force).max()), "N")
     lines = _lines(identified, styles)
     with axes_for(ax, legend=legend) as axes:
-        axes.plot(d * to_d, force * to_f, color=TRUE, linewidth=3.0, alpha=0.35, label="theory")
+        shown = _over_elongation(axes, d)
+        axes.plot(shown, force * to_f, color=TRUE, linewidth=3.0, alpha=0.35, label="theory")
         for name, link in identified.items():
-            axes.plot(d * to_d, link.force(d) * to_f, **{"label": label(name), **lines[name]})
-        axes.set_xlim(d[0] * to_d, d[-1] * to_d)
-        axes.set_xlabel(f"elongation d, {unit_d}")
+            axes.plot(shown, link.force(d) * to_f, **{"label": label(name), **lines[name]})
         axes.set_ylabel(f"force at v = 0, {unit_f}")
     return axes
 
@@ -131,20 +129,18 @@ def force_errors(
     'error, % of the largest force'
     """
     d = _elongations(d_range)
-    to_d, unit_d = scale(float(np.abs(d).max()), "m")
     force = true.force(d)
     largest = max(float(np.abs(force).max()), np.finfo(float).tiny)
     errors = {name: 100.0 * np.abs(link.force(d) - force) / largest for name, link in identified.items()}
     lines = _lines(identified, styles)
     with axes_for(ax, legend=legend) as axes:
+        shown = _over_elongation(axes, d)
         for name, error in errors.items():
-            axes.plot(d * to_d, error, **{"label": label(name), **lines[name]})
+            axes.plot(shown, error, **{"label": label(name), **lines[name]})
         peaks = [float(error.max()) for error in errors.values() if error.any()]
         if peaks:
             log_scale(axes, "y")
             axes.set_ylim(bottom=_DEPTH * min(peaks))
-        axes.set_xlim(d[0] * to_d, d[-1] * to_d)
-        axes.set_xlabel(f"elongation d, {unit_d}")
         axes.set_ylabel("error, % of the largest force")
     return axes
 
@@ -209,6 +205,14 @@ def _elongations(d_range: tuple[float, float]) -> Floats:
             f"d_range must be the least and the greatest elongation in m, got {least} and {greatest}"
         )
     return np.linspace(least, greatest, _GRID)
+
+
+def _over_elongation(axes: Axes, d: Floats) -> Floats:
+    """(G,) elongations in the unit of the axis, which is set up for them."""
+    to_d, unit_d = scale(float(np.abs(d).max()), "m")
+    axes.set_xlim(d[0] * to_d, d[-1] * to_d)
+    axes.set_xlabel(f"elongation d, {unit_d}")
+    return d * to_d
 
 
 def _lines(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:
