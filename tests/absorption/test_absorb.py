@@ -269,7 +269,7 @@ def test_structures_without_an_answer() -> None:
 def test_a_structure_of_sinks_alone_is_refused() -> None:
     lone = built("s: m1-ground: p*d + q*d**3", 1.0, p=-1.0, q=1.0)
     with pytest.raises(
-        lw.StructureError, match=r"every mass \(m1\) would be the mass of a sink.*name fewer sinks"
+        lw.StructureError, match=r"every mass \(m1\) would belong to a sink.*name fewer sinks"
     ):
         lw.absorb(lone, duration=1.0, release=RELEASE)
 

@@ -87,7 +87,7 @@ def test_export_runs_nothing(finished: Path, tmp_path: Path, capsys: pytest.Capt
         "the folder does not hold a study" in capsys.readouterr().err and not (tmp_path / "nothing").exists()
     )
     assert run(["study", "paper", "-o", str(finished), "--export"]) == 2
-    assert 'holds the study "small", not "paper"; name that one' in capsys.readouterr().err
+    assert 'holds the study "small", not "paper"; give that name' in capsys.readouterr().err
 
 
 def test_an_earlier_study_is_not_mixed_with_another(
@@ -115,7 +115,7 @@ def test_no_answer_at_all_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureF
         (["papr", "-o", "x"], 'papr: there is no such study; did you mean "paper"?'),
         (["paper"], "Missing option '-o' / '--output'"),
         (["paper", "-o", "x", "--workers", "0"], "0 is not in the range x>=1"),
-        (["paper", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"], "--scheduler has its own; give one of them"),
+        (["paper", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"], "--scheduler on a cluster; give only one"),
         (["paper", "-o", "x", "--scheduler", "tcp://127.0.0.1:1"], "tcp://127.0.0.1:1: no scheduler answers"),
     ],
 )  # fmt: skip

@@ -194,7 +194,7 @@ def test_parquet_metadata_that_are_not_ours(stated: str, tmp_path: Path) -> None
     metadata = {b"linkwise record": stated.encode("utf-8", "surrogateescape")}
     schema = pyarrow.schema([(name, pyarrow.float64()) for name in columns], metadata=metadata)
     parquet.write_table(pyarrow.table(columns, schema=schema), path)
-    with pytest.raises(lw.RecordError, match="its metadata are not those of a record"):
+    with pytest.raises(lw.RecordError, match="its metadata is not that of a record"):
         lw.read_record(path)
 
 

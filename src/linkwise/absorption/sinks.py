@@ -50,8 +50,8 @@ def find_sinks(structure: Structure, names: Sequence[str] = ()) -> tuple[Sink, .
     sinks = tuple(_sink(structure, name) for name in chosen)
     if {sink.mass for sink in sinks} >= set(structure.mass_names):
         raise StructureError(
-            f"every mass ({', '.join(structure.mass_names)}) would be the mass of a sink, and no primary mass is left; name "
-            "fewer sinks"
+            f"every mass ({', '.join(structure.mass_names)}) would belong to a sink, so no primary mass is left; name fewer "
+            "sinks"
         )
     return sinks
 

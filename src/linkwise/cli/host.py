@@ -95,7 +95,7 @@ def host(
       linkwise structure host taps.csv --modes auto -o beam.toml
     """
     if output is not None and any(output.resolve() == file.resolve() for file in files):
-        raise click.UsageError(f"-o {output} is the file that is read; write to another one.")
+        raise click.UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
     title = options["name"] or files[0].stem
     sigmas = {
         quantity: _part(options[f"{quantity}_sigma"], quantity)

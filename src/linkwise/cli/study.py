@@ -61,7 +61,7 @@ def study(
     """
     if workers is not None and scheduler is not None:
         raise click.UsageError(
-            "--workers are processes of this machine, --scheduler has its own; give one of them."
+            "--workers runs the study on this machine, --scheduler on a cluster; give only one of them."
         )
     definition = lw.read_study(name)
     definition = definition.quickly() if quick else definition
@@ -85,7 +85,7 @@ def _require_stored(study: lw.Study, output: Path) -> None:
     stored = lw.stored_study(output)
     if stored.name != study.name:
         raise click.UsageError(
-            f'{output} holds the study "{stored.name}", not "{study.name}"; name that one.'
+            f'{output} holds the study "{stored.name}", not "{study.name}"; give that name, or another folder.'
         )
     if not lw.read_rows(output):
         raise lw.LinkwiseError(

@@ -134,8 +134,8 @@ def discover(
     )
     if candidates.memory and (sensors.random or chosen.delays or "delay" in chosen.admit):
         raise IdentificationError(
-            f"beside random forces, noise of inputs or delays laws with memory are not found: leave "
-            f"{', '.join(candidates.memory)} out of the terms, or those out"
+            f"laws with memory cannot be found together with random forces, noise of inputs or delays: leave out either "
+            f"{', '.join(candidates.memory)} or those"
         )
     if sensors.random:
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)

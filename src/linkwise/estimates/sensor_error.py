@@ -73,7 +73,7 @@ class SensorErrorEstimate:
         """
         kind, value, error = document["kind"], float(document["value"]), float(document["standard_error"])
         if kind not in get_args(ErrorKind) or not (isfinite(value) and isfinite(error) and error >= 0.0):
-            raise ValueError(f"this is no error of a sensor: {dict(document)}")
+            raise ValueError(f"not an error of a sensor: {dict(document)}")
         return cls(str(document["channel"]), kind, value, error, str(document["unit"]))
 
     def to_dict(self) -> dict[str, str | float]:

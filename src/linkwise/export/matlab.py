@@ -49,8 +49,8 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
     """Write the function, which has the `name` of its file. Raises OutputError for one that is not that of a function."""
     if not _NAME.fullmatch(name) or name in _KEYWORDS:
         raise OutputError(
-            f"{name}.m: a function of MATLAB has the name of its file, letters, digits and underscores after a letter, and "
-            f"{name!r} is none; choose another name"
+            f"{name}.m: a function of MATLAB has the name of its file, and {name!r} is not the name of a function: use "
+            "letters, digits and underscores after a letter"
         )
     note = f"\n%   {answer.note}" if answer.note else ""
     head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note)

@@ -32,7 +32,7 @@ def read_table(path: Path) -> Table:
         try:
             stated = msgspec.json.decode(content.schema.metadata[_KEY], type=_Stated, strict=True)
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-            raise RecordError(f"its metadata are not those of a record: {error}", path) from error
+            raise RecordError(f"its metadata is not that of a record: {error}", path) from error
     columns = tuple(
         replace(Column.of(field.name, _values(content.column(i))), attributes=_stated_in(field))
         for i, field in enumerate(content.schema)

@@ -238,7 +238,7 @@ class MaximumLikelihood(Estimator):
         named += ["exact laws"] if self.exact else []
         if named:
             raise IdentificationError(
-                f"{', '.join(named)}: not supported for links alone on a rig, of which offsets of sensors can be found"
+                f"{', '.join(named)}: not supported for links alone on a rig, where only offsets of sensors can be found"
             )
         return rig_estimate(
             records,

@@ -16,8 +16,8 @@ def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence
     if supports and mass_names:
         first, second = supports[0].between
         raise StructureError(
-            f'at least one end must be a mass, got "{first}" and "{second}"; a link between both is alone on a rig, without a '
-            "mass",
+            f'at least one end must be a mass, got "{first}" and "{second}"; a link between these needs a '
+            "structure without masses, a rig",
             f'link "{supports[0].name}"',
         )
     names = {*mass_names, *places}

@@ -126,7 +126,9 @@ def displacements_figure(
     if columns < 1:
         raise LinkwiseError(f"columns must be at least 1, got {columns}")
     if len(titles) not in (0, len(masses)):
-        raise LinkwiseError(f"titles must be as many as panels, {len(masses)}, got {len(titles)}")
+        raise LinkwiseError(
+            f"titles must have one entry for each of the {len(masses)} panels, got {len(titles)}"
+        )
     rows = -(-len(masses) // columns)
     with sheet(rows, columns, height=0.8 + _PANEL_HEIGHT * rows) as (figure, panels):
         for number, (axes, mass) in enumerate(zip(panels, masses, strict=False)):

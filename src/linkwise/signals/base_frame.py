@@ -118,14 +118,14 @@ def _require_links_to_base(record: Record, structure: Structure) -> None:
     grounded = [link.name for link in structure.links if GROUND in link.between]
     if grounded:
         raise IdentificationError(
-            f'link "{grounded[0]}" ends at the ground and another at the base, whose displacement then counts; {has} '
-            f"determines it only up to drift: give a channel x:{BASE}, or let every link end at the base"
+            f'link "{grounded[0]}" ends at the ground and another at the base, so the displacement of the base is needed, '
+            f"which {has} determines only up to drift: give a channel x:{BASE}, or let every link end at the base"
         )
     unknown = [mass.name for mass in structure.masses if mass.mass.value is None or not mass.mass.known]
     if unknown:
         raise IdentificationError(
-            f'mass "{unknown[0]}" is unknown, and with {has} alone the masses carry the excitation: weigh it, or give a '
-            f"channel x:{BASE}"
+            f'mass "{unknown[0]}" is unknown, and with {has} alone the excitation is proportional to the masses: weigh it, '
+            f"or give a channel x:{BASE}"
         )
 
 

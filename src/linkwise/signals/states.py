@@ -165,7 +165,7 @@ def finite_differences(samples: Floats, rate: float, derivative: int, *, order: 
     """
     if order not in (2, 4, 6) or derivative not in (1, 2):
         raise RecordError(
-            f"differences have order 2, 4 or 6 and derivative 1 or 2, got order {order!r} and derivative {derivative!r}"
+            f"order must be 2, 4 or 6 and derivative 1 or 2, got order {order!r} and derivative {derivative!r}"
         )
     half = order // 2
     length = order + derivative  # points of a one-sided stencil of this order

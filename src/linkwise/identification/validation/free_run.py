@@ -116,7 +116,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     record, channels = frame.record, frame.record.responses
     if not 2 <= settling < len(record):
         raise RecordError(
-            f"a run cannot settle on {settling} samples: the record has {len(record)}, and some must be left to compare"
+            f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
         )
     for name in channels:
         present = ~np.isnan(record.channel(name))

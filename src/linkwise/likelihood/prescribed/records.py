@@ -33,8 +33,8 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
     name = BASE_CHANNEL
     if name not in record.channels:
         raise IdentificationError(
-            f"a link alone on a rig is identified from the displacement of its base, {name}, and the record holds "
-            f"{', '.join(record.channels)}; of an end that is held, the motion of the other one is that of the base"
+            f"a link alone on a rig is identified from the displacement of its base, {name}, but the record holds "
+            f"{', '.join(record.channels)}; where one end is fixed, call the other end the base"
         )
     values = record.channel(name)
     require_complete(name, values, record.start, record.rate)
