@@ -83,3 +83,16 @@ def test_other_masses_cannot_be_compared(chain: lw.Structure) -> None:
         lw.StructureError, match="does not have the mass big, so the two cannot be compared; it has m1, m2"
     ):
         lw.term_score(discovered, chain)
+
+
+def test_laws_with_memory_are_refused_by_name(chain: lw.Structure) -> None:
+    given = {"sigma": 1e4, "Fc": 1.0, "c": 0.1}
+    joint = lw.named_law("dahl").link("joint", ("m2", "m1"), given)
+    with_memory = lw.Structure("tower", chain.masses, (chain.links[0], joint))
+    message = (
+        r'link "joint": the law has memory \(state q\), which is not supported in the comparison with a truth'
+    )
+    for pair in ((chain, with_memory), (with_memory, chain)):
+        for compare in (lw.term_score, lw.align_truth):
+            with pytest.raises(lw.StructureError, match=message):
+                compare(*pair)

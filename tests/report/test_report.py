@@ -134,3 +134,19 @@ def test_what_was_found_stands_before_what_was_known(fitted: lw.Estimate) -> Non
     page = page_of(fitted)
     assert page.index("<h3>nes1 ") < page.index("<h3>spring1 ")
     assert "plotly-graph-div" not in page.partition("<h2>Masses")[0]  # no link was to be pictured
+
+
+def test_a_discovery_from_a_simulated_record_with_memory_is_written(
+    discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
+) -> None:
+    """Its figures are not compared with the true forces, which the motion alone does not tell."""
+    simulated = discovered.estimate.record.simulated
+    assert simulated is not None
+    sink = chain.link("nes1")
+    joint = lw.named_law("dahl").link(sink.name, sink.between, {"sigma": 1e4, "Fc": 1.0, "c": 0.1})
+    with_memory = replace(simulated, structure=replace(chain, links=(chain.links[0], joint)))
+    record = replace(discovered.estimate.record, simulated=with_memory)
+    discovery = replace(discovered, estimate=replace(discovered.estimate, record=record))
+    folder = lw.write_discovery(discovery, tmp_path / "answer")
+    assert "truth" not in json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    assert (folder / "force_m2-m1.png").exists()

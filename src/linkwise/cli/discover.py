@@ -29,9 +29,11 @@ from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.discovery import term_families as families
+    from linkwise.model import memory_support
     from linkwise.report import discovery_folder as folders
 else:
     families = lazy_module("linkwise.discovery.term_families")
+    memory_support = lazy_module("linkwise.model.memory_support")
     folders = lazy_module("linkwise.report.discovery_folder")  # figures are for those who want a folder
 
 EXAMPLE = "m1=1.0"
@@ -178,6 +180,9 @@ def discover(
         for remark in lw.check_discovery(records, masses, options):
             tell(f"note: {remark}")
         discovery = lw.discover(records, masses, options, progress=step)
+    if true is not None and any(link.law.states for link in discovery.structure.links):
+        tell("note: a law with memory was found, so the answer is not compared with the truth")
+        true = None
     if process is not None:
         process.draw(discovery, true)
     result = lw.discovery_of(discovery, true)
@@ -213,6 +218,7 @@ def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:
 def _true(path: Path, names: tuple[str, ...]) -> lw.Structure:
     """The true structure; refused before the work where it has other masses or says nothing of a coefficient."""
     structure = lw.read_structure(path)
+    memory_support.refuse_memory(structure.links, memory_support.COMPARISON)
     unknown = [parameter.name for parameter in structure.parameters]
     if unknown:
         raise lw.StructureError(

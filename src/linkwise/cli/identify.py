@@ -156,7 +156,7 @@ def identify(
     subject = lw.read_structure(structure)
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
-        memory_support.refuse_memory(true.links, "the comparison with a truth")
+        memory_support.refuse_memory(true.links, memory_support.COMPARISON)
     for remark in source.masses_beside(subject):
         tell(f"note: {remark}")
     with progress("reading") as step:

@@ -29,6 +29,7 @@ from linkwise.expression import (
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.model.link import Link
+from linkwise.model.memory_support import COMPARISON, refuse_memory
 from linkwise.model.structure import Structure
 
 _POINTS = 200
@@ -111,7 +112,7 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     Raises
     ------
     StructureError
-        If the true structure lacks a mass of `discovered`, or a coefficient is unknown.
+        If the true structure lacks a mass of `discovered`, a coefficient is unknown, or a link has memory.
 
     Examples
     --------
@@ -121,7 +122,7 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     >>> lw.term_score(linear, chain).missing
     ('nes1.beta',)
     """
-    _require_masses(discovered, truth)
+    _require_comparable(discovered, truth)
     orientation = {frozenset(link.between): link.between for link in discovered.links}
     ours, theirs = (
         [
@@ -166,7 +167,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     Raises
     ------
     StructureError
-        If the true structure lacks a mass of `discovered`, or a coefficient is unknown.
+        If the true structure lacks a mass of `discovered`, a coefficient is unknown, or a link has memory.
 
     Examples
     --------
@@ -178,7 +179,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     >>> lw.align_truth(lw.Structure("found", chain.masses, links), chain).link("m1-ground").law.text
     'k*d + true1*(v)'
     """
-    _require_masses(discovered, truth)
+    _require_comparable(discovered, truth)
     orientation = {frozenset(link.between): link.between for link in discovered.links}
     theirs = [
         term
@@ -282,7 +283,8 @@ def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[s
     )
 
 
-def _require_masses(discovered: Structure, truth: Structure) -> None:
+def _require_comparable(discovered: Structure, truth: Structure) -> None:
+    refuse_memory((*discovered.links, *truth.links), COMPARISON)
     missing = [name for name in discovered.mass_names if name not in truth.mass_names]
     if missing:
         raise StructureError(

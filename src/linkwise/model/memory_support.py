@@ -9,6 +9,8 @@ import numpy as np
 from linkwise.errors import StructureError
 from linkwise.model.link import Link
 
+COMPARISON = "the comparison with a truth"  # of terms and forces of d and v
+
 
 def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
     """Raise StructureError if the states of one of the links do not rest at 0 while its ends rest, as `feature` needs."""

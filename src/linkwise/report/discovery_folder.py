@@ -89,7 +89,12 @@ def _with_aligned_truth(discovery: Discovery) -> Discovery:
     simulated = estimate.record.simulated
     if simulated is None:
         return discovery
-    aligned = replace(simulated, structure=align_truth(estimate.structure, simulated.structure))
+    structures = (estimate.structure, simulated.structure)
+    if any(
+        link.law.states for structure in structures for link in structure.links
+    ):  # not compared, see term_score
+        return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=None)))
+    aligned = replace(simulated, structure=align_truth(*structures))
     return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=aligned)))
 
 
