@@ -39,3 +39,10 @@ def test_estimates_know_the_kinds_of_their_links(fitted: lw.Estimate) -> None:
 
 def test_a_term_with_a_coefficient_of_zero_does_not_bend() -> None:
     assert law_kind(link("link", "m1-ground", "k*d + q*d**2", k=30000.1, q=0.0), 0.0123) == "linear"
+
+
+@pytest.mark.parametrize(("name", "kind"), [("bouc-wen", "linear with memory"), ("dahl", "memory")])
+def test_a_law_with_memory_says_so(name: str, kind: str) -> None:
+    law = lw.named_law(name)
+    joint = law.link("joint", ("m1", "ground"), dict.fromkeys(law.coefficients, 0.5))
+    assert law_kind(joint, 1.0) == kind

@@ -10,6 +10,7 @@ from linkwise.expression import differentiate, symbols
 from linkwise.model.link import Link
 
 DAMPER = "damper only"
+MEMORY = "memory"
 LINEAR = "linear"
 HARDENING = "hardening"
 SOFTENING = "softening"
@@ -29,8 +30,17 @@ def law_kind(link: Link, reach: float) -> str:
 
     "damper only" without an elastic part; "bistable" with two wells ("3 wells" and so on with more); "linear"; "hardening" or
     "softening" where the force on both sides is larger or smaller than that of the stiffness at 0; "one-sided" where there is
-    no force on one side; "uneven" where one side hardens and the other softens; "negative stiffness" without a well.
+    no force on one side; "uneven" where one side hardens and the other softens; "negative stiffness" without a well. Of a law
+    with states the kind is that of its force at states of 0, as in "linear with memory", or "memory" where that is no spring.
     """
+    kind = _kind_at_rest(link, reach)
+    if not link.law.states:
+        return kind
+    return MEMORY if kind == DAMPER else f"{kind} with memory"
+
+
+def _kind_at_rest(link: Link, reach: float) -> str:
+    """The kind of the force at v = 0 and states of 0."""
     slope = differentiate(link.law.elastic, "d")
     if "d" not in symbols(link.law.elastic):
         return DAMPER
