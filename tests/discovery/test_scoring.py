@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from structures import link, structure
@@ -88,7 +90,7 @@ def test_other_masses_cannot_be_compared(chain: lw.Structure) -> None:
 def test_laws_with_memory_are_refused_by_name(chain: lw.Structure) -> None:
     given = {"sigma": 1e4, "Fc": 1.0, "c": 0.1}
     joint = lw.named_law("dahl").link("joint", ("m2", "m1"), given)
-    with_memory = lw.Structure("tower", chain.masses, (chain.links[0], joint))
+    with_memory = replace(chain, links=(chain.links[0], joint))
     message = (
         r'link "joint": the law has memory \(state q\), which is not supported in the comparison with a truth'
     )

@@ -168,7 +168,7 @@ def test_no_text_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
         ("forces.doc", "answers cannot be exported to .doc; choose from .py, .m, .mat, .csv, .xlsx"),
         ("forces", "answers cannot be exported to a file without suffix"),
         ("2 forces.m", "a function of MATLAB has the name of its file"),
-        ("end.m", "'end' is none"),
+        ("end.m", "'end' is not the name of a function"),
     ],
 )
 def test_files_that_cannot_be_written_are_refused(tmp_path: Path, file: str, said: str) -> None:
