@@ -33,9 +33,11 @@ class Runs:
 
     @property
     def z(self) -> np.ndarray:
-        """(R, p) errors in standard errors."""
+        """(R, p) errors in standard errors of the laws as stated, which terms that chance hints at widen in a few fits."""
         values = np.stack([fit.values for fit in self.fits])
-        scaled: np.ndarray = (values - self.true) / np.sqrt([np.diag(fit.covariance) for fit in self.fits])
+        added = [0.0 if fit.for_dropped_terms is None else fit.for_dropped_terms for fit in self.fits]
+        variances = [np.diag(fit.covariance - more) for fit, more in zip(self.fits, added, strict=True)]
+        scaled: np.ndarray = (values - self.true) / np.sqrt(variances)
         return scaled
 
 

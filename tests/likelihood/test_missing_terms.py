@@ -76,6 +76,26 @@ def test_intervals_beside_errors_of_sensors_hold_the_same() -> None:
     assert added[number, number] == pytest.approx(alone[number, number], rel=0.2)
 
 
+def test_intervals_hold_what_a_term_below_detection_makes_of_the_coefficients() -> None:
+    """A quintic of 0.05 % of the force left k3 15 standard errors off, and was trusted as exact: no score is significant."""
+    unknown = TRUE.unknown("all")
+    fit = lw.identify(record(oscillator(f"{LAW} + q*d**5", k=987.0, c=2.0, k3=4e5, q=6e5), 7), unknown)
+    assert fit.verdicts == (lw.Verdict.CONVERGED,) and not fit.diagnosis
+    assert "The residuals hint at a force like d**5 in link" in fit.message
+    off, covariance = np.abs(fit.values - truth(TRUE, unknown)), np.asarray(fit.covariance)
+    number = [parameter.name for parameter in fit.parameters].index("link.k3")
+    alone = covariance - present(fit.for_dropped_terms)
+    assert off[number] > 4.0 * CHANCE * np.sqrt(alone[number, number])
+    assert np.all(off < CHANCE * np.sqrt(covariance.diagonal()))
+
+
+def test_chance_hints_at_a_term_in_few_records_of_exact_laws() -> None:
+    """Of three usual terms, each in one record of 80: more than two of twelve records once in 100."""
+    fits = [lw.identify(record(TRUE, seed), TRUE.unknown("all")) for seed in range(40, 52)]
+    assert {fit.verdicts for fit in fits} == {(lw.Verdict.CONVERGED,)}
+    assert sum(fit.for_dropped_terms is not None for fit in fits) <= 2
+
+
 def test_laws_that_lack_nothing_keep_their_intervals() -> None:
     fit = lw.identify(record(TRUE, 4), TRUE.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.for_dropped_terms is None

@@ -25,9 +25,9 @@ from linkwise.likelihood.held_errors import (
     of_held_errors,
     told_by_blocks,
 )
-from linkwise.likelihood.input_noise import for_noise_of_inputs, noise_of_inputs
+from linkwise.likelihood.input_noise import InputNoise, for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
-from linkwise.likelihood.missing_terms import for_missing_terms
+from linkwise.likelihood.missing_terms import MissingTerms, for_hinted_terms, for_missing_terms
 from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.unstated_forces import unstated_forces
@@ -100,16 +100,15 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     )
     diagnosis = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
     inputs = noise_of_inputs(fit, identified, channels)
-    noisy = [input_noise.cause for input_noise in inputs if input_noise.cause is not None]
-    noisy += unstated_forces(fit, identified, channels)
-    causes = tuple(sorted((*diagnosis.causes, *noisy), key=lambda cause: -cause.gain))
+    noisy = (input_noise.cause for input_noise in inputs if input_noise.cause is not None)
+    every = (*diagnosis.causes, *noisy, *unstated_forces(fit, identified, channels))
+    causes = tuple(sorted(every, key=lambda cause: -cause.gain))
     share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
     counted = CountedCauses()
     if fit.model_error > 0.0:
         counted = counted_causes(fit, identified, causes, diagnosis.tested)
-    missing = counted.missing
     verdict, message = _verdict(
         fit,
         identified,
@@ -119,6 +118,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         coloured=remembering,
         filtered=1 < len(responses) == len(remembering) and lag_one_autocorrelation(fit.misfit) > 0.0,
     )
+    missing, noise = counted.missing, None
     if not verdict.forbids and not causes:
         hidden = hidden_term(fit, identified, channels)
         if hidden is not None:
@@ -127,12 +127,27 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
             inexact = verdict is Verdict.MODEL_ERROR_NEEDED
             missing = for_missing_terms(hidden.closer_fit, identified) if inexact else None
     message += _of_forces(fit, verdict, causes, channels)
-    added = None if missing is None or verdict.forbids else missing.covariance
-    hinted = for_noise_of_inputs(fit, inputs) if verdict is Verdict.CONVERGED and not causes else None
-    if hinted is None:
-        return Judgement(verdict, message, share, causes, added)
-    message += f" The residuals hint at {hinted[0].description}, which intervals hold."
-    return Judgement(verdict, message, share, causes, added, hinted[1])
+    if verdict is Verdict.CONVERGED and not causes:
+        noise = for_noise_of_inputs(fit, inputs)
+        if coloured is None and not fit.random_forces:
+            missing = for_hinted_terms(fit, identified, diagnosis.tested)
+        message += _of_hints(missing, noise)
+    return Judgement(
+        verdict,
+        message,
+        share,
+        causes,
+        for_missing_terms=None if missing is None or verdict.forbids else missing.covariance,
+        for_input_noise=None if noise is None else noise[1],
+    )
+
+
+def _of_hints(missing: MissingTerms | None, noise: tuple[InputNoise, Floats] | None) -> str:
+    """What the residuals of exact laws hint at, and intervals hold; of terms the likeliest."""
+    hints = [noise[0].description] if noise else []
+    if missing:
+        hints.append(f"a force like {missing.counted[0].term} in {missing.counted[0].where}")
+    return f" The residuals hint at {' and '.join(hints)}, which intervals hold." if hints else ""
 
 
 def _with_hidden_term(

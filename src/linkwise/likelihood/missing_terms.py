@@ -36,6 +36,10 @@ _LIKELY = 1.0
 """Standard errors from zero beyond which usual terms are counted: as for a term of a regression (Theil 1961), those that are
 nearer to zero than their own error say no more of the coefficients than their absence does."""
 
+_HINT = 2.5
+"""A normal score, on either side, beyond which intervals of exact laws hold a usual term: one in 80 by chance, so that nearly
+all stay as they are. To hold what terms with a smaller score may do, all would have to be several times as wide."""
+
 
 @dataclass(frozen=True, eq=False)
 class MissingTerms:
@@ -88,7 +92,8 @@ def for_missing_terms(
             if hypothesis.kind in ("term", "link")
             or (hypothesis.kind, hypothesis.where, hypothesis.source) in named
         ]
-        return _counted(fit, identified, *_among(tested, numbers, len(fit.values)))
+        among = _among(tested, numbers, len(fit.values))
+        return _counted(fit, *among, _rounds(among[0], identified))
     optimum = fit.optimum
     hypotheses, forces = missing_forces(identified, optimum.segments.system.parameters.names)
     try:
@@ -98,26 +103,53 @@ def for_missing_terms(
             quadratic = augmented_quadratic(optimum, misfit, candidates)
     except np.linalg.LinAlgError:
         return None
-    return _counted(fit, identified, hypotheses, quadratic.curvature, quadratic.slope)
+    return _counted(fit, hypotheses, quadratic.curvature, quadratic.slope, _rounds(hypotheses, identified))
+
+
+def for_hinted_terms(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None
+) -> MissingTerms | None:
+    """What usual terms that the residuals of exact laws hint at, none of them significant, add to the covariance.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit that leaves only noise.
+    identified : Structure
+        The structure with the values of the fit.
+    tested : TestedCauses or None
+        What was tested, these terms among it; None where nothing was.
+
+    Returns
+    -------
+    MissingTerms or None
+        None where residuals hint at none.
+    """
+    if tested is None:
+        return None
+    usual = which_usual(tested.hypotheses, identified)
+    if not usual:
+        return None
+    return _counted(fit, *_among(tested, usual, len(fit.values)), [(np.full(len(usual), _HINT**2), _MOST)])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
 def _counted(
     fit: LikelihoodFit,
-    identified: Structure,
     hypotheses: Sequence[Hypothesis],
     curvature: Floats,
     slope: Floats,
+    rounds: Sequence[tuple[Floats, int]],
 ) -> MissingTerms | None:
-    """The terms that are added one at a time, each the likeliest beside those before it: significant ones, then usual ones."""
+    """The terms that are added one at a time, each the likeliest beside those before it.
+
+    In each round those that gain more than its limits (h,), up to a number.
+    """
     optimum, p = fit.optimum, len(fit.values)
     scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     curvature, slope = curvature * np.outer(scale, scale), slope * scale
-    limits = np.full(len(hypotheses), least_gain(len(hypotheses)))
-    likely = limits.copy()
-    likely[which_usual(hypotheses, identified)] = _LIKELY**2
     order, added = np.arange(len(slope)), 0
-    for least, at_most in ((limits, _MOST), (likely, _MOST_USUAL)):
+    for least, at_most in rounds:
         most = min(added + at_most, len(hypotheses))
         while added < most:
             beyond = _beyond(curvature, slope, order, p + added) / optimum.noise**2
@@ -135,13 +167,21 @@ def _counted(
     follow = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
     moves = np.linalg.lstsq(*follow, rcond=_SINGULAR)[0] * values
     moves = np.where(fit.free[:, None], moves * (scale[:p] * optimum.scales.theta[:p])[:, None], 0.0)
-    significant = _beyond(curvature, slope, order, p + added) / optimum.noise**2 > limits[0]
+    significant = _beyond(curvature, slope, order, p + added) / optimum.noise**2 > rounds[0][0][0]
     beside = (hypotheses[number - p] for number in order[p + added :][significant].tolist())
     return MissingTerms(
         moves=moves,
         counted=tuple(hypotheses[number - p] for number in terms.tolist()),
         unexplained=frozenset((hypothesis.where, hypothesis.term) for hypothesis in beside),
     )
+
+
+def _rounds(hypotheses: Sequence[Hypothesis], identified: Structure) -> list[tuple[Floats, int]]:
+    """First significant terms, then likely usual ones."""
+    significant = np.full(len(hypotheses), least_gain(len(hypotheses)))
+    likely = significant.copy()
+    likely[which_usual(hypotheses, identified)] = _LIKELY**2
+    return [(significant, _MOST), (likely, _MOST_USUAL)]
 
 
 def _beyond(curvature: Floats, slope: Floats, order: NDArray[np.intp], counted: int) -> Floats:
