@@ -196,9 +196,6 @@ def test_what_a_start_does_not_take_is_told() -> None:
     _refused({"channels": channels}, "channel a:beam.tup belongs to no mass or point of the structure")
     _refused({"values": whole.values[:8]}, "8 samples, too few to determine the motion of a host")
     free = beam().unknown("nes")
-    starts = dict.fromkeys(("k", "F", "x0"), lw.Coefficient.unknown(1.0))
-    joint = link("joint", "sink-beam.mid", "k*d + F*z", {"z": "(v - abs(v)*z)/x0"}, **starts)
-    _refused({}, "has memory", with_links(free, joint))
     shaker = link("shaker", "beam.mid-base", "k*d", k=10.0)
     _refused({}, "moving base beside a host", with_links(free, shaker))
 

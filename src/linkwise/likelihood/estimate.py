@@ -37,11 +37,12 @@ from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.shape_parameters import held_where_unseen
 from linkwise.likelihood.shooting.waveforms import frequencies_by_channel, lengths_by_channel
+from linkwise.likelihood.starts.host_memory import host_memory_starts
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.states import shows_every_mass
-from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.starts.values import host_values, starting_values
 from linkwise.likelihood.unstated_forces import with_limits
 from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.structure import Structure
@@ -255,9 +256,13 @@ class MaximumLikelihood(Estimator):
         valleys = self._valleys(records, structure)
         if valleys:
             return fit_from_valleys(partial(likelihood_fit, records, structure, options=options), valleys)
+        if structure.hosts:
+            tried = [Valley(theta, 0.0) for theta in host_values(records, structure, self.starts)]
+            search = partial(likelihood_fit, records, structure)
+            return fit_from_valleys(lambda theta: fit_with_restarts(search, theta, options), tried)
         theta, spread = starting_values(records, structure, self.starts)
         drifts = needs_integration(framed(records[0], structure).record, structure)
-        if structure.hosts or drifts:
+        if drifts:
             return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
         search = partial(likelihood_fit, records, structure)
         fit = search(theta, spread=spread, options=options)
@@ -273,10 +278,12 @@ class MaximumLikelihood(Estimator):
             return ()
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure)
-        known = given if shows_every_mass(framed_ones[0], structure) else stated
+        known = given if shows_every_mass(framed_ones[0], structure) and not structure.hosts else stated
         if all(p.name in known for p in structure.parameters):
             return (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),)
         with one_blas_thread():
+            if structure.hosts:
+                return host_memory_starts(framed_ones[0], structure, given)
             return memory_starts(framed_ones, structure, given)
 
 

@@ -20,6 +20,7 @@ from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
 from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
 from linkwise.likelihood.starts.kalman import Smoothed, innovations, log_likelihood, smooth
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
+from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -34,6 +35,8 @@ _DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
 _CHANGES = 10.0 ** np.arange(
     -4.0, 3.0
 )  # of a force over a sample, relative to its size: tried one after the other
+_STIFF = 0.1  # such a change, at which springs and dampers of open links are found first
+_ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by where another round may gain
 _ELONGATIONS = (
     0.1,
     0.03,
@@ -84,7 +87,9 @@ class HostMotion:
         left = []
         for number in self.open:
             force = self.signals.force[number]
-            error = force - structure.links[number].force(self.signals.d[number], self.signals.v[number])
+            link, d, v = structure.links[number], self.signals.d[number], self.signals.v[number]
+            inside = follow_states(link.law, link.values, d, v, self.signals.step)[:, 0]
+            error = force - link.force(d, v, dict(zip(link.law.states, inside, strict=True)))
             left.append(np.mean(error**2) / max(float(np.mean(force**2)), np.finfo(float).tiny))
         return float(np.sum(left))
 
@@ -108,34 +113,33 @@ def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]
     """
     require_supported(record, structure)
     try:
-        tracked = [motion.with_drift_tracked(structure) for motion in _motions(record, structure, sigma)]
+        linear = LinearPart.of(structure)
+        tracked = [motion.with_drift_tracked(structure) for motion in host_motions(record, linear, sigma)]
     except np.linalg.LinAlgError:
-        raise IdentificationError(_TOO_LITTLE) from None
+        raise IdentificationError(TOO_LITTLE) from None
     return min(tracked, key=lambda motion: motion.misfit(structure))
 
 
-def _motions(record: Record, structure: Structure, sigma: Mapping[str, float]) -> Iterator[HostMotion]:
+def host_motions(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> Iterator[HostMotion]:
     """The motion for several bounds on elongations; for one alone where none drifts."""
-    linear = LinearPart.of(structure)
     samples, inputs = samples_of(record, linear), inputs_of(record)
-    change = _likeliest_change(record, linear, sigma)
+    _, change = _likeliest_change(record, linear, sigma)
     for reach in _ELONGATIONS:
         smoothed = smooth(linear.model(record, sigma, change, reach), samples, inputs)
-        motion = _motion(structure, linear, smoothed, record)
+        motion = _motion(linear, smoothed, record)
         yield motion
         if not motion.signals.integration_order.any():
             return
 
 
-def _likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> float:
-    """By how much the forces of open links change in a sample, relative to their size."""
+def _likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> tuple[float, float]:
+    """The log likelihood, and by how much the forces of open links then change in a sample, relative to their size."""
     first = slice(None, min(_TRIED, len(record)))
     samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
-    fits = [
+    return max(
         (log_likelihood(linear.model(record, sigma, change), samples, inputs), float(change))
         for change in _CHANGES
-    ]
-    return max(fits)[1]
+    )
 
 
 def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]) -> dict[str, float]:
@@ -155,37 +159,73 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
     dict of str to float
         Values by name of the parameter; empty where all modes are known.
     """
+    linear = LinearPart.of(structure)
+    return _tuned(record, structure, sigma, linear, _likeliest_change(record, linear, sigma)[1])[0]
+
+
+def tuned_part(
+    record: Record, structure: Structure, sigma: Mapping[str, float]
+) -> tuple[dict[str, float], LinearPart]:
+    """Values of unknown modes as `tuned_modes`, and the linear system with springs and dampers for the open links.
+
+    These explain most of the forces of links, so that errors of modes are not taken for forces.
+    """
+    linear = LinearPart.of(structure)
+    values: dict[str, float] = {}
+    units, change, best = linear.equivalent_units(record), _STIFF, -np.inf
+    for _ in range(_ROUNDS):
+        tuned, part = _tuned(record, with_starts(structure, values), sigma, linear, change, units)
+        likelihood, change = _likeliest_change(record, part, sigma)
+        if likelihood < best + _GAIN:
+            break
+        values, linear, best = tuned, part, likelihood
+    return values, linear
+
+
+def _tuned(
+    record: Record,
+    structure: Structure,
+    sigma: Mapping[str, float],
+    linear: LinearPart,
+    change: float,
+    units: Floats | None = None,
+) -> tuple[dict[str, float], LinearPart]:
+    """Values of unknown modes, and the linear system with these, and with equivalents found where they have `units`."""
     free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.modes]  # not shapes
-    if not free:
-        return {}
+    if not free and units is None:
+        return {}, linear
     start = np.array([float(p.start or 0.0) for p in free])
     unit = np.array(
         [min(p.sigma, _ROUGH * abs(value) or _ROUGH) for p, value in zip(free, start, strict=True)]
     )
-    stated = np.array([p.sigma < np.inf for p in free])
+    stated = np.array([p.sigma < np.inf for p in free], dtype=bool)
     first = slice(None, min(_TUNED, len(record)))
-    linear = LinearPart.of(structure)
-    change = _likeliest_change(record, linear, sigma)
     samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
 
+    def moved_part(moved: Floats) -> tuple[dict[str, float], LinearPart]:
+        values = dict(zip((p.name for p in free), map(float, start + unit * moved[: len(free)]), strict=True))
+        equivalent = linear.equivalent
+        if units is not None:
+            equivalent = equivalent + units * moved[len(free) :].reshape(equivalent.shape)
+        return values, LinearPart.of(with_starts(structure, values), equivalent)
+
     def residual(moved: Floats) -> Floats:
-        values = dict(zip((p.name for p in free), map(float, start + unit * moved), strict=True))
-        model = LinearPart.of(_with_starts(structure, values)).model(record, sigma, change)
-        return np.append(innovations(model, samples, inputs).ravel(), moved[stated])
+        model = moved_part(moved)[1].model(record, sigma, change)
+        return np.append(innovations(model, samples, inputs).ravel(), moved[: len(free)][stated])
 
-    lower, upper = (
-        np.array(
-            [(getattr(p, side) - value) / size for p, value, size in zip(free, start, unit, strict=True)]
-        )
-        for side in ("lower", "upper")
-    )
+    count = len(free) + (0 if units is None else units.size)
+    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
+    for bound, side in ((lower, "lower"), (upper, "upper")):
+        bound[: len(free)] = [
+            (getattr(p, side) - value) / size for p, value, size in zip(free, start, unit, strict=True)
+        ]
     optimum = scipy.optimize.least_squares(
-        residual, np.zeros(len(free)), bounds=(lower, upper), diff_step=_DIFFERENCE, max_nfev=_STEPS
+        residual, np.zeros(count), bounds=(lower, upper), diff_step=_DIFFERENCE, max_nfev=_STEPS
     )
-    return dict(zip((p.name for p in free), map(float, start + unit * optimum.x), strict=True))
+    return moved_part(np.asarray(optimum.x))
 
 
-def _with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
+def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
     """A structure with other starts of unknown coefficients."""
     links = []
     for link in structure.links:
@@ -198,17 +238,21 @@ def _with_starts(structure: Structure, values: Mapping[str, float]) -> Structure
     return replace(structure, links=tuple(links))
 
 
-def _motion(structure: Structure, linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotion:
-    n, open_links = structure.size, linear.open
+def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotion:
+    structure, open_links = linear.structure, linear.open
+    n = structure.size
     x, v = smoothed.states[:, :n].T, smoothed.states[:, n : 2 * n].T
     d, rate = structure.elongations(x.T).T, structure.elongations(v.T).T
     force = np.zeros_like(d)
     force[list(open_links)] = smoothed.states[:, 2 * n : 2 * n + len(open_links)].T
+    for number, (spring, damper) in zip(open_links, linear.equivalent, strict=True):
+        force[number] += spring * d[number] + damper * rate[number]
     incidence = structure.incidence.toarray()
     covariance = smoothed.covariance[:n, :n]
     variance = np.einsum("il,ij,jl->l", incidence, covariance, incidence)
     drifts = variance > (_DETERMINED**2) * np.mean(d**2, axis=1)
     is_open = np.isin(np.arange(len(structure.links)), open_links)
+    remembers = np.array([bool(link.law.states) for link in structure.links])
     of_force = smoothed.covariance.diagonal()[2 * n : 2 * n + len(open_links)]
     walk = np.zeros(len(d))
     gain = np.abs(incidence.T @ (incidence / structure.mass_values[:, None]))
@@ -221,7 +265,7 @@ def _motion(structure: Structure, linear: LinearPart, smoothed: Smoothed, record
             d=d,
             v=rate,
             force=force,
-            integration_order=np.where(is_open & drifts, 2, 0),
+            integration_order=np.where(is_open & drifts & ~remembers, 2, 0),
             random_walk_intensity=walk,
             step=record.step,
         ),
@@ -230,9 +274,9 @@ def _motion(structure: Structure, linear: LinearPart, smoothed: Smoothed, record
     )
 
 
-def host_start(
+def host_starts(
     record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
-) -> dict[str, float]:
+) -> tuple[dict[str, float], ...]:
     """Starting values of all parameters of a structure with hosts.
 
     Parameters
@@ -248,8 +292,9 @@ def host_start(
 
     Returns
     -------
-    dict of str to float
-        Starting values by name of the parameter.
+    tuple of dict of str to float
+        Starting values by name of the parameter: first those that the forces of links tell, then those of laws that come
+        closest to the equivalent springs and dampers of links.
 
     Raises
     ------
@@ -259,14 +304,14 @@ def host_start(
     require_supported(record, structure)
     given = dict(given)
     own = {name: value for name, value in given.items() if not name.endswith(".mass")}
-    structure = _with_starts(structure, own)
+    structure = with_starts(structure, own)
     try:
-        return _best_start(record, structure, sigma, given)
+        return _starts(record, structure, sigma, given)
     except np.linalg.LinAlgError:
-        raise IdentificationError(_TOO_LITTLE) from None
+        raise IdentificationError(TOO_LITTLE) from None
 
 
-_TOO_LITTLE = (
+TOO_LITTLE = (
     "no starting values can be found: the record is too short, has too few samples, or its sensors do not show the modes of "
     "the host; give a longer record, or more sensors"
 )
@@ -277,11 +322,6 @@ def require_supported(record: Record, structure: Structure) -> None:
     if np.any(structure.base_incidence) or any(Channel.parse(name).relative for name in record.channels):
         raise IdentificationError(
             "a moving base beside a host is not supported in identification and validation"
-        )
-    states = [link.name for link in structure.links if link.law.states]
-    if states:
-        raise IdentificationError(
-            f'link "{states[0]}" has memory, which is not supported beside a host in identification and validation'
         )
     for name in record.channels:
         channel = Channel.parse(name)
@@ -299,22 +339,35 @@ def require_supported(record: Record, structure: Structure) -> None:
         raise IdentificationError("the record shows no motion: give a channel x:PLACE, v:PLACE or a:PLACE")
 
 
-def _best_start(
+def _starts(
     record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
-) -> dict[str, float]:
-    tuned = tuned_modes(record, structure, sigma)
+) -> tuple[dict[str, float], ...]:
+    tuned, linear = tuned_part(record, structure, sigma)
     shapes = {p.name: p.start for p in structure.parameters if is_shape(p.name) and p.start is not None}
+    known = shapes | dict(given) | tuned
     trials: list[tuple[float, int, dict[str, float]]] = []
-    for motion in _motions(record, _with_starts(structure, tuned), sigma):
-        start = start_of_links(motion.signals, structure, given, motion.open) | shapes | dict(given) | tuned
+    motions = list(host_motions(record, linear, sigma))
+    for motion in motions:
+        start = start_of_links(motion.signals, structure, given, motion.open) | known
         valued = structure.with_values(
             {p.name: start[p.name] for p in structure.parameters if p.name in start}
         )
         trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), start))
+    equivalent = (
+        start_of_links(_equivalent(motions[0].signals, linear), structure, given, linear.open) | known
+    )
     start = min(trials)[-1]
     missing = [p.name for p in structure.parameters if p.name not in start]
     if missing:
         raise IdentificationError(
             f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
         )
-    return {p.name: start[p.name] for p in structure.parameters}
+    return tuple({p.name: values[p.name] for p in structure.parameters} for values in (start, equivalent))
+
+
+def _equivalent(signals: LinkSignals, linear: LinearPart) -> LinkSignals:
+    """The motion of links with the forces of equivalent springs and dampers in the open ones."""
+    force = np.zeros_like(signals.d)
+    for number, (spring, damper) in zip(linear.open, linear.equivalent, strict=True):
+        force[number] = spring * signals.d[number] + damper * signals.v[number]
+    return replace(signals, force=force, integration_order=np.zeros_like(signals.integration_order))

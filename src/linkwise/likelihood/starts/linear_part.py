@@ -25,15 +25,19 @@ _LOWEST = 3  # periods in a record of the slowest motion that counts for sizes
 
 @dataclass(frozen=True, eq=False)
 class LinearPart:
-    """Linear system of a structure: stiffness and damping (n, n), the open links, and rows of the channels (C, n)."""
+    """Linear system of a structure: stiffness and damping (n, n), and the open links.
+
+    `equivalent` (U, 2) is what an open link has of both, in N/m and N s/m; the rest of its force is a random walk.
+    """
 
     structure: Structure
     stiffness: Floats
     damping: Floats
     open: tuple[int, ...]
+    equivalent: Floats
 
     @classmethod
-    def of(cls, structure: Structure) -> LinearPart:
+    def of(cls, structure: Structure, equivalent: Floats | None = None) -> LinearPart:
         incidence = structure.incidence.toarray()
         n = structure.size
         stiffness, damping, open_links = np.zeros((n, n)), np.zeros((n, n)), []
@@ -45,7 +49,13 @@ class LinearPart:
             both = np.outer(incidence[:, number], incidence[:, number])
             stiffness += slopes[0] * both
             damping += slopes[1] * both
-        return cls(structure, stiffness, damping, tuple(open_links))
+        if equivalent is None:
+            equivalent = np.zeros((len(open_links), 2))
+        for number, (spring, damper) in zip(open_links, equivalent, strict=True):
+            both = np.outer(incidence[:, number], incidence[:, number])
+            stiffness += spring * both
+            damping += damper * both
+        return cls(structure, stiffness, damping, tuple(open_links), equivalent)
 
     def model(
         self, record: Record, sigma: Mapping[str, float], change: float, reach: float = TIGHT
@@ -97,6 +107,11 @@ class LinearPart:
             ),
             first=np.diag(np.square(10.0 * start)),
         )
+
+    def equivalent_units(self, record: Record) -> Floats:
+        """(U, 2) sizes of the stiffness and damping of open links: of what would give their ends the measured acceleration."""
+        x, v = self._sizes(record)
+        return np.stack([self._force_sizes(record) / x, self._force_sizes(record) / v], axis=1)
 
     def _force_sizes(self, record: Record) -> Floats:
         """(U,) sizes of the forces of open links: what would give their ends the measured acceleration."""

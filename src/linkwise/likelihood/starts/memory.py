@@ -25,7 +25,7 @@ from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.signals.integrate import smoothed
 
-_MOST_SAMPLES = 8192  # of a record that the search uses
+MOST_SAMPLES = 8192  # of a record that the search uses
 _ROUGH_SAMPLES, _ROUGH_TRIALS = 2000, 40  # of a search that only ranks structures
 _TRIALS = 60  # random starts, of which ...
 _REFINED = 6  # ... so many of the best are refined
@@ -51,16 +51,7 @@ def memory_starts(
 
     Raises IdentificationError where a mass has no displacement or velocity channel, or nothing sets the scale of the forces.
     """
-    search = _Search.of(records[0], structure, given)
-    if not search.curved:
-        values, misfit = search.solved(np.zeros(0))
-        return (Valley(values, misfit),)
-    rng = np.random.default_rng(_SEED)
-    trials = np.stack([search.trial(rng, first=number == 0) for number in range(_TRIALS)])
-    costs = [float(np.mean(left**2)) for _, left in search.regressed(trials)]
-    refined = search.refined(trials[np.argsort(costs, kind="stable")[:_REFINED]])
-    valleys = [Valley(*search.solved(curved)) for curved in refined]
-    return _distinct(sorted(valleys, key=lambda valley: valley.misfit))
+    return MemorySearch.of(records[0], structure, given).valleys()
 
 
 def rough_memory_start(records: Sequence[Record], structure: Structure) -> Valley:
@@ -68,7 +59,7 @@ def rough_memory_start(records: Sequence[Record], structure: Structure) -> Valle
 
     Raises IdentificationError as `memory_starts` does.
     """
-    search = _Search.of(records[0][:_ROUGH_SAMPLES], structure, {})
+    search = MemorySearch.of(records[0][:_ROUGH_SAMPLES], structure, {})
     rng = np.random.default_rng(_SEED)
     trials = np.stack([search.trial(rng, first=False) for _ in range(_ROUGH_TRIALS)])
     costs = [float(np.mean(left**2)) for _, left in search.regressed(trials)]
@@ -85,22 +76,39 @@ def _distinct(valleys: Sequence[Valley]) -> tuple[Valley, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
-    """The regression along one record: elongations and rates (N, L), projected equations, and what is unknown."""
+class Balance:
+    """The equation of motion of a mass: its displacement and the applied force (N,), and its links' ends on it (L,).
+
+    The mass is in kg, 0 where it is unknown.
+    """
+
+    x: Floats
+    applied: Floats
+    incidence: Floats
+    mass: float
+    place: int
+
+
+@dataclass(frozen=True, eq=False)
+class MemorySearch:
+    """The regression along a motion: elongations and rates (N, L), projected equations, and what is unknown.
+
+    The equations are those of the `balances` of masses, and of the forces and states (N,) of links that are `shown`, by
+    channel.
+    """
 
     structure: Structure
-    record: Record
+    step: float
     d: Floats
     v: Floats
-    project: Callable[[Floats, int], Floats]
-    motion: Floats
-    forces: Floats
-    sigma: Mapping[str, float]
+    balances: tuple[Balance, ...]
+    shown: Mapping[str, Floats]
     given: Mapping[str, float]
 
     @classmethod
-    def of(cls, record: Record, structure: Structure, given: Mapping[str, float]) -> _Search:
-        record = record[:_MOST_SAMPLES]
+    def of(cls, record: Record, structure: Structure, given: Mapping[str, float]) -> MemorySearch:
+        """Along a record in which every mass has a sensor; raises IdentificationError where one has not."""
+        record = record[:MOST_SAMPLES]
         sigma = channel_noise(record)
         x, v = measured_motion(record, structure, sigma)
         unseen = [name for name, row in zip(structure.mass_names, x, strict=True) if not row.any()]
@@ -110,19 +118,28 @@ class _Search:
                 "state starts of all unknowns"
             )
         d, rate = link_motion(record, structure, x, v)
-        forces = np.zeros((len(record), structure.size))
-        for number, name in enumerate(structure.mass_names):
-            if f"force:{name}" in record.channels:
-                forces[:, number] = record.channel(f"force:{name}")
-        raw = np.stack(
-            [
-                record.channel(f"x:{name}") if f"x:{name}" in record.channels else x[number]
-                for number, name in enumerate(structure.mass_names)
-            ],
-            axis=1,
-        )
-        raw = np.where(np.isfinite(raw), raw, x.T)
-        return cls(structure, record, d, rate, _projection(d, rate, record.step), raw, forces, sigma, given)
+        shown = {
+            name: smoothed(record, name, sigma[name])[0]
+            for name in record.channels
+            if name.startswith(("f:", "state:"))
+        }
+        return cls(structure, record.step, d, rate, _balances(record, structure, x), shown, given)
+
+    def valleys(self) -> tuple[Valley, ...]:
+        """The minima that are found, the lowest first."""
+        if not self.curved:
+            return (Valley(*self.solved(np.zeros(0))),)
+        rng = np.random.default_rng(_SEED)
+        trials = np.stack([self.trial(rng, first=number == 0) for number in range(_TRIALS)])
+        costs = [float(np.mean(left**2)) for _, left in self.regressed(trials)]
+        refined = self.refined(trials[np.argsort(costs, kind="stable")[:_REFINED]])
+        valleys = [Valley(*self.solved(curved)) for curved in refined]
+        return _distinct(sorted(valleys, key=lambda valley: valley.misfit))
+
+    @cached_property
+    def project(self) -> Callable[[Floats, int], Floats]:
+        """Integrals against test functions."""
+        return _projection(self.d, self.v, self.step)
 
     @cached_property
     def curved(self) -> tuple[Parameter, ...]:
@@ -142,19 +159,17 @@ class _Search:
     @cached_property
     def sizes(self) -> dict[str, float]:
         """A size for each curved parameter, from its unit and the sizes of motion and forces."""
-        volts = [name for name in self.record.channels if name.startswith("state:")]
-        shown = float(np.nanstd(self.record.channel(volts[0]))) if volts else None
+        volts = [values for name, values in self.shown.items() if name.startswith("state:")]
+        shown = float(np.std(volts[0])) if volts else None
         return unit_sizes(self.curved, self.d, self.v, self._force_size(), shown)
 
     def _force_size(self) -> float:
-        cells = [name for name in self.record.channels if name.startswith("f:")]
+        cells = [values for name, values in self.shown.items() if name.startswith("f:")]
         if cells:
-            return float(np.nanstd(self.record.channel(cells[0]))) or 1.0
-        known = [m.mass.value or 0.0 for m in self.structure.masses]
-        inertia = (
-            np.gradient(np.gradient(self.motion, axis=0), axis=0) / self.record.step**2 * np.array(known)
-        )
-        return float(max(np.std(self.forces), np.median(np.abs(inertia)))) or 1.0
+            return float(np.std(cells[0])) or 1.0
+        inertia = [np.gradient(np.gradient(b.x)) / self.step**2 * b.mass for b in self.balances]
+        applied = np.stack([balance.applied for balance in self.balances])
+        return float(max(np.std(applied), np.median(np.abs(inertia)))) or 1.0
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -218,7 +233,7 @@ class _Search:
         states = [
             follow_states(
                 link.law, {key: value[:, None] for key, value in values.items()},
-                self.d[:, number], self.v[:, number], self.record.step, len(curved),
+                self.d[:, number], self.v[:, number], self.step, len(curved),
             )
             for number, (link, values) in enumerate(zip(self.structure.links, numbers, strict=True))
         ]  # fmt: skip
@@ -254,27 +269,21 @@ class _Search:
         return linear, rows + columns @ linear
 
     @cached_property
-    def _shown(self) -> dict[str, tuple[Floats, float]]:
-        """What channels of links show, smoothed, and its size among the equations."""
-        smooth = {
-            name: smoothed(self.record, name, self.sigma[name])[0]
-            for name in self.record.channels
-            if name.startswith(("f:", "state:"))
-        }
-        return {name: (shown, float(np.std(self.project(shown, 0)))) for name, shown in smooth.items()}
+    def _sizes_of_shown(self) -> dict[str, float]:
+        """The size of what each channel of a link shows among the equations."""
+        return {name: float(np.std(self.project(values, 0))) for name, values in self.shown.items()}
 
     @cached_property
-    def _balances(self) -> list[tuple[Floats, float, float]]:
+    def _inertia(self) -> list[tuple[Floats, float, float]]:
         """Of each mass the acceleration, projected, the mass in kg as far as it is known, and the size of its equations."""
         unknown = {member for p in (*self.curved, *self.straight) for member in p.members}
-        balances = []
-        for mass, known in enumerate(self.structure.masses):
-            inertia = self.project(self.motion[:, mass], 2)
-            value = 0.0 if (-1 - mass, "mass") in unknown else known.mass.value or 0.0
-            pushed = np.std(self.project(self.forces[:, mass], 0))
-            scale = max(float(pushed), value * float(np.std(inertia))) or 1.0
-            balances.append((inertia, value, scale))
-        return balances
+        out = []
+        for balance in self.balances:
+            inertia = self.project(balance.x, 2)
+            value = 0.0 if (-1 - balance.place, "mass") in unknown else balance.mass
+            pushed = np.std(self.project(balance.applied, 0))
+            out.append((inertia, value, max(float(pushed), value * float(np.std(inertia))) or 1.0))
+        return out
 
     def _equations(
         self, numbers: Sequence[Mapping[str, float]], states: Sequence[Floats]
@@ -282,16 +291,18 @@ class _Search:
         """Rows (R,) with the linear parameters at 0, and their columns (R, q)."""
         structure = self.structure
         place = {member: number for number, p in enumerate(self.straight) for member in p.members}
-        count, links = len(self.record), len(structure.links)
+        count, links = self.d.shape
         force, slopes = np.zeros((count, links)), np.zeros((count, len(self.straight), links))
         blocks, sides = [], []
         for number, link in enumerate(structure.links):
+            if not self.balances and f"f:{link.name}" not in self.shown:
+                continue
             d, v = self.d[:, number], self.v[:, number]
             inside = dict(zip(link.law.states, states[number], strict=True))
             for name, state in inside.items():
                 channel = f"state:{link.name}.{name}"
-                if channel in self._shown:
-                    shown, scale = self._shown[channel]
+                if channel in self.shown:
+                    shown, scale = self.shown[channel], self._sizes_of_shown[channel]
                     row = self.project(state - shown, 0) / scale
                     blocks.append(row)
                     sides.append(np.zeros((len(row), len(self.straight))))
@@ -302,23 +313,32 @@ class _Search:
                 if (number, key) in place:
                     slopes[:, place[number, key], number] += slope
             channel = f"f:{link.name}"
-            if channel in self._shown:
-                shown, scale = self._shown[channel]
+            if channel in self.shown:
+                shown, scale = self.shown[channel], self._sizes_of_shown[channel]
                 blocks.append(self.project(force[:, number] - shown, 0) / scale)
                 sides.append(self.project(slopes[:, :, number].copy(), 0) / scale)
-        for mass, (row, balance) in enumerate(zip(self._incidence, self._balances, strict=True)):
-            inertia, value, scale = balance
-            block = self.project(force @ row - self.forces[:, mass], 0) + value * inertia
-            side = self.project(np.tensordot(slopes, row, 1), 0)
-            if (-1 - mass, "mass") in place:
-                side[:, place[-1 - mass, "mass"]] += inertia
+        for balance, (inertia, value, scale) in zip(self.balances, self._inertia, strict=True):
+            block = self.project(force @ balance.incidence - balance.applied, 0) + value * inertia
+            side = self.project(np.tensordot(slopes, balance.incidence, 1), 0)
+            if (-1 - balance.place, "mass") in place:
+                side[:, place[-1 - balance.place, "mass"]] += inertia
             blocks.append(block / scale)
             sides.append(side / scale)
         return np.concatenate(blocks), np.concatenate(sides)
 
-    @cached_property
-    def _incidence(self) -> Floats:
-        return np.asarray(self.structure.incidence.toarray())
+
+def _balances(record: Record, structure: Structure, x: Floats) -> tuple[Balance, ...]:
+    """The equations of motion of the masses, whose smoothed displacements (n, N) are replaced by measured ones."""
+    incidence, balances = structure.incidence.toarray(), []
+    for number, mass in enumerate(structure.masses):
+        measured = x[number]
+        if f"x:{mass.name}" in record.channels:
+            raw = record.channel(f"x:{mass.name}")
+            measured = np.where(np.isfinite(raw), raw, measured)
+        pushed = f"force:{mass.name}"
+        applied = record.channel(pushed) if pushed in record.channels else np.zeros(len(record))
+        balances.append(Balance(measured, applied, incidence[number], mass.mass.value or 0.0, number))
+    return tuple(balances)
 
 
 def _projection(d: Floats, v: Floats, step: float) -> Callable[[Floats, int], Floats]:
