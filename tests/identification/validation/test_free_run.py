@@ -85,7 +85,9 @@ def test_a_chaotic_run_tells_its_horizon() -> None:
 def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) -> None:
     with pytest.raises(lw.RecordError, match="no response of m1 is in the record, which holds force:m1"):
         lw.free_run(duffing, forced.select(["force:m1"]))
-    with pytest.raises(lw.RecordError, match="cannot settle on 40 samples: the record has 40"):
+    with pytest.raises(
+        lw.RecordError, match="settling must be at least 2 and leave samples to compare, got 40 of 40 samples"
+    ):
         lw.free_run(duffing, forced[:40], settling=40)
     values = forced.values.copy()
     values[300, 1] = np.nan

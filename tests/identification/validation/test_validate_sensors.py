@@ -93,5 +93,5 @@ def test_a_delay_stays_in_where_samples_are_missing() -> None:
 def test_what_is_no_error_of_a_sensor_is_refused(change: dict[str, object]) -> None:
     error = lw.SensorErrorEstimate("x:m1", "offset", 1e-3, 1e-5, "m")
     assert lw.SensorErrorEstimate.from_dict(error.to_dict()) == error
-    with pytest.raises(ValueError, match="no error of a sensor"):
+    with pytest.raises(ValueError, match="not an error of a sensor"):
         lw.SensorErrorEstimate.from_dict({**error.to_dict(), **change})
