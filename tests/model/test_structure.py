@@ -295,7 +295,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "ground to base": (
         lambda: Structure("", (A,), (LOW, spring("rig", BASE, GROUND))),
-        'link "rig": at least one end must be a mass, got "base" and "ground"; a link between both is alone on a rig',
+        'link "rig": at least one end must be a mass, got "base" and "ground"; a link between these needs a structure '
+        "without masses, a rig",
     ),
     "three ends": (
         lambda: Link("low", ("a", "b", "c"), LAW, {}),  # type: ignore[arg-type]

@@ -55,7 +55,7 @@ def test_differences_are_exact_for_polynomials_of_their_order() -> None:
 
 def test_another_order_is_refused() -> None:
     with pytest.raises(
-        RecordError, match="order 2, 4 or 6 and derivative 1 or 2, got order 3 and derivative 1"
+        RecordError, match="order must be 2, 4 or 6 and derivative 1 or 2, got order 3 and derivative 1"
     ):
         finite_differences(X, RATE, 1, order=3)
     with pytest.raises(RecordError, match="5 samples are too few for differences of order 6"):
