@@ -42,9 +42,9 @@ from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.states import shows_every_mass
-from linkwise.likelihood.starts.values import host_values, starting_values
+from linkwise.likelihood.starts.values import equivalent_values, starting_values
 from linkwise.likelihood.unstated_forces import with_limits
-from linkwise.likelihood.valleys import fit_from_valleys
+from linkwise.likelihood.valleys import fit_from_valleys, fit_or_another
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.channel_units import channel_unit
@@ -256,20 +256,25 @@ class MaximumLikelihood(Estimator):
         valleys = self._valleys(records, structure)
         if valleys:
             return fit_from_valleys(partial(likelihood_fit, records, structure, options=options), valleys)
-        if structure.hosts:
-            tried = [Valley(theta, 0.0) for theta in host_values(records, structure, self.starts)]
-            search = partial(likelihood_fit, records, structure)
-            return fit_from_valleys(lambda theta: fit_with_restarts(search, theta, options), tried)
         theta, spread = starting_values(records, structure, self.starts)
-        drifts = needs_integration(framed(records[0], structure).record, structure)
-        if drifts:
-            return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
         search = partial(likelihood_fit, records, structure)
+        if structure.hosts:
+            fit = fit_with_restarts(search, theta, options)
+            return fit_or_another(fit, lambda: self._from_equivalent_links(structure, records, options))
+        if needs_integration(framed(records[0], structure).record, structure):
+            return fit_with_restarts(search, theta, options)
         fit = search(theta, spread=spread, options=options)
         fit = lower_of_two(fit, lambda values: search(values, options=options))
         return tightest_smooth_fit(
             fit, lambda values, nodes, q: search(values, options=_near_optimum(options, nodes, q))
         )
+
+    def _from_equivalent_links(
+        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
+    ) -> LikelihoodFit:
+        """A fit that starts with the laws closest to equivalent springs and dampers of the links of a structure with hosts."""
+        theta = equivalent_values(records, structure, self.starts)
+        return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
 
     def _valleys(self, records: Sequence[Record], structure: Structure) -> tuple[Valley, ...]:
         """Starts of a structure with memory; none without memory."""

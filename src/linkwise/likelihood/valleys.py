@@ -32,6 +32,13 @@ def fit_from_valleys(search: Callable[[Floats], LikelihoodFit], valleys: Sequenc
     return replace(best, others=others)
 
 
+def fit_or_another(fit: LikelihoodFit, search: Callable[[], LikelihoodFit]) -> LikelihoodFit:
+    """The fit where it explains the records to within their noise, else the better of it and of another search."""
+    if fit.status is AnnealingStatus.INTERRUPTED or _explains(fit):
+        return fit
+    return min(fit, search(), key=_rank)
+
+
 def _converged(fit: LikelihoodFit) -> bool:
     return fit.status is AnnealingStatus.CONVERGED
 

@@ -7,7 +7,7 @@ elongations; an elongation that no sensor determines is known up to drift, as in
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -274,10 +274,10 @@ def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotio
     )
 
 
-def host_starts(
+def host_start(
     record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
-) -> tuple[dict[str, float], ...]:
-    """Starting values of all parameters of a structure with hosts.
+) -> dict[str, float]:
+    """Starting values of all parameters of a structure with hosts, by the forces of its links.
 
     Parameters
     ----------
@@ -292,23 +292,44 @@ def host_starts(
 
     Returns
     -------
-    tuple of dict of str to float
-        Starting values by name of the parameter: first those that the forces of links tell, then those of laws that come
-        closest to the equivalent springs and dampers of links.
+    dict of str to float
+        Starting values by name of the parameter.
 
     Raises
     ------
     IdentificationError
         If an unknown has no starting value, and the forces of the links do not tell one.
     """
+    return _started(_best_start, record, structure, sigma, given)
+
+
+def equivalent_start(
+    record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
+) -> dict[str, float]:
+    """As `host_start`, with the laws that come closest to equivalent springs and dampers of the links."""
+    return _started(_equivalent_start, record, structure, sigma, given)
+
+
+def _started(
+    start: Callable[[Record, Structure, Mapping[str, float], Mapping[str, float]], dict[str, float]],
+    record: Record,
+    structure: Structure,
+    sigma: Mapping[str, float],
+    given: Mapping[str, float],
+) -> dict[str, float]:
+    """Values by a kind of start; raises IdentificationError for those that are missing."""
     require_supported(record, structure)
-    given = dict(given)
     own = {name: value for name, value in given.items() if not name.endswith(".mass")}
-    structure = with_starts(structure, own)
     try:
-        return _starts(record, structure, sigma, given)
+        values = start(record, with_starts(structure, own), sigma, dict(given))
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
+    missing = [p.name for p in structure.parameters if p.name not in values]
+    if missing:
+        raise IdentificationError(
+            f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
+        )
+    return {p.name: values[p.name] for p in structure.parameters}
 
 
 TOO_LITTLE = (
@@ -339,30 +360,33 @@ def require_supported(record: Record, structure: Structure) -> None:
         raise IdentificationError("the record shows no motion: give a channel x:PLACE, v:PLACE or a:PLACE")
 
 
-def _starts(
+def _best_start(
     record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
-) -> tuple[dict[str, float], ...]:
-    tuned, linear = tuned_part(record, structure, sigma)
-    shapes = {p.name: p.start for p in structure.parameters if is_shape(p.name) and p.start is not None}
-    known = shapes | dict(given) | tuned
+) -> dict[str, float]:
+    tuned = tuned_modes(record, structure, sigma)
+    known = _shapes(structure) | dict(given) | tuned
     trials: list[tuple[float, int, dict[str, float]]] = []
-    motions = list(host_motions(record, linear, sigma))
-    for motion in motions:
+    for motion in host_motions(record, LinearPart.of(with_starts(structure, tuned)), sigma):
         start = start_of_links(motion.signals, structure, given, motion.open) | known
         valued = structure.with_values(
             {p.name: start[p.name] for p in structure.parameters if p.name in start}
         )
         trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), start))
-    equivalent = (
-        start_of_links(_equivalent(motions[0].signals, linear), structure, given, linear.open) | known
-    )
-    start = min(trials)[-1]
-    missing = [p.name for p in structure.parameters if p.name not in start]
-    if missing:
-        raise IdentificationError(
-            f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
-        )
-    return tuple({p.name: values[p.name] for p in structure.parameters} for values in (start, equivalent))
+    return min(trials)[-1]
+
+
+def _equivalent_start(
+    record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
+) -> dict[str, float]:
+    tuned, linear = tuned_part(record, structure, sigma)
+    motion = next(host_motions(record, linear, sigma))
+    start = start_of_links(_equivalent(motion.signals, linear), structure, given, linear.open)
+    return start | _shapes(structure) | dict(given) | tuned
+
+
+def _shapes(structure: Structure) -> dict[str, float]:
+    """Starts of the shapes of hosts that are known to within."""
+    return {p.name: p.start for p in structure.parameters if is_shape(p.name) and p.start is not None}
 
 
 def _equivalent(signals: LinkSignals, linear: LinearPart) -> LinkSignals:

@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.coefficients import law_start
-from linkwise.likelihood.starts.hosts import host_starts
+from linkwise.likelihood.starts.hosts import equivalent_start, host_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
@@ -78,19 +78,17 @@ def starting_values(
     return _beside_priors(records, structure, given, list(priors), weak)
 
 
-def host_values(
+def equivalent_values(
     records: Sequence[Record], structure: Structure, given: Mapping[str, float] | None = None
-) -> tuple[Floats, ...]:
-    """Starting values (p,) of the parameters of a structure with hosts: the likelier first, then another try.
+) -> Floats:
+    """Starting values (p,) of a structure with hosts, from equivalent springs and dampers of its links.
 
     Raises IdentificationError if a parameter has no starting value.
     """
     record, parameters = framed_records(records, structure)[0], structure.parameters
     known = {p.name: p.start for p in parameters if p.start is not None} | dict(given or {})
-    if all(p.name in (given or {}) for p in parameters):
-        return (np.array([known[p.name] for p in parameters]),)
-    starts = host_starts(record, structure, channel_noise(record), known)
-    return tuple(np.array([start[p.name] for p in parameters]) for start in starts)
+    values = equivalent_start(record, structure, channel_noise(record), known)
+    return np.array([values[p.name] for p in parameters])
 
 
 def _beside_priors(
@@ -132,7 +130,7 @@ def _values(
     if parameters and all(p.name in given for p in parameters):
         return np.array([given[p.name] for p in parameters]), None
     if structure.hosts:
-        values = host_starts(records[0], structure, channel_noise(records[0]), known)[0]
+        values = host_start(records[0], structure, channel_noise(records[0]), known)
         return np.array([values[p.name] for p in parameters]), None
     if needs_integration(records[0], structure):
         values = law_start(records[0], structure, channel_noise(records[0]), known)
