@@ -51,7 +51,7 @@ def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
         estimate = fit.coefficient(f"payload.{name}")
         assert estimate.standard_error is not None
         assert abs(estimate.value - true) < 4.0 * estimate.standard_error  # 1 of 3000 of five is further off
-        assert estimate.standard_error < 0.05 * true  # at most 3.6 % of each in 18 other records
+        assert estimate.standard_error < 0.05 * true  # four of them are a fifth: still of use
 
 
 @pytest.mark.parametrize("kind", ["x", "v"])
