@@ -288,3 +288,41 @@ def test_a_method_of_a_study_is_a_file_and_a_line(places: Places, tmp_path: Path
     (tmp_path / "naive.toml").write_text(wrong, encoding="utf-8")
     with pytest.raises(lw.StudyError, match=r'unknown key "faktor"; did you mean "factor"\?'):
         lw.read_study(tmp_path / "naive.toml")
+
+
+CABLES = """
+import linkwise as lw
+
+chain = lw.bnes_chain(2)
+record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.1, rate=1000.0)
+record = lw.Record(0.0, 1000.0, record.channels, record.values, cables={"x:m2": "A7"}, lengths={"x:m1": 2.5})
+for suffix in ("h5", "mat", "parquet"):
+    lw.write_record(record, f"run.{suffix}")
+    again = lw.read_record(f"run.{suffix}")
+    print(suffix, dict(again.cables), dict(again.lengths))
+print("selected", dict(record.select(["x:m1"]).cables), dict(record.select(["x:m1"]).lengths))
+print("beside", dict(lw.beside(record.select(["x:m1"]), record.select(["x:m2"])).cables))
+"""
+
+
+def test_an_attribute_of_channels_is_a_field_and_a_line(places: Places, tmp_path: Path) -> None:
+    """In a copy of the package; two are added, one of numbers and one of texts, and every format of our own stores both."""
+    records = places.copy() / "records"
+    field = "    uncertainty: Mapping[str, SensorUncertainty] = field(default_factory=dict)\n"
+    places.insert(
+        records / "record.py", field, "    cables: Mapping[str, str] = field(default_factory=dict)\n"
+    )
+    places.insert(
+        records / "record.py", field, "    lengths: Mapping[str, float] = field(default_factory=dict)\n"
+    )
+    line = "OF_CHANNELS = {\n"
+    cables = '    "cables": ChannelAttribute("cable", stored=dict[str, str]),\n'
+    lengths = '    "lengths": ChannelAttribute("length", stored=dict[str, float], absent=math.nan),\n'
+    places.insert(records / "channel_attributes.py", line, cables)
+    places.insert(records / "channel_attributes.py", line, lengths)
+    assert (places.files, places.lines) == (0, 2 * 2)
+
+    both = "{'x:m2': 'A7'} {'x:m1': 2.5}"
+    printed = places.script(CABLES, tmp_path).splitlines()
+    assert printed[:3] == [f"h5 {both}", f"mat {both}", f"parquet {both}"]
+    assert printed[3:] == ["selected {} {'x:m1': 2.5}", "beside {'x:m2': 'A7'}"]

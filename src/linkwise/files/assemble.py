@@ -70,16 +70,19 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
     timeline, values, remarks = sampled_columns(
         grid.time, columns, file, lines, informative=options.informative
     )
+    stored: dict[str, Any] = {
+        kind: {name: value for name, value in of_channels.items() if name in columns}
+        for kind, of_channels in table.stored.items()
+    }
     record = Record(
         timeline.start if grid.rate is None else grid.start,
         timeline.rate if grid.rate is None else grid.rate,
         tuple(columns),
         values,
-        noise={name: sigma for name, sigma in table.noise.items() if name in columns},
         source=table.source or file,
         notes=(*notes, *remarks),
-        interpolation={name: kind for name, kind in table.interpolation.items() if name in columns},
         units={choice.name: choice.unit for choice in chosen if choice.kind == "state" and choice.unit},
+        **stored,
     )
     stated, unread = _statements(table, file, chosen, mapping)
     record = with_statements(replace(record, notes=(*record.notes, *unread)), stated, file)

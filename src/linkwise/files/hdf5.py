@@ -1,9 +1,10 @@
 """HDF5: one data set per column, named by its channel, with its unit as an attribute.
 
-Files written by linkwise hold `time` and one data set per channel at the root, each with the attribute `unit` and, where it is
-known, `noise`; the root has the attributes `format`, `version`, `start`, `rate`, `source`, `notes` and, where errors of
-sensors are known to within, `sensors`, a JSON text. Any other file can be read whose data sets, in any group, have such names
-or are mapped to them; texts in their attributes `calibration`, `gain`, `offset` and `delay` say what is known of the sensor.
+Files written by linkwise hold `time` and one data set per channel at the root, each with the attribute `unit` and, where
+stated, `noise` and `interpolation`; the root has the attributes `format`, `version`, `start`, `rate`, `source`, `notes` and,
+where errors of sensors are known to within, `sensors`, a JSON text. Any other file can be read whose data sets, in any group,
+have such names or are mapped to them; texts in their attributes `calibration`, `gain`, `offset` and `delay` say what is known
+of the sensor.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of
 from linkwise.files.sensor_attributes import as_statements, sensors_of, stated_in, with_attributes
 from linkwise.files.table import Table
+from linkwise.records.channel_attributes import STORED
 from linkwise.records.record import Record
 
 FORMAT = "linkwise record"
@@ -39,18 +41,15 @@ def read_table(path: Path) -> Table:
                 path,
             )
         tree: dict[str, Any] = {}
-        noise: dict[str, float] = {}
-        interpolation: dict[str, str] = {}
+        stored: dict[str, dict[str, Any]] = {kind: {} for kind in STORED}
         attributes: dict[str, dict[str, object]] = {}
         for name, item in _items(file):
             if isinstance(item, Unread):
                 tree[name] = item
                 continue
             tree[f"{name}{_unit(item)}"] = None if item.shape is None else np.asarray(item[()])
-            if "noise" in item.attrs:
-                noise[name] = float(item.attrs["noise"])
-            if "interpolation" in item.attrs:
-                interpolation[name] = str(item.attrs["interpolation"])
+            for kind in STORED.keys() & item.attrs.keys():
+                stored[kind][name] = (str if STORED[kind].is_text else float)(item.attrs[kind])
             attributes[name] = stated_in(item.attrs)
         rate = file.attrs.get("rate")
         stated = {name: file.get(name) for name in file.attrs.get("channels", ())}
@@ -60,10 +59,9 @@ def read_table(path: Path) -> Table:
             with_attributes(columns, attributes),
             start=float(file.attrs.get("start", 0.0)),
             rate=None if rate is None else float(rate),
-            noise=noise,
             notes=tuple(str(note) for note in np.atleast_1d(file.attrs.get("notes", ()))),
             source=str(file.attrs.get("source", "")),
-            interpolation=interpolation,
+            stored=stored,
             sensors=as_statements(file.attrs.get("sensors"), path),
         )
 
@@ -117,9 +115,8 @@ def write(record: Record, path: Path) -> None:
         for name in record.channels:
             item = file.create_dataset(name, data=record.channel(name))
             item.attrs["unit"] = record.unit(name)
-            if name in record.noise:
-                item.attrs["noise"] = record.noise[name]
-            if name in record.interpolation:
-                item.attrs["interpolation"] = record.interpolation[name]
+            for kind in STORED:
+                if name in getattr(record, kind):
+                    item.attrs[kind] = getattr(record, kind)[name]
         if record.uncertainty:
             file.attrs["sensors"] = json.dumps(sensors_of(record.uncertainty))

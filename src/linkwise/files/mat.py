@@ -2,7 +2,7 @@
 
 A MATLAB variable cannot be named x:m1, so it is named x_m1. Files written by linkwise hold `time`, one column vector per
 channel, `start`, `rate`, `source`, the cells `channels` and `variables` (which channel is which variable) and `notes`, and
-`noise` (NaN where unknown); `sensors`, a JSON text, is what is known of sensors.
+`noise` (NaN where unknown) and `interpolation`; `sensors`, a JSON text, is what is known of sensors.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 from scipy.sparse import csc_array, issparse
 
@@ -24,7 +25,7 @@ from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of, spelled_as_channel
 from linkwise.files.sensor_attributes import as_statements, sensors_of
 from linkwise.files.table import Column, Table
-from linkwise.records.interpolation import BAND_LIMITED
+from linkwise.records.channel_attributes import STORED
 from linkwise.records.record import Record
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable
@@ -32,9 +33,7 @@ _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
 _HEADER = 128  # bytes
 _BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
 _RATES = ("rate", "fs", "Fs")
-_OWN = frozenset(
-    {"sensors", "channels", "variables", "noise", "interpolation", "notes", "start", "rate", "source"}
-)
+_OWN = frozenset({"sensors", "channels", "variables", "notes", "start", "rate", "source", *STORED})
 
 
 def read_table(path: Path) -> Table:
@@ -44,18 +43,14 @@ def read_table(path: Path) -> Table:
     samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
     samples |= {name: Unread("missing") for name in names if name not in tree}
     columns = tuple(_named(column, names) for column in columns_of(samples))
-    noise = np.atleast_1d(tree.get("noise", ()))
-    known = zip(names.values(), noise, strict=False)
-    runs = zip(names.values(), _texts(tree.get("interpolation")), strict=False)
     rate = next((_scalar(tree[name]) for name in _RATES if _scalar(tree.get(name)) is not None), None)
     return Table(
         columns,
         start=_scalar(tree.get("start")) or 0.0,
         rate=rate,
-        noise={name: float(sigma) for name, sigma in known if np.isfinite(sigma)},
         notes=_texts(tree.get("notes")),
         source=next(iter(_texts(tree.get("source"))), ""),
-        interpolation={name: kind for name, kind in runs if kind != BAND_LIMITED},
+        stored={kind: _by_channel(tree.get(kind), kind, names.values()) for kind in STORED},
         sensors=as_statements(next(iter(_texts(tree.get("sensors"))), None), path),
     )
 
@@ -80,7 +75,8 @@ def _texts(value: Any) -> tuple[str, ...]:
         return ()
     if isinstance(value, str):
         return (value,) if value else ()
-    return tuple(str(text) for text in np.ravel(np.asarray(value)))
+    texts = np.ravel(np.asarray(value, dtype=object))  # an empty text is read as an array of no characters
+    return tuple("" if isinstance(text, np.ndarray) and not text.size else str(text) for text in texts)
 
 
 def _read_v5(path: Path) -> dict[str, Any]:
@@ -162,16 +158,32 @@ def write(record: Record, path: Path) -> None:
         "rate": record.rate,
         "channels": np.array(record.channels, dtype=object),
         "variables": np.array(variables, dtype=object),
-        "noise": np.array([record.noise.get(name, np.nan) for name in record.channels]),
-        "interpolation": np.array(
-            [record.interpolation.get(name, BAND_LIMITED) for name in record.channels], dtype=object
-        ),
+        **{kind: _for_each_channel(record, kind) for kind in STORED},
         "notes": np.array(record.notes, dtype=object),
         "source": record.source,
     }
     if record.uncertainty:
         content["sensors"] = json.dumps(sensors_of(record.uncertainty))
     savemat(path, content, format="5", oned_as="column", long_field_names=True)
+
+
+def _for_each_channel(record: Record, kind: str) -> NDArray[Any]:
+    """An attribute of every channel: an array of numbers, or a cell of texts."""
+    values = [getattr(record, kind).get(name, STORED[kind].absent) for name in record.channels]
+    return np.array(values, dtype=object if STORED[kind].is_text else np.float64)
+
+
+def _by_channel(value: Any, kind: str, channels: Iterable[str]) -> dict[str, Any]:
+    """What `_for_each_channel` wrote, by channel, without those that are absent."""
+    if STORED[kind].is_text:
+        values: Iterable[float | str] = _texts(value)
+    else:
+        values = np.atleast_1d(() if value is None else value).tolist()
+    return {
+        name: stored
+        for name, stored in zip(channels, values, strict=False)
+        if not STORED[kind].is_absent(stored)
+    }
 
 
 def _identifiers(channels: tuple[str, ...]) -> tuple[str, ...]:

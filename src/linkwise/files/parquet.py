@@ -1,4 +1,4 @@
-"""Parquet: one column per channel; rate, noise, notes and what is known of sensors in the metadata of the schema.
+"""Parquet: one column per channel; rate, noise, notes and the like in the metadata of the schema.
 
 The metadata `calibration`, `gain`, `offset` and `delay` of a column of any other file say what is known of its sensor.
 """
@@ -19,6 +19,7 @@ from pyarrow import parquet
 from linkwise.errors import RecordError
 from linkwise.files.sensor_attributes import sensors_of, stated_in
 from linkwise.files.table import Column, Table
+from linkwise.records.channel_attributes import STORED
 from linkwise.records.record import Record
 
 _KEY = b"linkwise record"
@@ -27,10 +28,15 @@ _KEY = b"linkwise record"
 def read_table(path: Path) -> Table:
     """All columns of the file; see `files.read_record`."""
     content = parquet.read_table(path)
-    stated = _Stated()
+    stated, stored = _Stated(), {}
     if _KEY in (content.schema.metadata or {}):
         try:
-            stated = msgspec.json.decode(content.schema.metadata[_KEY], type=_Stated, strict=True)
+            metadata = msgspec.json.decode(content.schema.metadata[_KEY], type=dict[str, Any])
+            stated = msgspec.convert(metadata, type=_Stated)
+            stored = {
+                kind: msgspec.convert(metadata.get(kind, {}), type=attribute.stored)
+                for kind, attribute in STORED.items()
+            }
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise RecordError(f"its metadata is not that of a record: {error}", path) from error
     columns = tuple(
@@ -41,10 +47,9 @@ def read_table(path: Path) -> Table:
         columns,
         start=stated.start,
         rate=stated.rate,
-        noise=stated.noise,
         notes=stated.notes,
         source=stated.source,
-        interpolation=stated.interpolation,
+        stored=stored,
         sensors=stated.sensors,
     )
 
@@ -61,10 +66,8 @@ class _Stated(msgspec.Struct):
 
     start: float = 0.0
     rate: float | None = None
-    noise: dict[str, float] = {}
     notes: tuple[str, ...] = ()
     source: str = ""
-    interpolation: dict[str, str] = {}
     sensors: dict[str, dict[str, object]] = {}
 
 
@@ -81,10 +84,9 @@ def write(record: Record, path: Path) -> None:
     stated = {
         "start": record.start,
         "rate": record.rate,
-        "noise": dict(record.noise),
+        **{kind: dict(getattr(record, kind)) for kind in STORED},
         "notes": record.notes,
         "source": record.source,
-        "interpolation": dict(record.interpolation),
         "sensors": sensors_of(record.uncertainty),
     }
     names = ("time", *record.channels)

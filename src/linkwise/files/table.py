@@ -57,7 +57,8 @@ class Table:
 
     `named` is False where the file has no header and columns have numbers; `opening` is then its first line. `lines` (N,) and
     `header_line` count from 1, None where the format has no lines. `start` in s and `rate` in Hz are set where the file
-    states them besides or instead of a time column. `sensors` is what the file states of sensors by channel, beside the
+    states them besides or instead of a time column. `stored` holds attributes of channels, such as the noise, by attribute and
+    channel. `sensors` is what the file states of sensors by channel, beside the
     attributes of columns.
     """
 
@@ -68,10 +69,9 @@ class Table:
     opening: str = ""
     start: float = 0.0
     rate: float | None = None
-    noise: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     source: str = ""
-    interpolation: Mapping[str, str] = field(default_factory=dict)
+    stored: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
     @property

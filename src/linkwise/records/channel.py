@@ -14,13 +14,6 @@ QUANTITIES = {
     "state": "state of a link",
 }  # fmt: skip
 OF_MASSES = ("x", "v", "a", "force")
-OF_CHANNELS = {
-    "noise": "noise",
-    "interpolation": "interpolation",
-    "units": "unit",
-    "uncertainty": "uncertainty",
-}
-"""The attributes of a record that are mappings by channel, and what each of their values is called."""
 BASE = "base"
 _RELATIVE = "rel:"
 _RESERVED = frozenset(":[]()\"',;\t\n")

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.errors import RecordError
-from linkwise.records.channel import OF_CHANNELS
+from linkwise.records.channel_attributes import OF_CHANNELS
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
 
@@ -184,13 +184,13 @@ def _refuse_common(record: Record, added: Record) -> None:
 
 def _refuse_other_statements(record: Record, continuation: Record) -> None:
     """Raise RecordError where a part of a record states another noise, uncertainty or interpolation of a channel."""
-    for kind, quantity in OF_CHANNELS.items():
+    for kind, attribute in OF_CHANNELS.items():
         first, second = getattr(record, kind), getattr(continuation, kind)
         for name in first:
             if name in second and first[name] != second[name]:
                 raise RecordError(
-                    f"states another {quantity} of its sensor than the first part of the record; state the same of both, "
-                    "for instance in a mapping file",
+                    f"states another {attribute.label} of its sensor than the first part of the record; state the same of "
+                    "both, for instance in a mapping file",
                     continuation.source or None,
                     channel=name,
                 )

@@ -15,7 +15,8 @@ from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.html import NotebookView
-from linkwise.records.channel import OF_CHANNELS, Channel
+from linkwise.records.channel import Channel
+from linkwise.records.channel_attributes import OF_CHANNELS
 from linkwise.records.checks import check_names, check_values
 from linkwise.records.decimation import check_complete, check_factor, check_interpolation, lowpass_for
 from linkwise.records.immutable import read_only
