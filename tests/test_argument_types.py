@@ -13,7 +13,7 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.argument_types import check_type
+from linkwise.argument_types import check_type, checked
 
 CHAIN = lw.bnes_chain(2)
 KNOWN = lw.Coefficient.number(1.0)
@@ -148,3 +148,29 @@ def test_a_number_that_is_none_is_refused_by_its_place(build: Callable[[], objec
 def test_what_has_its_type_passes() -> None:
     check_type("f(x)", "x", CHAIN, lw.Record, lw.Structure)
     assert len(lw.inspect(iter([chain_record(2)])).channels) == 2  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("accepted", "refused", "message"),
+    [
+        ({"k": 1.0}, {"k": "1.0"}, r"values\['k'\] must be of type array of numbers, got '1.0'"),
+        ({"k": 1.0}, {3: 1.0}, "a key of values must be of type str, got 3"),
+        ({"k": np.zeros(20)}, {"k": np.full(20, "1")}, r"values\['k'\] must be of type array of numbers"),
+    ],
+)
+def test_what_was_accepted_before_lets_nothing_else_pass(accepted: Any, refused: Any, message: str) -> None:
+    for _ in range(2):
+        assert np.all(LAW.force(0.0, 0.0, accepted) == 0.0)
+    with pytest.raises(lw.ArgumentTypeError, match=message):
+        LAW.force(0.0, 0.0, refused)
+
+
+def test_the_length_of_a_short_sequence_is_looked_at_each_time() -> None:
+    @checked
+    def middle(ends: tuple[float, float]) -> float:
+        return 0.5 * sum(ends)
+
+    assert middle(np.array([1.0, 3.0])) == 2.0  # type: ignore[arg-type]
+    for length in (3, 30):
+        with pytest.raises(lw.ArgumentTypeError, match=f"ends must have 2 entries, got {length}"):
+            middle(np.ones(length))  # type: ignore[arg-type]

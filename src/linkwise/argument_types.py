@@ -43,6 +43,8 @@ _MAKERS = {  # of texts
 }
 CHECKED_INSIDE = object()
 """Marks a type, as in ``Annotated[..., CHECKED_INSIDE]``, that the function itself checks, whose message says more."""
+_PLAIN = (float, int, bool, str, type(None))
+_FEW = 16  # entries: more than any sequence of a fixed length has
 _CONTAINERS = (Sequence, Iterable, Collection, tuple, list)
 
 
@@ -111,6 +113,7 @@ class _Takes:
 
     def __init__(self, function: Callable[..., object]) -> None:
         self.function = function
+        self._accepted: set[tuple[str, object]] = set()  # parameters with forms of values; see `_form`
 
     @cached_property
     def _parameters(self) -> Mapping[str, inspect.Parameter]:
@@ -189,12 +192,20 @@ class _Takes:
         try:
             for name, value in zip(chain(self._order, *map(repeat, self._rest)), args, strict=False):
                 if name in exact and type(value) not in exact[name]:
-                    _check(name, value, self._kinds[name])
+                    self._check_value(name, value)
             for name, value in kwargs.items():
                 if name in exact and type(value) not in exact[name]:
-                    _check(name, value, self._kinds[name])
+                    self._check_value(name, value)
         except ArgumentTypeError as error:
             raise ArgumentTypeError(f"{self._where(args, kwargs)}: {error}") from None
+
+    def _check_value(self, name: str, value: object) -> None:
+        """Check a value, unless one of its form was of the type that the parameter has."""
+        form = _form(value)
+        if (name, form) not in self._accepted:
+            _check(name, value, self._kinds[name])
+            if form is not None:
+                self._accepted.add((name, form))
 
     def _where(self, args: tuple[object, ...], kwargs: Mapping[str, object]) -> str:
         """What is called; of what is built, its name, as in 'link "nes1"'."""
@@ -218,6 +229,22 @@ def _check(name: str, value: object, kinds: tuple[Any, ...]) -> None:
     for kind in kinds:
         for part, content, inside in _parts(name, value, kind):
             _check(part, content, tuple(_alternatives(inside)))
+
+
+def _form(value: object) -> object:
+    """All on which the check of a value depends, where that is short to say: its type and those of what it holds."""
+    kind = type(value)
+    if kind in _PLAIN:
+        return kind
+    if _is_array(value):
+        array: Any = value
+        listed = array.ndim == 1 and array.size <= _FEW  # a sequence of a fixed length may be asked for
+        return (kind, array.dtype.kind, array.ndim) if array.dtype.kind in "biuf" and not listed else None
+    if kind is dict:
+        mapping = cast(dict[object, object], value)
+        forms = frozenset(map(_form, mapping.values()))
+        return (kind, frozenset(map(type, mapping)), forms) if None not in forms else None
+    return None
 
 
 def _alternatives(kind: Any) -> Iterator[Any]:
