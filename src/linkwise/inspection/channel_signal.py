@@ -96,9 +96,12 @@ class ChannelSignal:
         """Significant decimal digits of the samples; 17 where they are as many as a number holds."""
         some = self.observed[:: max(1, len(self.observed) // _LOOKED_AT)]
         some = some[some != 0.0]
+        roundings = _ROUNDED * np.spacing(np.abs(some))
         for digits in range(1, _PRINTED):
-            rounded = np.array([float(f"{value:.{digits - 1}e}") for value in some])
-            if np.all(np.abs(rounded - some) <= _ROUNDED * np.spacing(np.abs(some))):
+            if all(
+                abs(float(f"{value:.{digits - 1}e}") - value) <= rounding
+                for value, rounding in zip(some.tolist(), roundings.tolist(), strict=True)
+            ):
                 return digits
         return 17
 
