@@ -2,8 +2,8 @@
 Is it linear? One tap, three levels
 ===================================
 
-In a linear structure a frequency does not depend on how hard it is hit. Records at several
-levels tell, before any model, from which level on that ends.
+In a linear structure the natural frequencies do not depend on how hard it is hit. Records at
+several levels show, without any model, from which level on they do.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,9 @@
 From accelerometers alone
 =========================
 
-Displacements are seldom measured. The law of a link is found from accelerations too: they are
-never integrated, which would let their noise drift away; the displacements are unknowns of the
-fit.
+Displacements are seldom measured. The law of a link is also found from accelerations. They are
+never integrated, since their noise would accumulate to a drift; the displacements are unknowns
+of the fit.
 """
 
 import matplotlib.pyplot as plt

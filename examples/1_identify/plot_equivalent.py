@@ -2,9 +2,9 @@
 Equivalent stiffness and damping
 ================================
 
-Designers of linear systems ask for *the* stiffness of a link. There is one for each amplitude:
-the linear spring and damper that store and dissipate as much in one cycle. Both come with their
-band.
+Linear design needs one stiffness per link. A nonlinear link has one for each amplitude: that of
+the linear spring and damper that store and dissipate the same energy in one cycle. Both are drawn
+with their bands.
 """
 
 import matplotlib.pyplot as plt

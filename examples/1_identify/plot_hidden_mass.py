@@ -2,8 +2,8 @@
 A mass without a sensor
 =======================
 
-A mass that nothing looks at is found together with the laws: its motion is a hidden state. The
-search then needs starting values, such as those of the drawing.
+The motion of a mass without a sensor is a hidden state, and is estimated together with the laws.
+The search then needs starting values, such as those of the drawing.
 """
 
 import matplotlib.pyplot as plt

@@ -3,7 +3,7 @@ A link on a wing
 ================
 
 Most of a wing is linear and known by its modes; a joint in it is not. The modes are stated as a
-host, here to within half a percent, and the link at one of its points is identified with them.
+host, here to within half a per cent, and the link at one of its points is identified with them.
 """
 
 import matplotlib.pyplot as plt

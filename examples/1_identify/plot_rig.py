@@ -2,9 +2,9 @@
 The loop of a damper on a rig
 =============================
 
-An actuator moves one end of a damper, a load cell shows its force, and nothing else moves. The
-force depends on what happened before: over the elongation it runs in loops, which no curve F(d)
-has. A law with a state has them.
+An actuator moves one end of a damper, a load cell measures its force, and nothing else moves. The
+force depends on the history of the motion: over the elongation it forms loops, which no function
+F(d) can. A law with a state can.
 """
 
 import matplotlib.pyplot as plt

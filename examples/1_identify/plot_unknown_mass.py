@@ -2,8 +2,8 @@
 An unknown mass under a measured force
 ======================================
 
-A motion tells ratios of forces to masses. With a force that is measured in newtons the mass
-itself is found.
+Motion alone determines only ratios of forces to masses. If an applied force is measured, the
+mass itself can be identified.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 A wrong law leaves more than noise
 ==================================
 
-A good-looking overlay does not prove a law. What the law leaves of the record does: noise if it
-is right, a trace of the motion if not.
+A good-looking overlay does not support a law. The residuals do: they are noise if the law is
+right, and follow the motion if it is not.
 """
 
 import matplotlib.pyplot as plt

@@ -1,9 +1,9 @@
 """
-Who is linked to whom
-=====================
+Finding the links of a structure
+================================
 
-A record of four masses and what they weigh, nothing else: which of the ten possible links are
-there, and with which terms?
+Only a record of four masses, and the masses themselves, are given: which of the ten possible
+links exist, and which terms do they have?
 """
 
 import matplotlib.pyplot as plt

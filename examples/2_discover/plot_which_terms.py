@@ -2,8 +2,8 @@
 Which terms does a link need?
 =============================
 
-Offer the terms that the hardware may have. The path shows what each of them is worth: the misfit
-without it, and the criterion, which rises again with terms that explain noise.
+Give the terms that the hardware may have as candidates. The path shows the value of each: the
+misfit without it, and the criterion, which rises again with terms that only explain noise.
 """
 
 import linkwise as lw

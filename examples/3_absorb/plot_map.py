@@ -2,8 +2,8 @@
 Tuning a sink
 =============
 
-The same question over a grid: how much of the energy does the sink take, for each stiffness of
-its wells and each strength of the blow?
+How much of the energy does the sink dissipate, for each stiffness of its wells and each strength
+of the blow?
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Absorption with intervals
 =========================
 
-What a sink that was *identified* does for its host, with the uncertainty of the identification
-carried through.
+The effect of an *identified* sink on the structure, with the uncertainty of the identification
+propagated.
 """
 
 import matplotlib.pyplot as plt

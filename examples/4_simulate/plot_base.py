@@ -2,8 +2,8 @@
 A stop that is hit on a shaking base
 ====================================
 
-Laws may have kinks: a free play of 1 mm, then a stiff stop. The integrator ends its steps where
-the law bends, so the energy balance closes to rounding.
+Laws may have kinks: a free play of 1 mm, then a stiff stop. The integrator ends its steps at
+the kinks, so the energy balance closes to rounding.
 """
 
 import matplotlib.pyplot as plt

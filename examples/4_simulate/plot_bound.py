@@ -2,8 +2,8 @@
 A test planned, and run
 =======================
 
-Before a test, the Cramér-Rao bound says what its record can tell; afterwards the fit should
-come out as sharp.
+Before a test, the Cramér-Rao bound gives the smallest standard errors that its record allows;
+after it, those of the fit should be about as small.
 """
 
 import matplotlib.pyplot as plt

@@ -3,7 +3,7 @@ How long a chaotic motion can be predicted
 ==========================================
 
 Two runs of the same structure, released alike but for one part in a billion. After a while they
-have nothing in common; a simulation knows when rounding alone gets that far.
+have nothing in common; a simulation estimates when rounding errors alone cause that.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Wells, barriers and modes
 =========================
 
-A law says more than its coefficients: where the link rests, what energy carries it across, and
-how fast it swings in a well.
+A law implies more than its coefficients: where the link is in equilibrium, the energy that takes
+it across the barrier, and how fast it vibrates in a well.
 """
 
 import matplotlib.pyplot as plt

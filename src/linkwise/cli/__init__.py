@@ -52,7 +52,7 @@ def linkwise(debug: bool) -> None:
     """Identify the force law of every link of a nonlinear structure from its measured motion.
 
     \b
-    Example:
+    Examples:
       linkwise structure bnes --dof 2 -o chain.toml
       linkwise structure bnes --dof 2 --unknown nes -o unknown.toml
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv

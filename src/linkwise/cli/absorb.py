@@ -97,12 +97,14 @@ def _values(text: str) -> list[float]:
 
 absorption_options = keyword_group(
     "options",
-    click.option("--duration", metavar="S", type=POSITIVE, required=True, help="How long to look, in s."),
+    click.option(
+        "--duration", metavar="S", type=POSITIVE, required=True, help="Duration of the simulation in s."
+    ),
     click.option(
         "--rate",
         metavar="HZ",
         type=POSITIVE,
-        help="Samples per second (default: 20 a period of the fastest mode).",
+        help="Samples per second (default: 20 per period of the fastest mode).",
     ),
     click.option(
         "--sink",
@@ -116,7 +118,7 @@ absorption_options = keyword_group(
         type=click.Choice(["removed", "locked"]),
         default="removed",
         show_default=True,
-        help="How the structure is without its sinks: their masses gone, or held where they start.",
+        help="What 'without sinks' means: their masses removed, or locked where they start.",
     ),
     click.option(
         "--settle",
@@ -124,7 +126,7 @@ absorption_options = keyword_group(
         type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
         default=0.05,
         show_default=True,
-        help="A mass has settled below this part of its peak without sinks.",
+        help="A mass has settled when its excursion stays below this fraction of its peak without sinks.",
     ),
     click.option(
         "--harvester",
@@ -132,8 +134,8 @@ absorption_options = keyword_group(
         callback=_harvesters,
         metavar="LINK=NS/M|POWER",
         multiple=True,
-        help="Put a damper of so many N s/m in parallel to a link and report its power, or report the power that the link "
-        "itself delivers, as piezo=V**2/R. Repeatable.",
+        help="Add a damper of this many N s/m in parallel with a link and report its power, or report the power that "
+        "the link itself delivers, as in piezo=V**2/R. Repeatable.",
     ),
 )
 
@@ -144,19 +146,20 @@ repetition_options = grouped(
         "--sweep",
         metavar="NAME=FROM:TO:COUNT[:log]",
         multiple=True,
-        help="Map the answer over a coefficient (nes1.alpha), a mass (m2.mass) or a release (v:m1); given twice, over both.",
+        help="Map the result over a coefficient (nes1.alpha), a mass (m2.mass) or a release (v:m1); given twice, over "
+        "two of them.",
     ),
     click.option(
         "--workers",
         metavar="N",
         type=click.IntRange(min=1),
-        help="Threads for many runs (default: one a processor).",
+        help="Number of threads (default: one per processor).",
     ),
     click.option(
         "--draws",
         metavar="N",
         type=click.IntRange(min=2),
-        help="How many structures an identified one is drawn as, for intervals (default 200).",
+        help="Number of draws from an identified structure, for intervals (default 200).",
     ),
     click.option("--seed", metavar="N", type=click.IntRange(min=0), help="Seed of the draws (default 0)."),
 )
@@ -177,11 +180,11 @@ def absorb(
     output: Path | None,
     as_json: bool,
 ) -> int:
-    """Tell what the sinks of STRUCTURE do, against the same structure without them.
+    """Compare the vibration of STRUCTURE with and without its sinks.
 
-    Printed are decay and settling of the primary masses, the share of the energy that each link dissipates, and how often
-    each sink crosses from well to well. STRUCTURE is a structure file or the folder of an answer of identify; that one gives
-    all of it with intervals.
+    The result holds the decay and settling of the primary masses, the share of the energy that each link dissipates, and how
+    often each sink crosses from well to well. STRUCTURE is a structure file, or the folder of an answer of identify, which
+    gives all results with intervals.
 
     \b
     Examples:

@@ -98,19 +98,20 @@ prior_options = grouped(
         "--mass",
         metavar="NAME=KG",
         multiple=True,
-        help='A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g"; with ratios of masses forces come out in those '
-        "units; NAME=unknown where an applied force or another mass sets the scale. Repeatable, once for every mass.",
+        help='A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g"; if only ratios of masses are known, forces are '
+        "relative to them; NAME=unknown if an applied force or another mass sets the scale. Repeatable, once for every "
+        "mass.",
     ),
     click.option(
         "--structure",
         metavar="FILE",
         type=FILE,
-        help="A structure file that states the masses and what is known of the links, in place of --mass.",
+        help="A structure file with the masses and the known links, instead of --mass.",
     ),
     click.option(
         "--terms",
         metavar="LIST",
-        help='What any link may have: functions of d and v, or families of them. Default "v, d, d**2, d**3".',
+        help='Candidate terms of every link: functions of d and v, or families of them. Default "v, d, d**2, d**3".',
     ),
     click.option(
         "--with",
@@ -118,7 +119,8 @@ prior_options = grouped(
         metavar="RECORD",
         multiple=True,
         type=FILE,
-        help="Another record of the same structure, read as RECORD is and taken together with it. Repeatable.",
+        help="Another record of the same structure, read with the same options and fitted together with it. "
+        "Repeatable.",
     ),
 )
 
@@ -138,24 +140,27 @@ def discover(
     truth: Path | None,
     as_json: bool,
 ) -> int:
-    """Discover who is linked to whom, and by which law, from RECORD and the masses alone.
+    """Discover which masses are linked, and by which laws, from RECORD and the masses alone.
 
-    Every mass needs a sensor, unless hosts are there. Candidates are all pairs of masses, every mass with the ground and,
-    where x:base is recorded, with the base, each with all --terms. Families that --terms knows beside functions of d and v:
+    Every mass needs a sensor, unless the structure has hosts. Candidates are links between all pairs of masses, between every
+    mass and the ground and, if x:base is recorded, the base, each with all --terms. Beside functions of d and v, --terms
+    accepts these families:
 
     \b
       FAMILIES
 
-    A law with memory, such as bouc-wen, dahl or zener, may stand there by its name ("linkwise structure laws" lists all): each
-    link is offered its states. Without one, bouc-wen, dahl and zener are tried where the terms leave over 3 % of the forces.
+    The list may also name a law with memory, such as bouc-wen, dahl or zener ("linkwise structure laws" lists all), which is
+    then tried in each link. If it names none, bouc-wen, dahl and zener are tried if the terms leave more than 3 % of the
+    forces unexplained.
 
-    Without a number, S or G is found for each link, as is any other name in a function: "tanh(v/vr)". The term 1 is a constant
-    force on each mass.
+    Without a number, S or G is estimated for each link, as is any other name inside a function: "tanh(v/vr)". The term 1 is a
+    constant force on each mass.
 
-    With --structure, links in the file stay with their terms, others may join them; a link whose law is "0" is known not to be
-    there, and a coefficient of 0 says that of a term. With hosts in the file, links may end at their points as at masses, and
-    accelerometers at some of them are enough. What the record will not tell is said on standard error before time is
-    spent. Exit code 3 means that the search did not settle or the fit is not to be trusted; Ctrl-C ends with the best so far.
+    With --structure, links in the file keep their terms, and others may be added; a link with the law "0" is known to be
+    absent, as is a term with a coefficient of 0. With hosts in the file, links may end at their points as at masses, and
+    accelerometers at some of the points are enough. What the record cannot determine is reported on standard error before the
+    search. Exit code 3 means that the search did not settle or the fit is not to be trusted; Ctrl-C ends the search with the
+    best result so far.
 
     \b
     Examples:

@@ -46,7 +46,8 @@ DISTURBANCE_OPTIONS = (
         metavar="CHANNEL[=TIME]",
         multiple=True,
         callback=_drifts,
-        help="A slow drift of this channel is found with the laws, in pieces of a line of this length, 8 without one (ml). "
+        help="Estimate a slow drift of this channel with the laws, piecewise linear with pieces of this length; by "
+        "default 8 pieces (ml). "
         "Repeatable.",
     ),
     click.option(
@@ -55,6 +56,7 @@ DISTURBANCE_OPTIONS = (
         metavar="CHANNEL=HZ",
         multiple=True,
         callback=_hums,
-        help="A hum of this frequency in the channel: its amplitude and phase are found with the laws (ml). Repeatable.",
+        help="Estimate a hum of this frequency in the channel, its amplitude and phase, with the laws (ml). "
+        "Repeatable.",
     ),
 )

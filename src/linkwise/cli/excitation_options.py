@@ -79,7 +79,7 @@ drive_options = grouped(
         "--impulse",
         metavar="MASS=NS[@S]",
         multiple=True,
-        help="Hit a mass: momentum in N s, at a time in s (default 0). Repeatable.",
+        help="Impulse on a mass: momentum in N s, at a time in s (default 0). Repeatable.",
     ),
     click.option(
         "--force",

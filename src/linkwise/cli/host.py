@@ -25,8 +25,8 @@ _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
 @click.argument("files", metavar="FILE...", type=FILE, nargs=-1, required=True)
 @click.option(
     "--name",
-    help="Name of the host; by default that of the first file. With --modes, by default the part before the dot of the "
-    "channels, as beam of a:beam.tip: where they have one, another name is refused.",
+    help="Name of the host; by default that of the first file. With --modes, by default the part of the channel names "
+    "before the dot, such as beam in a:beam.tip; if they have one, no other name is accepted.",
 )
 @click.option("--mass", metavar="NAME", help="The mass matrix in FILE, by default M or mass.")
 @click.option("--stiffness", metavar="NAME", help="The stiffness matrix in FILE, by default K or stiffness.")
@@ -35,35 +35,41 @@ _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
     "points",
     metavar="NAME=ROW",
     multiple=True,
-    help="A point to link, sense or force at: a row of the matrices, counted from 1 (repeatable).",
+    help="A point for links, sensors or forces: a row of the matrices, counted from 1. Repeatable.",
 )
 @click.option(
-    "--keep", type=click.IntRange(min=1), default=10, show_default=True, help="Modes that are kept."
+    "--keep",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=10,
+    show_default=True,
+    help="Number of modes kept.",
 )
 @click.option(
     "--modal-damping",
+    metavar="RATIO",
     type=click.FloatRange(min=0.0),
     default=0.0,
-    help="Damping of every mode, as a part of the critical one.",
+    help="Damping ratio of every mode.",
 )
 @click.option(
     "--modes",
     metavar="N|auto",
-    help="FILE is a record of a test at a low level, of which this many modes are identified: auto for as many as it shows.",
+    help="FILE is a record of a test at a low level; identify this many modes, or as many as it shows (auto).",
 )
 @click.option("--no-residual", is_flag=True, help="Leave out the flexibility of the modes that are not kept.")
 @click.option(
     "--frequency-sigma",
     metavar="PERCENT%",
-    help="Frequencies are known to within this part of themselves, such as 1%: identify finds them with the links.",
+    help="Relative standard deviation of the frequencies, such as 1%; identify then estimates them with the links.",
 )
 @click.option(
-    "--damping-sigma", metavar="PERCENT%", help="Damping is known to within this part of itself, such as 20%."
+    "--damping-sigma", metavar="PERCENT%", help="Relative standard deviation of the damping, such as 20%."
 )
 @click.option(
     "--shape-sigma",
     metavar="PERCENT%",
-    help="Shapes are known to within this part of the largest of their mode at the points, such as 2%.",
+    help="Standard deviation of the shapes, such as 2% of the largest shape of the mode at the points.",
 )
 @click.option("-o", "--output", metavar="HOST", type=FILE, help="File to write; without it, standard output.")
 @click.option("--json", "as_json", is_flag=True, help="Print the host as JSON and nothing else.")
@@ -77,19 +83,19 @@ def host(
     modes: str | None,
     **options: Any,
 ) -> int:
-    """Write modes (CSV, UFF), matrices (MAT, NPZ, MTX) or a test of a linear structure as a host, to paste links below.
+    """Write a host from modes (CSV, UFF), matrices (MAT, NPZ, MTX) or records of a modal test.
 
-    A CSV file has the columns frequency[Hz], damping and the shape at every point, in 1/sqrt(kg). Of matrices the lowest modes
-    are kept; that the others give way under a force at the points is kept too. Two MTX files are the mass and the stiffness
-    matrix, in this order.
+    The result is the beginning of a structure file, to which links are added. A CSV file has the columns frequency[Hz],
+    damping and the shape at every point, in 1/sqrt(kg). Matrices are reduced to the lowest modes and the residual flexibility
+    of the others at the points. Two MTX files are the mass and the stiffness matrix, in this order.
 
     With --modes the files are records of a test at a low level: hits of a hammer, or a shaker, with channels such as
     force:beam.tip, a:beam.tip and a:beam.mid. One response must be where the force acts. Frequencies, damping and shapes are
-    written as known to within their standard errors, or to within --frequency-sigma and the like where these are more. Exit
-    code 3 means that linear modes do not explain the records.
+    written with their standard errors, or with --frequency-sigma and the like if these are larger. Exit code 3 means that
+    linear modes do not explain the records.
 
     \b
-    Example:
+    Examples:
       linkwise structure host beam.mat --point tip=79 --point root=5 --keep 8 --modal-damping 0.01 -o beam.toml
       linkwise structure host wing_modes.csv --name wing --shape-sigma 2% -o wing.toml
       linkwise structure host taps.csv --modes auto -o beam.toml

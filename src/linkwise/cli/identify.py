@@ -62,7 +62,8 @@ method_options = grouped(
         type=RegisteredChoice(METHODS),
         default="ml",
         show_default=True,
-        help="Maximum likelihood on the raw samples; the weak form, which starts it, alone; or the paper's sparse regression.",
+        help="Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone "
+        "(weak); or the sparse regression of the paper (sindy).",
     ),
     click.option(
         "--with",
@@ -70,9 +71,10 @@ method_options = grouped(
         metavar="RECORD",
         multiple=True,
         type=FILE,
-        help="Another record of the same structure, read as RECORD is and fitted together with it (ml). Repeatable.",
+        help="Another record of the same structure, read with the same options and fitted together with it (ml). "
+        "Repeatable.",
     ),
-    click.option("--profile", is_flag=True, help="Print profile-likelihood intervals too (ml)."),
+    click.option("--profile", is_flag=True, help="Also print profile-likelihood intervals (ml)."),
 )
 
 ml_options = keyword_group(
@@ -85,13 +87,14 @@ ml_options = keyword_group(
         "loss",
         type=click.Choice(["huber", "student"]),
         callback=_loss,
-        help="Against outliers: what a residual costs (ml).",
+        help="Robust loss against outliers (ml; default none).",
     ),
     click.option(
         "--exact",
         is_flag=True,
         default=None,
-        help="Take the laws for exact, with no model error: chi-square is that of a free run from the start found (ml).",
+        help="Take the laws as exact, without a model error: chi-square is that of a free run from the estimated "
+        "initial state (ml).",
     ),
 )
 
@@ -100,12 +103,12 @@ sindy_options = keyword_group(
     click.option(
         "--derivative",
         type=click.Choice(["spline", "savgol", "differences"]),
-        help="How to differentiate (sindy; default spline).",
+        help="Method of differentiation (sindy; default spline).",
     ),
     click.option(
         "--regressor",
         type=RegisteredChoice(REGRESSORS),
-        help="How to regress (sindy; default stlsq).",
+        help="Regression method (sindy; default stlsq).",
     ),
 )
 
@@ -131,8 +134,8 @@ def identify(
 ) -> int:
     """Identify the unknown coefficients of STRUCTURE from RECORD.
 
-    Exit code 3 means that it finished but the answer is not to be trusted; the table says why. Ctrl-C ends the search with the
-    best so far, which is not to be trusted either.
+    Exit code 3 means that the answer is not to be trusted; the table says why. Ctrl-C ends the search with the best result so
+    far, which is not to be trusted either.
 
     \b
     Examples:

@@ -88,13 +88,13 @@ records_options = grouped(
     "--modes",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Modes to follow over the levels, from the strongest on.",
+    help="Number of modes to follow over the levels, the strongest first.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
 def inspect(
     source: RecordsOptions, output: Path | None, levels: bool, modes: int | None, as_json: bool
 ) -> None:
-    """Look at each RECORD before any model: what its channels hold, and what is wrong with them, worst first.
+    """Check each RECORD without a model: what its channels contain, and what is wrong with them, worst first.
 
     Alerts leave the exit code at 0; a file that cannot be read gives 2. --levels asks whether the structure is linear, and
     from which level on it is not: frequencies and damping of the linear modes that explain each record, response functions

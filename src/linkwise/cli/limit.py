@@ -28,20 +28,20 @@ from linkwise.cli.options import FILE, POSITIVE, number, pairs
     "--noise-of",
     metavar="CHANNEL=SIGMA",
     multiple=True,
-    help="Standard deviation expected in a sensor, in SI units, in place of --noise. Repeatable.",
+    help="Standard deviation expected in a sensor, in SI units, instead of --noise. Repeatable.",
 )
 @click.option(
     "--unknown",
     metavar="WHAT",
     multiple=True,
-    help="What is to be found: all, nes, a link, nes1.alpha, mass:m2. Repeatable. Without it the unknowns of STRUCTURE, "
-    "at their starts, or all.",
+    help="The unknowns: all, nes, a link, nes1.alpha, mass:m2. Repeatable. By default the unknowns of STRUCTURE, at "
+    "their starting values, or all if it has none.",
 )
 @click.option(
     "--segment",
     metavar="S",
     type=POSITIVE,
-    help="Length of the pieces, each with a free start, that the bound looks at (default 0.25).",
+    help="Length in s of the segments of the bound, each with a free initial state (default 0.25).",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
 def limit(
@@ -56,9 +56,9 @@ def limit(
 ) -> int:
     """Compute how well a planned test of STRUCTURE can determine its coefficients, before anything is measured.
 
-    STRUCTURE holds the numbers that are expected. Printed are the smallest standard errors that any method can reach which
-    takes pieces of the record with free initial states (Cramer-Rao bound), and the smallest coefficients and forces that 95
-    of 100 such tests would distinguish from zero. A test that does not determine every unknown leaves exit code 3.
+    STRUCTURE holds the expected values. The result holds the smallest standard errors that any method can reach with segments
+    of the record whose initial states are free (Cramer-Rao bound), and the smallest coefficients and forces that 95 of 100
+    such tests would distinguish from zero. Exit code 3 means that the test does not determine every unknown.
 
     \b
     Examples:

@@ -68,15 +68,15 @@ def random_force_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             metavar="MASS[=DENSITY]",
             multiple=True,
             callback=_random_forces(lambda _: "N/sqrt(Hz)", "m1=0.5"),
-            help="Masses that a random force acts on which no channel shows, as m1,m2 or all; its one-sided amplitude "
-            f"spectral density in N/sqrt(Hz) is found where none is given{remark}. Repeatable.",
+            help="Masses on which an unrecorded random force acts, as in m1,m2 or all; its one-sided amplitude "
+            f"spectral density in N/sqrt(Hz) is estimated if none is given{remark}. Repeatable.",
         ),
         click.option(
             "--input-noise",
             metavar="CHANNEL[=SIGMA]",
             multiple=True,
             callback=_random_forces(_unit_of_channel, "force:m1=0.5"),
-            help="Inputs whose channel has noise, as force:m1, a:base, x:base or all; its standard deviation, in the "
-            f"channel's SI unit or with a unit, is found where none is given{remark}. Repeatable.",
+            help="Inputs whose channel has noise, as in force:m1, a:base, x:base or all; its standard deviation, in the "
+            f"channel's SI unit or with a unit, is estimated if none is given{remark}. Repeatable.",
         ),
     )

@@ -238,42 +238,44 @@ READING = (
         "--channel",
         metavar="NAME=COLUMN",
         multiple=True,
-        help="The column of the file that a channel is, as in x:m1=Laser1 or x:m1[mm]=Laser1, or of another file that was "
-        "started with it, as in a:base=ground.csv:AccX. Repeatable.",
+        help="The column that holds a channel, as in x:m1=Laser1 or x:m1[mm]=Laser1; it may be in another file that "
+        "was started at the same time, as in a:base=ground.csv:AccX. Repeatable.",
     ),
     click.option(
         "--by-time",
         is_flag=True,
-        help="Join the files of --channel NAME=FILE:COLUMN by their times, in place of from their first samples on.",
+        help="Join the files of --channel NAME=FILE:COLUMN by their times instead of by their first samples.",
     ),
     click.option(
         "--then",
         metavar="FILE",
         type=FILE,
         multiple=True,
-        help="A file in which the record goes on, read as it is. Repeatable.",
+        help="A file that continues the record, read with the same options. Repeatable.",
     ),
     click.option(
         "--mapping",
         metavar="FILE",
         type=FILE,
-        help="A file that states columns, units, masses, calibration, noise, offsets and delays once, for all records of a "
-        "test; other options go before it. inspect --write-mapping FILE writes a first one.",
+        help="A file that states columns, units, masses, calibration, noise, offsets and delays once, for all records "
+        "of a test; other options take precedence over it. inspect --write-mapping FILE writes a first one.",
     ),
     click.option(
         "--header",
         metavar="LINE",
-        help="The header line of a text file, where it is not found: its number, or a text in it.",
+        help="The header line of a text file, if it is not found: its number, or text that it contains.",
     ),
     click.option(
         "--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of a file without a time column."
     ),
-    click.option("--resample", metavar="HZ", type=POSITIVE, help="Resample uneven time to this rate."),
+    click.option(
+        "--resample", metavar="HZ", type=POSITIVE, help="Resample unevenly spaced samples to this rate."
+    ),
     click.option(
         "--decimate",
         metavar="N",
         type=click.IntRange(min=1),
-        help="Keep every N-th sample, behind an anti-alias filter.",
+        help="Keep every N-th sample, after an anti-alias filter.",
     ),
     click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
     click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
@@ -281,46 +283,48 @@ READING = (
         "--period",
         metavar="S",
         type=POSITIVE,
-        help="Average a periodic test over its periods of this time, with the noise that their scatter shows.",
+        help="Average a periodic test over periods of this length; their scatter gives the noise.",
     ),
     click.option(
         "--mark-missing",
         metavar="KINDS",
         multiple=True,
         callback=comma_separated,
-        help="Take samples with these faults as missing: clipped, spikes.",
+        help="Treat samples with these faults as missing: clipped, spikes.",
     ),
     click.option(
         "--offset",
         metavar="CHANNEL[=SIZE]",
         multiple=True,
-        help="A constant error of this channel: 0.3mm is taken out as known; 0.3mm+-0.1mm, or +-0.1mm, is known to within a "
-        "standard deviation, and identify and discover find the rest, as they do without a size. Repeatable.",
+        help="A constant error of this channel: 0.3mm is known and removed; 0.3mm+-0.1mm, or +-0.1mm, is known to "
+        "within a standard deviation and estimated by identify and discover, as is one without a size. "
+        "Repeatable.",
     ),
     click.option(
         "--gain",
         metavar="CHANNEL[=FACTOR]",
         multiple=True,
-        help="The factor by which this channel shows its motion: 1.02, 1.02+-1%, or found without one. Repeatable.",
+        help="The factor by which this channel scales its motion: 1.02, 1.02+-1%, or estimated if none is given. "
+        "Repeatable.",
     ),
     click.option(
         "--delay",
         metavar="CHANNEL[=TIME]",
         multiple=True,
-        help="The time by which this channel is late, in s or with a unit: 2ms, 2ms+-0.1ms, or found without one. "
-        "Repeatable.",
+        help="The time by which this channel is late, in s or with a unit: 2ms, 2ms+-0.1ms, or estimated if none is "
+        "given. Repeatable.",
     ),
     click.option(
         "--interpolation",
         metavar="CHANNEL=KIND",
         multiple=True,
-        help="How an input runs between its samples: held, linear or band-limited (default). Repeatable.",
+        help="How an input behaves between its samples: held, linear or band-limited (default). Repeatable.",
     ),
     click.option(
         "--noise-of",
         metavar="CHANNEL=SIGMA",
         multiple=True,
-        help="Standard deviation of a channel's noise in SI units, where it is known. Repeatable.",
+        help="Standard deviation of a channel's noise in SI units, if it is known. Repeatable.",
     ),
 )
 

@@ -42,7 +42,7 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             metavar="CHANNEL=PERCENT%",
             multiple=True,
             callback=_calibration,
-            help="How well the gain of a sensor is known; all= for each, common= for a factor that all share"
+            help="Uncertainty of the gain of a sensor; all= for each sensor, common= for a factor that all share"
             f"{remark}. Repeatable.",
         ),
         click.option(
@@ -51,6 +51,6 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             metavar="gain,offset,delay",
             multiple=True,
             callback=comma_separated,
-            help=f"Errors of sensors that are taken into the model where the diagnosis names them{remark}.",
+            help=f"Errors of sensors that are added to the model if the diagnosis names them{remark}.",
         ),
     )

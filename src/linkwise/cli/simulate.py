@@ -31,7 +31,7 @@ else:
 @sampling_options
 @drive_options
 @click.option(
-    "--noise", metavar="DB", type=float, help="Add noise to every response: this signal-to-noise ratio."
+    "--noise", metavar="DB", type=float, help="Add noise with this signal-to-noise ratio to every response."
 )
 @click.option(
     "--seed",
@@ -42,7 +42,12 @@ else:
     help="Seed of the noise.",
 )
 @click.option(
-    "-o", "--output", metavar="RECORD", type=FILE, required=True, help="File to write; its suffix says how."
+    "-o",
+    "--output",
+    metavar="RECORD",
+    type=FILE,
+    required=True,
+    help="File to write; its suffix selects the format.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
 def simulate(
@@ -54,7 +59,7 @@ def simulate(
     output: Path,
     as_json: bool,
 ) -> None:
-    """Simulate STRUCTURE and write the record that its sensors would have made.
+    """Simulate STRUCTURE and write the record of its sensors.
 
     \b
     Example:

@@ -27,9 +27,11 @@ structure.add_command(host)
 
 
 @structure.command()
-@click.option("--dof", metavar="N", type=int, required=True, help="Number of masses, even.")
+@click.option("--dof", metavar="N", type=int, required=True, help="Number of masses (even).")
 @click.option(
-    "--unknown", type=click.Choice(["nes", "all"]), help="Leave the sinks' or all coefficients unknown."
+    "--unknown",
+    type=click.Choice(["nes", "all"]),
+    help="Make the coefficients of the sinks (nes) or of all links (all) unknown.",
 )
 @click.option("-o", "--output", metavar="FILE", type=FILE, help="File to write; without it, standard output.")
 @click.option("--json", "as_json", is_flag=True, help="Print the structure as JSON and nothing else.")

@@ -16,7 +16,7 @@ UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at a
 
 @click.command()
 @click.argument("name", metavar="NAME|FILE.toml")
-@click.option("--quick", is_flag=True, help="Take the few cycles that the study calls quick.")
+@click.option("--quick", is_flag=True, help="Run only the few cycles that the study defines as quick.")
 @click.option(
     "--workers",
     metavar="N",
@@ -26,7 +26,7 @@ UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at a
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Run on the dask cluster with this scheduler, as in tcp://host:8786.",
+    help="Run on the dask cluster with this scheduler, such as tcp://host:8786.",
 )
 @click.option(
     "-o",
@@ -34,9 +34,9 @@ UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at a
     metavar="DIR",
     type=FOLDER,
     required=True,
-    help="Folder of the study; one that was stopped goes on.",
+    help="Folder of the study; an interrupted study is resumed.",
 )
-@click.option("--export", is_flag=True, help="Run nothing: write tables and report of what is there.")
+@click.option("--export", is_flag=True, help="Run nothing; write tables and report of the cases run so far.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
 def study(
     name: str,
@@ -49,9 +49,9 @@ def study(
 ) -> int:
     """Run the study NAME that ships with linkwise ("paper"), or the one in a TOML file.
 
-    Every structure at every noise level by every method, once a seed. It may be stopped at any moment, killed too: the same
-    command goes on where it was. At the end DIR holds tables, figures and report.html. Exit code 3
-    means that some method had no answer at all for some structure and noise.
+    A study identifies every structure at every noise level by every method, once for each seed. It may be interrupted or
+    killed at any time; the same command resumes it. At the end DIR holds tables, figures and report.html. Exit code 3 means
+    that a method gave no answer at all for some structure and noise level.
 
     \b
     Examples:

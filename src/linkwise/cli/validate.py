@@ -29,23 +29,23 @@ else:
     "--burn",
     metavar="S",
     type=POSITIVE,
-    help="Time at the start from which the state is estimated; it is not scored (default 5 % of the record, from 50 to 300 "
-    "samples).",
+    help="Time at the start of the record from which the initial state is estimated; it is not scored (default 5 % of "
+    "the record, 50 to 300 samples).",
 )
 @folder_option
 @json_option("validation.json")
 def validate(
     source: RecordOptions, answer: Path, burn: float | None, output: Path | None, as_json: bool
 ) -> int:
-    """Predict RECORD with an identified structure, and say where and by how much the prediction is off.
+    """Predict RECORD with an identified structure, and report where and by how much the prediction is wrong.
 
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number. Use a
-    record, or a part of one, that it was not identified from. The state is estimated from the first seconds; from there the
-    structure runs freely under the recorded inputs, or in windows where the motion is chaotic. With the folder of a trusted
-    answer, each coefficient is also estimated again from RECORD alone and compared.
+    record, or a part of one, that was not used in the identification. The initial state is estimated from the start of the
+    record; from there the structure moves freely under the recorded inputs, or in windows if the motion is chaotic. With the
+    folder of a trusted answer, each coefficient is also estimated again from RECORD alone and compared.
 
     Exit code 3 means that the prediction disagrees with the record: in some channel its RMSE is larger than noise, the error
-    of the initial state, the intervals of the coefficients and the model error of the answer make it in 999 of 1000 records.
+    of the initial state, the intervals of the coefficients and the model error of the answer explain in 999 of 1000 records.
 
     \b
     Examples:
