@@ -48,8 +48,8 @@ class Verdict(Enum):
         "The laws leave too much of the forces unexplained: a term or a link is missing, or noise hides them."
     )
     SYSTEMATIC_MISFIT = (
-        "The residuals follow the motion: a term or a link is missing, or a sensor is not what it is taken for. Intervals "
-        "would count them as noise."
+        "The residuals follow the motion: a term or a link is missing, or a sensor has an error. Intervals would count "
+        "them as noise."
     )
     MEASUREMENT_ERROR = (
         "An error of a sensor, of an applied force or of a stated mass would explain the residuals better than any missing "
@@ -133,8 +133,8 @@ class Verdict(Enum):
 
     STUDY_COMPLETE = "Every case of the study was run and has an answer."
     STUDY_INCOMPLETE = (
-        "Some cases were not run yet, so that the statistics may change. Run the study again: it goes on from where it was, "
-        "however it was stopped."
+        "Some cases were not run yet, so that the statistics may change. Run the study again: it resumes where it was "
+        "interrupted."
     )
     CASES_WITHOUT_ANSWER = (
         "Some cases have no answer: medians and quantiles count them as worse than any answer."

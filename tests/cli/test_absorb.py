@@ -202,7 +202,11 @@ def test_a_sweep_as_json(chain: Path, capsys: pytest.CaptureFixture[str]) -> Non
         ),
         (["nes1.alpha=-200:-20:ten"], 2, "'ten' is not a number"),
         (["nes1.alpha=-200:-20:2.5"], 2, "'2.5' is not a whole number from 2 to 100000"),
-        (["nes1.alpha=-200:20:5:log"], 2, "cannot go in equal ratios; both ends need one sign and no zero"),
+        (
+            ["nes1.alpha=-200:20:5:log"],
+            2,
+            "cannot have steps of equal ratio; both ends must have the same sign and not be zero",
+        ),
         (["nes1.alpha=-200:20:5", "nes1.alpha=1:2:3"], 2, "--sweep is given twice for 'nes1.alpha'"),
         (["nes1.gamma=1:2:3"], 2, 'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
         (

@@ -257,7 +257,7 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
         (["--mass", "m1=1", "--mass", "m2=10 nm"], "--mass m2: '10 nm' is in nm: expected a number in kg"),
         (["--mass", "m1=1", "--mass", "m2=nan"], "--mass m2: nan is not finite."),
         (["--mass", "m1=1", "--mass", "m2=-1"], 'mass "m2": the mass must be positive, got -1.0 kg'),
-        ([*MASSES, "--structure", "chain.toml"], "The masses stand in the file of --structure"),
+        ([*MASSES, "--structure", "chain.toml"], "The file of --structure states the masses"),
         (["--structure", "nowhere.toml"], "nowhere.toml: there is no such file"),
         ([*MASSES, "--terms", "magic"], "--terms: the term 'magic' contains the name 'magic'"),
         (

@@ -86,7 +86,7 @@ def test_notes_say_what_was_stated(files: Path, capsys: pytest.CaptureFixture[st
     assert run(["inspect", *usual(files)]) == 0
     printed = capsys.readouterr().err
     assert "note: x:m1: its gain is known to 1 %." in printed
-    assert "note: x:m2: an offset of 0.001 m was taken out, as known." in printed
+    assert "note: x:m2: an offset of 0.001 m was removed, as known." in printed
 
 
 def test_options_go_before_the_mapping(files: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -71,7 +71,7 @@ def test_a_mapping_says_what_columns_are_and_takes_known_errors_out(tmp_path: Pa
     assert known["x:m1"].offset == pytest.approx(1e-4, rel=1e-12)
     # a gain that is stated has no standard deviation but its own
     assert known["a:m2"] == lw.SensorUncertainty(delay=1e-3)
-    assert "x:m1: an offset of 0.0003 m was taken out, as known." in record.notes
+    assert "x:m1: an offset of 0.0003 m was removed, as known." in record.notes
     assert any(note.startswith("a:m2: its delay is known to 0.001 s") for note in record.notes)
 
 

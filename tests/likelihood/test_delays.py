@@ -93,7 +93,8 @@ def test_errors_of_sensors_that_cannot_be_found_are_refused() -> None:
     record = late("a:m2", 30, seed=36)
     coarse = record.decimate(2)
     with pytest.raises(
-        lw.IdentificationError, match=r"late by more than a sample, which records of different"
+        lw.IdentificationError,
+        match=r"late by more than a sample, which cannot be found from records of different",
     ):
         lw.identify([record, coarse], ASKED, delays=["a:m2"])
     for errors in ({"delays": ["x:m1", "x:m1"]}, {"offsets": ["x:m1", "x:m1"]}):

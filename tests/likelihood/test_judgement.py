@@ -83,7 +83,7 @@ def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(loss: lw.Loss, cha
     noisy = with_errors(clean, errors)
     unknown = chain.unknown("all")
     fit = lw.identify(noisy, unknown)
-    assert fit.verdicts == (lw.Verdict.OUTLIERS,) and "Take a robust loss" in fit.message
+    assert fit.verdicts == (lw.Verdict.OUTLIERS,) and "Use a robust loss" in fit.message
     robust = lw.identify(noisy, unknown, method=lw.MaximumLikelihood(loss=loss))
     assert robust.verdicts == (lw.Verdict.CONVERGED,)
     errors = (robust.values - truth(chain, unknown)) / np.sqrt(robust.covariance.diagonal())

@@ -110,7 +110,7 @@ def test_parts_of_a_record_are_joined(record: lw.Record) -> None:
     assert joined.channels == record.channels and len(joined) == 400
     assert (joined.values[:100] == record.values[:100]).all() and joined.missing[100:150].all()
     assert (joined.values[150:] == record.values[150:]).all()
-    assert joined.notes[-1] == "The record goes on in part2.csv, after a gap of 50 samples."
+    assert joined.notes[-1] == "The record continues in part2.csv, after a gap of 50 samples."
     assert not lw.continued(record[:100], record[100:]).missing.any()
 
 

@@ -47,7 +47,7 @@ def test_a_sensor_shows_gain_times_motion_and_offset() -> None:
     left = corrected.uncertainty["x:m1"]
     assert (left.gain, left.offset, left.delay) == pytest.approx((0.008, 4e-5, 1e-3), rel=1e-12)
     assert corrected.noise["x:m1"] == pytest.approx(8e-6, rel=1e-12)
-    assert "x:m1: an offset of 0.0002 m and a gain of 1.25 were taken out, as known." in corrected.notes
+    assert "x:m1: an offset of 0.0002 m and a gain of 1.25 were removed, as known." in corrected.notes
 
 
 def test_a_known_delay_is_taken_out() -> None:

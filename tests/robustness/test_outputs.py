@@ -287,7 +287,7 @@ def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
         assert rescued.parent.parent == tmp_path / "kept" and lw.read_posterior(rescued).names
         assert set(json.loads((rescued / "result.json").read_text())["files"]) < set(os.listdir(rescued))
     else:
-        assert note == "note: nothing was kept of the result but what is printed"
+        assert note == "note: the result was not saved; only the printed text is left"
         assert os.listdir(tmp_path / "kept") == []
 
 

@@ -40,7 +40,7 @@ def test_ctrl_c_leaves_what_can_be_gone_on_with(tmp_path: Path) -> None:
     out, err = coordinator.communicate(timeout=PATIENCE)
     assert coordinator.returncode == 130 and out == ""
     lines = [line for line in err.splitlines() if line]
-    assert lines[0].endswith(f"of 2400 cases are in {folder}; the same command goes on from there.")
+    assert lines[0].endswith(f"of 2400 cases are in {folder}; the same command resumes it.")
     assert lines[1] == "linkwise: interrupted; nothing was left half written" and len(lines) == 2
     assert not any(map(alive, team))
     assert 0 < int(lines[0].split()[0]) <= len(rows(folder)) < 2400

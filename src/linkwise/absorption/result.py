@@ -178,8 +178,8 @@ def _findings(absorption: Absorption) -> tuple[str, ...]:
         if _exceeds(absorption, harvest):
             work = absorption.with_sinks.share(harvest.link) * absorption.with_sinks.total
             findings.append(
-                f"{harvest.expression} would deliver {harvest.energy:.3g} J, and {harvest.link} takes {work:.3g} J: "
-                "this link does not deliver such a power."
+                f"{harvest.expression} would deliver {harvest.energy:.3g} J, but {harvest.link} takes only {work:.3g} J: "
+                "this link cannot deliver that power."
             )
     unknown = [parameter.name for parameter in absorption.with_sinks.structure.parameters]
     if unknown:
@@ -190,7 +190,7 @@ def _findings(absorption: Absorption) -> tuple[str, ...]:
     if unsettled:
         findings.append(
             f"{', '.join(unsettled)} did not settle below {100 * absorption.settle:g} % of the peak without sinks within "
-            f"{float(absorption.time[-1]):g} s; simulate longer, or let masses settle at a larger part of the peak."
+            f"{float(absorption.time[-1]):g} s; simulate longer, or give a higher settling level."
         )
         memory = [link.name for link in absorption.with_sinks.structure.links if link.law.states]
         if memory:

@@ -90,7 +90,7 @@ def _values(text: str) -> list[float]:
         return [first + way * (last - first) for way in ways]
     if first * last <= 0.0:
         raise click.UsageError(
-            f"--sweep: {text!r} cannot go in equal ratios; both ends need one sign and no zero."
+            f"--sweep: {text!r} cannot have steps of equal ratio; both ends must have the same sign and not be zero."
         )
     return [first * (last / first) ** way for way in ways]
 

@@ -94,7 +94,7 @@ def _keep(folder: Path, writers: Iterable[Callable[[Path], object]]) -> None:
                 tell(f"note: the result was kept in {place}{lacking}")
                 return
         shutil.rmtree(home, ignore_errors=True)
-    tell("note: nothing was kept of the result but what is printed")
+    tell("note: the result was not saved; only the printed text is left")
 
 
 def drawing_beside(folder: Path | None, kind: str, mark: str = RESULT) -> DrawingProcess | None:

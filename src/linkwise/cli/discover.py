@@ -55,7 +55,7 @@ class PriorOptions:
         """
         if self.structure is not None and self.mass:
             raise click.UsageError(
-                "The masses stand in the file of --structure: leave --mass out, or the file."
+                "The file of --structure states the masses: give either --mass or --structure."
             )
         if self.structure is not None:
             return lw.read_partial_structure(self.structure)

@@ -84,7 +84,7 @@ def limit(
 def _noise(decibel: float | None, of: tuple[str, ...]) -> float | dict[str, float]:
     if (decibel is None) == (not of):
         raise click.UsageError(
-            "Say how noisy the sensors are: either --noise DB or --noise-of CHANNEL=SIGMA."
+            "Give the noise of the sensors: either --noise DB or --noise-of CHANNEL=SIGMA."
         )
     if decibel is not None:
         return decibel

@@ -61,7 +61,8 @@ class ReadingOptions:
                 separate = read(file, mapping)
                 if times:
                     tell(
-                        f"note: {file} has no times in the column {next(iter(times.values()))}: its own are taken."
+                        f"note: {file} has no times in the column {next(iter(times.values()))}: its own times are "
+                        f"used."
                     )
                 return separate
 
@@ -69,7 +70,7 @@ class ReadingOptions:
         others = [read_other(file, mapping) for file, mapping in mappings.items() if file is not None]
         if self.by_time and not others:
             raise click.UsageError(
-                "--by-time joins the files of --channel NAME=FILE:COLUMN, and none is named."
+                "--by-time joins the files of --channel NAME=FILE:COLUMN, but none is given."
             )
         for part in self.then:
             going_on = lw.read_record(

@@ -106,5 +106,5 @@ def _run(study: lw.Study, output: Path, workers: int | None, scheduler: str | No
             lw.run_study(study, output, workers=workers, scheduler=scheduler, progress=show)
     except KeyboardInterrupt:
         done = f"{last[0].activity.partition(',')[0]} are" if last else "What was finished is"
-        tell(f"{done} in {output}; the same command goes on from there.")
+        tell(f"{done} in {output}; the same command resumes it.")
         raise

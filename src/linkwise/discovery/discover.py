@@ -325,7 +325,7 @@ def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     unused = of_links(records[0].channels)
     if not unused:
         return checks
-    remark = f"{', '.join(unused)} were not used: a discovery takes no forces and states of links."
+    remark = f"{', '.join(unused)} were not used: discovery does not take forces and states of links."
     return replace(checks, remarks=(*checks.remarks, remark))
 
 

@@ -60,7 +60,8 @@ _STAND_INS = (
     "A form of force that was not offered explains the record better than terms that stand in for it."
 )
 _MEMORY_IN_DOUBT = (
-    "That {} has memory is in doubt: memory in another link, or a usual form of d and v, explains the records nearly as well. "
+    "Whether {} has memory is in doubt: memory in another link, or a common function of d and v, explains the records "
+    "nearly as well. "
     "Offer more terms, record with less noise or for longer, or drive the link over a wider range."
 )
 _UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."

@@ -46,8 +46,9 @@ def names_memory(text: str) -> bool:
     law = named_law(text)
     if law.states and not _is_offered(law):
         raise IdentificationError(
-            f"{text} has an electrical state, whose scale no motion tells; identify a structure with that law, and with the "
-            f"channel of the state. Laws with memory that can be offered are {', '.join(memory_laws())}"
+            f"{text} has an electrical state, whose scale the motion does not determine; identify a structure "
+            f"with that law, and with the channel of the state. Laws with memory that can be offered are "
+            f"{', '.join(memory_laws())}"
         )
     return bool(law.states)
 

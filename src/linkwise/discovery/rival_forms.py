@@ -33,7 +33,7 @@ _MOST_LINKS = 40
 _MOST_TERMS = 4  # of one kind on a link, of which all subsets are tried
 _NAMED = 3
 _NOT_TESTED = (
-    "Beside random forces it is not tested whether terms stand in for a form that was not offered, or for an error of what "
+    "With random forces it is not tested whether terms stand in for a form that was not offered, or for an error of what "
     "was stated."
 )
 
@@ -64,7 +64,8 @@ class RivalForm:
         if not self.is_better:
             return (
                 f"A force like {self.form} in {self.link}, which was not offered, explains the record as well as {terms} (the "
-                f"criterion changes by {-self.gain:+.2g}). A wider range of motion, or less noise, tells them apart."
+                f"criterion changes by {-self.gain:+.2g}). A wider range of motion, or less noise, would distinguish "
+                f"them."
             )
         return (
             f"With a force like {self.form} in {self.link}, which was not offered, {terms} would not be needed and the "

@@ -170,8 +170,8 @@ def _grid(term: Term, parameter: str, motion: MotionRange) -> tuple[list[float],
         scale = 0.0
     if scale == 0.0:
         raise IdentificationError(
-            f"the parameter {parameter!r} of the term {term.text!r} has the unit {unit}, whose size no motion tells; write a "
-            "number in its place"
+            f"the parameter {parameter!r} of the term {term.text!r} has the unit {unit}, whose size the motion does not "
+            "determine; write a number in its place"
         )
     return _rounded(_FRACTIONS, scale), _rounded(_FIRST, scale)
 

@@ -61,10 +61,7 @@ def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
         feeds = f"{link.link.name} feeds energy for {100.0 * part:.2g} % of the time"
     else:
         return
-    feeds += (
-        " into the motion, as no damper and no friction does. A term, a link or an applied force that is missing can look "
-        "like that."
-    )
+    feeds += " into the motion, which no damper or friction does. A missing term, link or applied force has this effect."
     for coefficient in negative:
         yield f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: {feeds}"
     if not negative and part > 0.0:

@@ -10,8 +10,9 @@ from linkwise.likelihood.low_signal import is_loosened
 from linkwise.records.channel import Channel
 
 _LOOSENED = (
-    "If the motion had to follow the laws exactly, noise would leave the likelihood many optima, of which a search finds one. "
-    "The motion was let depart from the laws by a small part of the noise, and the intervals are wider for that."
+    "If the motion had to follow the laws exactly, the likelihood would have many optima because of the noise, and a "
+    "search finds one of them. The motion was therefore allowed to depart from the laws by a small part "
+    "of the noise, which widens the intervals."
 )
 
 
@@ -91,4 +92,4 @@ def _disturbances(fit: LikelihoodFit) -> Iterator[str]:
 
 
 def _of_faint_mode(name: str) -> str:
-    return f"{name} is hardly determined by the record, whose noise hides the mode: its interval is what was known beforehand."
+    return f"{name} is hardly determined by the record, whose noise hides the mode: its interval is that of the prior."

@@ -49,8 +49,8 @@ _NOT_WHITE = (
     "filter or a drift of a sensor, or a term that is missing, leaves such residuals."
 )
 _FILTERED = (
-    ", as a filter that all sensors share leaves it. Such a filter changes the motion that they show as well, which no "
-    "residual tells, so no interval is given. Take the filter out, or record without it."
+    ", as behind a filter that all sensors share. Such a filter also changes the recorded motion, which the residuals "
+    "do not show, so no interval is given. Remove the effect of the filter, or record without it."
 )
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
@@ -147,7 +147,7 @@ def _of_hints(missing: MissingTerms | None, noise: tuple[InputNoise, Floats] | N
     hints = [noise[0].description] if noise else []
     if missing:
         hints.append(f"a force like {missing.counted[0].term} in {missing.counted[0].where}")
-    return f" The residuals hint at {' and '.join(hints)}, which intervals hold." if hints else ""
+    return f" The residuals hint at {' and '.join(hints)}; the intervals allow for that." if hints else ""
 
 
 def _with_hidden_term(
@@ -169,7 +169,8 @@ def _with_hidden_term(
     where = f"with the {noise}" if noise else "where the motion departs from it a little"
     return Verdict.SYSTEMATIC_MISFIT, (
         f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
-        f"{_would_explain(hidden.cause)}{change}. Intervals would not count that, so none is given; a term is missing."
+        f"{_would_explain(hidden.cause)}{change}. Intervals would not include that, so none is given; a term is "
+        f"missing."
     )
 
 
@@ -219,9 +220,9 @@ def _verdict(
     faint = undetermined_far_away(fit, identified)
     if faint:
         return Verdict.SEVERAL_OPTIMA, (
-            f"{explained}, but values of {', '.join(faint)} far from the estimates explain it as well: how the link stretches "
-            "hardly stands above the noise, so no interval is given. Hold them at known values, or record a motion that "
-            "stretches the link more."
+            f"{explained}, but values of {', '.join(faint)} far from the estimates explain it as well: the elongation "
+            f"of the link hardly exceeds the noise, so no interval is given. Hold them at known values, or record "
+            f"a motion with a larger elongation of the link."
         )
     if not is_regular(fit, with_faint_modes(fit, identified)[1]):
         return Verdict.SEVERAL_OPTIMA, (
@@ -244,7 +245,7 @@ def _instrument(cause: Cause) -> str:
         )
         more = "more of it, or let it be found" if cause.remark else source
         return (
-            f", but {_would_explain(cause)}. It rings on in the structure, and coefficients, dampings above all, would be "
+            f", but {_would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
             f"wrong by more than their intervals say, so none is given: allow for {more}."
         )
     return (
@@ -257,8 +258,8 @@ def _beside_terms(error: Cause) -> str:
     """What an error means that moves a coefficient farther than intervals hold, beside the terms that they count."""
     return (
         f", but {_would_explain(error)}, and beside the terms that would explain more it would change {error.shifted} by "
-        f"{error.shift:.2g} of its standard errors. Intervals do not hold that, so none is given: correct it, or estimate it "
-        "with the other unknowns."
+        f"{error.shift:.2g} of its standard errors. Intervals do not include that, so none is given: correct it, or estimate "
+        "it with the other unknowns."
     )
 
 
@@ -268,8 +269,8 @@ def _mismatch(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Verdict, str
     residuals = fit.misfit.residuals.transpose(2, 0, 1).reshape(-1, fit.misfit.residuals.shape[1])
     if not causes and fit.chi_square > 1.0 and outliers_exceed_noise(residuals):
         return Verdict.OUTLIERS, (
-            f"{times}, by outliers alone, so no interval is given: typical ones are as the noise was found. Take a robust "
-            "loss, which gives outliers little weight, or mark them as missing samples."
+            f"{times}, because of outliers alone, so no interval is given: typical residuals match the noise found. "
+            f"Use a robust loss, which gives outliers little weight, or mark them as missing samples."
         )
     return Verdict.NOISE_MISMATCH, (
         f"{times}, so no interval is given: the noise is not what was stated or found, a term is missing from a law, or a "
@@ -306,15 +307,18 @@ def _noisy_inputs(fit: LikelihoodFit, masses: Sequence[str]) -> list[str]:
 def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], channels: Sequence[str]) -> str:
     """What random forces leave open, or that they may be what is missing."""
     if any(force.ambient for force in fit.random_forces):
-        return " Ambient forces are taken as white. That, errors of sensors and stated masses are not tested for beside them."
+        return (
+            " Ambient forces are assumed to be white. This assumption, errors of sensors and stated masses are not tested "
+            "with them."
+        )
     inputs = [name for name in channels if Channel.parse(name).is_input]
     if not fit.random_forces and not inputs and verdict in _LIKE_A_FORCE:
-        return " If a force acts that no channel shows, such as wind or traffic, state it as ambient."
+        return " If an unrecorded force acts, such as wind or traffic, state it as ambient."
     noisy = [cause for cause in causes[1:] if cause.kind == "input noise"]
     if noisy and verdict is Verdict.SYSTEMATIC_MISFIT:
-        return f" So would {noisy[0].description} explain it: allow for noise of {noisy[0].where} before a term is added."
+        return f" Also, {noisy[0].description} would explain it: allow for noise of {noisy[0].where} before adding a term."
     if inputs and verdict is Verdict.MODEL_ERROR_NEEDED:
-        return f" Noise of {inputs[0]} leaves such an error, too: where it has some, allow for noise of {inputs[0]}."
+        return f" Noise of {inputs[0]} has the same effect: if it has some, allow for noise of {inputs[0]}."
     return ""
 
 
@@ -325,7 +329,7 @@ def _systematic(cause: Cause) -> str:
         overturned = f", and {', '.join(cause.overturned)} would have no certain sign, or another one"
     return (
         f", but what they leave follows the motion: {_would_explain(cause)}{overturned}. Intervals would count that as noise, "
-        "so none is given; a term or a link is missing, or a sensor is not what it is taken for."
+        "so none is given; a term or a link is missing, or a sensor has an error."
     )
 
 

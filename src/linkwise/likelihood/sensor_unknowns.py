@@ -249,8 +249,8 @@ def _settled(shifts: _Shifts[Fit], late: Mapping[str, int]) -> _ShiftedFit[Fit]:
             return shifted
         if len({record.rate for record in shifts.records}) > 1:
             raise IdentificationError(
-                f"{next(iter(moved))} is late by more than a sample, which records of different rates together do not tell: "
-                "find it in one of them, and take it out of all (without_delays)"
+                f"{next(iter(moved))} is late by more than a sample, which cannot be found from records of different "
+                f"rates together: find it from one of them, and remove it from all (without_delays)"
             )
         late = {**late, **{name: late[name] + samples for name, samples in moved.items()}}
     raise IdentificationError(

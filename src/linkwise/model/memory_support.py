@@ -23,7 +23,8 @@ def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
         moving = [name for name, rate in zip(link.law.states, rates, strict=True) if np.any(rate != 0.0)]
         if moving:
             raise StructureError(
-                f"the state {moving[0]} does not rest at 0 while the ends of the link do, which is not supported in {feature}",
+                f"the state {moving[0]} does not rest at 0 while the ends of the link are at rest, which is not "
+                f"supported in {feature}",
                 f'link "{link.name}"',
             )
 

@@ -60,7 +60,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         axes.grid(False, axis="y")
         log_scale(axes, "x", linear_to=10.0)
         axes.set_xlim(0.0, None)
-        axes.set_xlabel("misfit that the term takes away, in -2 log likelihood")
+        axes.set_xlabel("reduction of the misfit by the term, in -2 log likelihood")
         axes.set_title(f"evidence term by term{_left_out(discovery, len(selected), len(dropped))}")
         axes.axhline(len(selected) - 0.5, color=TRUE, linewidth=0.6)
     return axes

@@ -170,5 +170,5 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
 
 def _samples_label(curve: ForceCurve) -> str:
     """What the samples are, and how many of them lie beyond the frame."""
-    description = f"{'true' if curve.samples_are_true else 'measured'} less damping"
+    description = f"{'true' if curve.samples_are_true else 'measured'} minus damping"
     return f"{description} ({100 * curve.outside:.0f} % outside)" if curve.outside >= 0.005 else description

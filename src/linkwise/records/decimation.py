@@ -96,8 +96,8 @@ def _between_the_bands(channels: Sequence[str], values: Floats, rate: float, fac
     if not names:
         return ()
     return (
-        f"{names}: the motion between {PASSBAND * nyquist:.4g} and {STOPBAND * nyquist:.4g} Hz is neither kept nor removed by "
-        "the filter, and folds; decimate by less.",
+        f"{names}: the motion between {PASSBAND * nyquist:.4g} and {STOPBAND * nyquist:.4g} Hz is neither kept nor "
+        f"removed by the filter, and is aliased; decimate by less.",
     )
 
 

@@ -158,7 +158,7 @@ def continued(record: Record, other: Record) -> Record:
             other.source or None,
         )
     missing = np.full((gap, len(record.channels)), np.nan)
-    note = f"The record goes on in {other.source or 'a second part'}"
+    note = f"The record continues in {other.source or 'a second part'}"
     return replace(
         record,
         values=np.vstack([record.values, missing, other.select(record.channels).values]),

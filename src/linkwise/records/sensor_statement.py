@@ -283,7 +283,7 @@ def _taken_out(name: str, gain: float, offset: float) -> str:
     unit = Channel.parse(name).unit.replace("?", "").strip()
     errors = [f"an offset of {offset:g} {unit}".rstrip()] if offset else []
     errors += [f"a gain of {gain:g}"] if gain != 1.0 else []
-    return f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} taken out, as known."
+    return f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} removed, as known."
 
 
 def attributes_of(known: SensorUncertainty, channel: str) -> dict[str, str]:

@@ -45,8 +45,8 @@ def _energy(reported: Reported[Answer]) -> Section:
     """Where the energy went."""
     plain = without_intervals(reported.result)
     text = (
-        "Energies count from the lowest wells of all links, so that what was put in is what is still there and what each link "
-        f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
+        "Energies count from the lowest wells of all links, so the energy supplied is the energy stored and "
+        "dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
     return Section(
         "Energy", [text], rows=energy_rows(plain), figure=lambda: plot.energy_figure(reported.result)

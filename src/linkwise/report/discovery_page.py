@@ -84,9 +84,7 @@ def _average(reported: Reported[Discovery]) -> Section | None:
         return None
     return Section(
         "Other models that survive",
-        [
-            "Each has the weight of its criterion. The averaged band counts in that the selected one may be wrong."
-        ],
+        ["Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."],
         figure=lambda: plot.departures_figure(discovery, link),
         folded=True,
     )

@@ -28,9 +28,10 @@ def _scores(reported: Reported[Validation]) -> Section:
         "Prediction",
         [
             f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
-            f"{record.time[-1]:g} s. RMSE is the root mean square of measured less predicted; allowed is what noise and the "
-            "errors of the answer exceed in one record of a thousand. One step is the error of predictions one sample ahead. "
-            "NMSE is the squared RMSE over the variance of the measured samples, fit is 100 % less its root."
+            f"{record.time[-1]:g} s. RMSE is the root mean square of measured minus predicted; allowed is the RMSE "
+            f"that noise and the errors of the answer exceed in one record of a thousand. One step is the error of "
+            "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
+            "samples, fit is 100 % minus its root."
         ],
         items=record.notes,
         rows=[CHANNEL_HEAD, *channel_rows(validation)],

@@ -193,7 +193,7 @@ def weak_search(
 def _contradiction(contradicted: Sequence[str]) -> str:
     return (
         f"The record contradicts what is stated of {', '.join(contradicted)} by more than four standard errors, so no "
-        "interval is given: correct the value or its sigma, or look for a sensor that is not what it is taken for."
+        "interval is given: correct the value or its sigma, or look for an error of a sensor."
     )
 
 
@@ -276,7 +276,7 @@ def _follows_the_motion(
         return (
             f"what they leave follows the motion: {lacking.description}, {abs(lacking.z):.3g} standard "
             "errors in size, would explain a part of it. Intervals would count that as noise, so none is given; a term or a "
-            'link is missing, or a sensor or a stated mass is not what it is taken for. Method "ml" tells these apart.'
+            'link is missing, or a sensor or a stated mass is wrong. Method "ml" distinguishes these.'
         )
     wrong_noise = (
         bool(record.noise) and fit.excess > _NOTED_EXCESS

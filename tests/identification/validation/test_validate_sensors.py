@@ -85,7 +85,8 @@ def test_a_delay_stays_in_where_samples_are_missing() -> None:
     validation = lw.validate(replace(record, values=values), answer)
     assert not validation.trusted
     assert any(
-        remark.startswith("The delay of x:m1 that the answer found stays in") for remark in validation.remarks
+        remark.startswith("The delay of x:m1 that the answer found was not removed")
+        for remark in validation.remarks
     )
 
 

@@ -28,13 +28,15 @@ def without_found_errors(
         try:
             record = _without(record, error)
         except RecordError as refusal:
-            remarks.append(f"The {error.kind} of {error.channel} that the answer found stays in: {refusal}")
+            remarks.append(
+                f"The {error.kind} of {error.channel} that the answer found was not removed: {refusal}"
+            )
         else:
             taken_out.append(f"{error.kind} of {error.channel}")
     if taken_out:
         remarks.append(
-            f"Taken out of the record, as the answer found them: {', '.join(taken_out)}. Where a sensor is another one or was "
-            "set anew, identify again."
+            f"Removed from the record, as found by the answer: {', '.join(taken_out)}. If a sensor was exchanged or "
+            f"adjusted since, identify again."
         )
     return record, tuple(remarks)
 
