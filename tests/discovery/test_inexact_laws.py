@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 from problems import chain_record
+from random_force import random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw
@@ -24,13 +25,9 @@ CHAIN = structure(
 )
 
 
-def random_force(rng: np.random.Generator) -> lw.Sampled:
+def wide_force(rng: np.random.Generator) -> lw.Sampled:
     """8 N root mean square from 1 to 20 Hz."""
-    samples = round(RATE * DURATION) + 1
-    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 20.0)
-    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
-    return lw.Sampled(0.0, RATE, 8.0 * force / force.std(), band_limited=True)
+    return random_force(rng, DURATION, RATE, rms=8.0, highest=20.0, band_limited=True)
 
 
 def test_the_structure_is_found_with_a_model_error() -> None:
@@ -38,7 +35,7 @@ def test_the_structure_is_found_with_a_model_error() -> None:
     chain = CHAIN
     seed = 11
     rng = np.random.default_rng(seed)
-    forces = {mass: random_force(rng) for mass in chain.mass_names}
+    forces = {mass: wide_force(rng) for mass in chain.mass_names}
     record = lw.simulate(chain, forces=forces, duration=DURATION, rate=RATE).with_noise(30.0, seed=seed)
     discovery = lw.discover(record, {"m1": 1.0, "m2": 0.8})
     assert {frozenset(link.between) for link in discovery.structure.links} == {
@@ -68,7 +65,7 @@ def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
 
 def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
     rig = oscillator("k*d + c*v + f0", mass=2.5, name="spring", k=2000.0, c=3.0, f0=1.2)
-    force = random_force(np.random.default_rng(5))
+    force = wide_force(np.random.default_rng(5))
     record = lw.simulate(rig, forces={"m1": force}, duration=DURATION, rate=RATE).with_noise(40.0, seed=5)
     discovery = lw.discover(record, {"m1": "unknown"}, terms="1, cubic")
     assert discovery.trusted
@@ -97,7 +94,7 @@ def test_a_search_that_takes_too_many_steps_is_given_up(monkeypatch: pytest.Monk
     """A stop with play, which no term on offer is: the search goes on to a second subset unless steps run out."""
     law = "k*d + c*v + q*(max(d - 0.02, 0) + min(d + 0.02, 0))"
     stop = oscillator(law, k=987.0, c=6.0, q=600.0)
-    force = random_force(np.random.default_rng(7301))
+    force = wide_force(np.random.default_rng(7301))
     record = lw.simulate(stop, forces={"m1": force}, duration=6.0, rate=RATE).with_noise(40.0, seed=7301)
     settled = lw.discover(record, {"m1": 1.0})
     monkeypatch.setattr(inexact_laws, "_MOST_STEPS", 0)

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 from present import some
+from random_force import random_force
 from structures import oscillator
 
 import linkwise as lw
@@ -29,12 +30,8 @@ K, C = 987.0, 6.0
 @cache
 def found(k3: float, seed: int) -> lw.Discovery:
     """A mass of 1 kg under a random force of 6 N root mean square from 1 to 12 Hz, at 20 dB."""
-    rng, samples = np.random.default_rng(seed), round(DURATION * RATE) + 1
-    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 12.0)
-    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
     true = oscillator("k*d + c*v + k3*d**3", k=K, c=C, k3=k3)
-    forces = {"m1": lw.Sampled(0.0, RATE, 6.0 * force / force.std())}
+    forces = {"m1": random_force(np.random.default_rng(seed), DURATION, RATE)}
     record = lw.simulate(true, forces=forces, duration=DURATION, rate=RATE).with_noise(20.0, seed=seed)
     return lw.discover(record, {"m1": 1.0}, terms="d, v, d**2, d**3, d**5, v*abs(v)")
 

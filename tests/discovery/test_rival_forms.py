@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_force import random_force
 from structures import oscillator
 
 import linkwise as lw
@@ -15,12 +16,8 @@ OFFERED = "d, d**3, v, v**3"
 
 def record(law: str, seed: int, *, c: float, k3: float, q: float) -> lw.Record:
     """A mass of 1 kg under a random force of 6 N root mean square from 1 to 12 Hz, at 20 dB."""
-    rng, samples = np.random.default_rng(seed), round(DURATION * RATE) + 1
-    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 12.0)
-    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
     true = oscillator(law, k=987.0, k3=k3, c=c, q=q)
-    forces = {"m1": lw.Sampled(0.0, RATE, 6.0 * force / force.std())}
+    forces = {"m1": random_force(np.random.default_rng(seed), DURATION, RATE)}
     return lw.simulate(true, forces=forces, duration=DURATION, rate=RATE).with_noise(20.0, seed=seed)
 
 

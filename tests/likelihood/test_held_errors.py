@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import truth
+from random_force import random_force
 from structures import oscillator
 
 import linkwise as lw
@@ -44,11 +45,7 @@ def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
 
     Or another `structure`.
     """
-    rng, samples = np.random.default_rng(SEED), round(DURATION * RATE) + 1
-    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 12.0)
-    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
-    forces = {"m1": lw.Sampled(0.0, RATE, 6.0 * force / force.std())}
+    forces = {"m1": random_force(np.random.default_rng(SEED), DURATION, RATE)}
     clean = lw.simulate(structure, forces=forces, duration=DURATION, rate=RATE)
     values = clean.values.copy()
     values[:, clean.channels.index("x:m1")] = change(clean)

@@ -12,6 +12,7 @@ import pytest
 import scipy
 from present import present
 from problems import chain_record, truth
+from random_force import random_force
 from structures import link, oscillator, row_of_masses, with_links
 
 import linkwise as lw
@@ -286,10 +287,7 @@ def test_a_missing_link_takes_trust_away(
 def test_a_term_that_overturns_a_coefficient_is_held_by_its_interval() -> None:
     """Quadratic damping of 4 % of the force and no other, told as linear damping, which is then not told from zero."""
     rng = np.random.default_rng(4102)
-    frequency = np.fft.rfftfreq(2001, 1.0 / 200.0)
-    band = (frequency > 1.0) & (frequency < 12.0)
-    shape = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, 2001)
-    force = lw.Sampled(0.0, 200.0, 6.0 * shape / np.std(shape), band_limited=True)
+    force = random_force(rng, 10.0, 200.0, band_limited=True)
     unknown = oscillator("k*d + c*v + k3*d**3", k=987.0, c=6.0, k3=4e5).unknown("all")
     fits = []
     for linear in (0.0, 3.0):

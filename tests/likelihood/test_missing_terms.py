@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import truth
+from random_force import random_force
 from structures import oscillator
 
 import linkwise as lw
@@ -20,11 +21,7 @@ CHANCE = 3.3  # standard errors that a normal estimate is off once in 1000
 
 def record(structure: lw.Structure, seed: int) -> lw.Record:
     """The structure under a random force of 6 N root mean square from 1 to 12 Hz, at 40 dB."""
-    rng, samples = np.random.default_rng(seed), round(DURATION * RATE) + 1
-    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 12.0)
-    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
-    forces = {"m1": lw.Sampled(0.0, RATE, 6.0 * force / force.std())}
+    forces = {"m1": random_force(np.random.default_rng(seed), DURATION, RATE)}
     return lw.simulate(structure, forces=forces, duration=DURATION, rate=RATE).with_noise(40.0, seed=seed)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_force import random_force
 from structures import asked_oscillator, oscillator
 
 import linkwise as lw
@@ -15,11 +16,7 @@ RATE, DURATION = 400.0, 10.0
 @pytest.mark.parametrize("sensor", ["v", "a"])
 def test_a_duffing_oscillator_of_unknown_mass_by_force_and_velocity(sensor: str) -> None:
     rng = np.random.default_rng(3)
-    samples = round(RATE * DURATION) + 1
-    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 20.0)
-    force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
-    driven = {"m1": lw.Sampled(0.0, RATE, 8.0 * force / force.std(), band_limited=True)}
+    driven = {"m1": random_force(rng, DURATION, RATE, rms=8.0, highest=20.0, band_limited=True)}
     clean = lw.simulate(RIG, forces=driven, duration=DURATION, rate=RATE, sensors=[sensor])
     unknown = asked_oscillator("k*d + c*v + k3*d**3")
     fit = lw.identify(clean.with_noise(40.0, seed=1), unknown)
