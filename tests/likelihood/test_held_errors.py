@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,13 +41,16 @@ def drifting(size: float) -> Change:
     return lambda record: record.channel("x:m1") + size * np.sqrt(3.0) * np.linspace(-1.0, 1.0, len(record))
 
 
-def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
-    """The oscillator with a stop that its law lacks, 0.3 % of its force, under a random force from 1 to 12 Hz, at 50 dB.
-
-    Or another `structure`.
-    """
+@cache
+def shaken(structure: lw.Structure) -> lw.Record:
+    """The motion of an oscillator under a random force from 1 to 12 Hz."""
     forces = {"m1": random_force(np.random.default_rng(SEED), DURATION, RATE)}
-    clean = lw.simulate(structure, forces=forces, duration=DURATION, rate=RATE)
+    return lw.simulate(structure, forces=forces, duration=DURATION, rate=RATE)
+
+
+def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
+    """The oscillator with a stop that its law lacks, 0.3 % of its force, or another `structure`, at 50 dB."""
+    clean = shaken(structure)
     values = clean.values.copy()
     values[:, clean.channels.index("x:m1")] = change(clean)
     return replace(clean, values=values, simulated=None).with_noise(50.0, seed=SEED)
