@@ -10,6 +10,9 @@ from structures import harvester, link, named, structure
 import linkwise as lw
 
 HYSTERETIC = {"k": 400.0, "c": 0.6, "F": 8.0, "x0": 0.012, "s": 0.6}
+RATE = (
+    200.0  # Hz: twenty samples a period of the faster tone, where errors are not compared with those expected
+)
 HARVESTER = {"alpha": -50.0, "beta": 5e6, "c": 0.05, "theta": 1e-3, "R": 1e5, "C": 43e-9}
 
 
@@ -26,23 +29,27 @@ def bistable(**changes: float) -> lw.Structure:
     return harvester(0.05, **(HARVESTER | changes))
 
 
-def shaken(structure: lw.Structure, seed: int, sensors: tuple[str, ...] = ("x", "f:joint")) -> lw.Record:
+def shaken(
+    structure: lw.Structure, seed: int, sensors: tuple[str, ...] = ("x", "f:joint"), *, rate: float = RATE
+) -> lw.Record:
     """The joint under two tones, from 0.6 s on, so that its state at the start is not zero."""
     force = {"m1": "12*sin(31*t) + 7*cos(59*t)"}
-    record = lw.simulate(structure, forces=force, duration=3.6, rate=400.0, sensors=sensors)
-    return record.with_noise(40.0, seed=seed)[240:]
+    record = lw.simulate(structure, forces=force, duration=3.6, rate=rate, sensors=sensors)
+    return record.with_noise(40.0, seed=seed)[round(0.6 * rate) :]
 
 
-def in_wells(structure: lw.Structure, duration: float, base: str, seed: int) -> lw.Record:
+def in_wells(
+    structure: lw.Structure, duration: float, base: str, seed: int, *, rate: float = RATE
+) -> lw.Record:
     record = lw.simulate(
-        structure, release={"x:m1": 0.003}, base=base, duration=duration, rate=400.0, sensors=("x", "state")
+        structure, release={"x:m1": 0.003}, base=base, duration=duration, rate=rate, sensors=("x", "state")
     )
     return record.with_noise(30.0, seed=seed)
 
 
 @pytest.mark.parametrize("sensors", [("x",), ("a:m1", "x:m2"), ("x", "f:joint", "state:joint.z")])
 def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
-    record, clean = shaken(joint(), 5, sensors), lw.simulate(
+    record, clean = shaken(joint(), 5, sensors, rate=400.0), lw.simulate(
         joint(), forces={"m1": "12*sin(31*t) + 7*cos(59*t)"}, duration=3.6, rate=400.0, sensors=sensors
     )[240:]  # fmt: skip
     validation = lw.validate(record, joint())
@@ -59,13 +66,13 @@ def test_expected_errors_are_those_that_occur() -> None:
     """Over 5 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
     ratios = []
     for seed in range(5):
-        validation = lw.validate(shaken(joint(), 30 + seed)[:400], joint(), burn=0.1)
+        validation = lw.validate(shaken(joint(), 30 + seed, rate=400.0)[:400], joint(), burn=0.1)
         error = validation.record.select(validation.record.responses).values - validation.predicted.values
         ratios.append(np.nanmean((error / validation.deviation.values) ** 2))
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios, ddof=1) / np.sqrt(len(ratios))
 
 
-@pytest.mark.parametrize("missing", [slice(0, 600), slice(600, 1201), slice(200, 1000)])
+@pytest.mark.parametrize("missing", [slice(0, 300), slice(300, 601), slice(100, 500)])
 def test_a_long_gap_does_not_pass_for_quiet(missing: slice) -> None:
     """The noise of a channel whose sensor was off for half the record was estimated 1000 times too small."""
     record = shaken(joint(), 24, ("x",))
@@ -85,21 +92,21 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     """In its own unit, and each coefficient estimated again from the other record."""
     record = in_wells(bistable(), 12.0, "0.003*sin(18*t)", 7)
     answer = lw.identify(
-        record[:2400], bistable().unknown("piezo.alpha", "piezo.beta", "piezo.c", "piezo.theta")
+        record[:1200], bistable().unknown("piezo.alpha", "piezo.beta", "piezo.c", "piezo.theta")
     )
     assert answer.trusted and answer.noise["state:piezo.V"].unit == "V"
-    validation = lw.validate(record[2400:], answer)
+    validation = lw.validate(record[1200:], answer)
     assert validation.trusted and validation.channels["state:piezo.V"].unit == "V"
     assert len(validation.coefficients) == 4 and all(
         coefficient.agrees for coefficient in some(validation.coefficients)
     )
-    weaker = lw.validate(record[2400:], bistable(theta=0.9e-3))
+    weaker = lw.validate(record[1200:], bistable(theta=0.9e-3))
     assert not weaker.trusted and not weaker.channels["state:piezo.V"].agrees
     assert any("V; noise and intervals allow" in finding for finding in weaker.findings)
 
 
 def test_chaotic_motion_is_predicted_in_windows() -> None:
-    record = in_wells(bistable(c=0.02), 6.0, "0.005*sin(20*t)", 8)
+    record = in_wells(bistable(c=0.02), 6.0, "0.005*sin(20*t)", 8, rate=400.0)
     validation = lw.validate(record, bistable(c=0.02))
     assert not validation.free_run and validation.windows > 1 and validation.trusted
     assert not lw.validate(record, bistable(c=0.02, alpha=-55.0)).trusted
