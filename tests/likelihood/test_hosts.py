@@ -58,8 +58,8 @@ def record() -> lw.Record:
 
 
 def first_hit() -> lw.Record:
-    """The first 0.4 s, with the first of them: a wrong law or shape costs a long search, which more samples prolong."""
-    return record()[:401]
+    """The first 0.25 s, with the first of them: a wrong law or shape costs a long search, which more samples prolong."""
+    return record()[:251]
 
 
 def errors(fit: lw.Estimate) -> np.ndarray:
