@@ -16,7 +16,7 @@ import linkwise as lw
 
 MANY = 110  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 0.4 %
 CHANCE = 0.005  # of a share being too small, and of its being too large: of five coefficients 5 % together
-SHORT = 1.5  # s, a quarter of the paper's record: intervals cover and errors reach the bound at any duration
+SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reach the bound at any duration
 
 
 @pytest.mark.parametrize(("n", "seeds"), [(2, 8), (4, 3), (6, 3), (8, 1), (10, 4)])
