@@ -48,9 +48,9 @@ def test_ctrl_c_leaves_what_can_be_gone_on_with(tmp_path: Path) -> None:
 
 def test_a_second_process_is_refused_while_the_first_runs(tmp_path: Path) -> None:
     file, folder = small(tmp_path, cycles=200), tmp_path / "out"
-    first = start(file, folder)
+    first = start(file, folder, slots=1)
     wait_for_rows(first, folder, 1)
-    second = start(file, folder)
+    second = start(file, folder, slots=1)
     out, err = second.communicate(timeout=PATIENCE)
     assert second.returncode == 2 and out == ""
     assert err.startswith(
