@@ -176,11 +176,13 @@ def answers(record: lw.Record, fitted: lw.Estimate, discovered: lw.Discovery) ->
     states = lw.differentiate(record)
     equations = lw.monomial_equations(states, 3)
     regression = lw.Stlsq(threshold=1e-3).fit(equations)
-    drive: dict[str, Any] = {"duration": 0.05, "rate": 500.0, "release": {"v:m1": 1.0}}
+    # swapped, the duration and the rate are a simulation that takes a moment
+    drive: dict[str, Any] = {"duration": 0.2, "rate": 100.0, "release": {"v:m1": 1.0}}
     absorbed = lw.absorb(CHAIN, **drive)
-    validated = lw.validate(record, CHAIN)
     clean = chain_record(2, duration=0.5, rate=500.0)
     short = clean.between(0.0, 0.1)
+    moving = clean.between(0.0, 0.2)
+    validated = lw.validate(moving, CHAIN)
     return {
         "identify": Call(
             lw.identify, {"record": record, "structure": CHAIN.unknown("nes"), "method": "weak"}
@@ -200,9 +202,19 @@ def answers(record: lw.Record, fitted: lw.Estimate, discovered: lw.Discovery) ->
             lw.law_path,
             {"record": record, "structure": CHAIN, "link": "nes1", "most": 0, "candidates": ("v", "d")},
         ),
-        "limit": Call(lw.limit, {"structure": CHAIN, "noise": 1e-4, "unknown": ["nes"], **drive}),
+        "limit": Call(
+            lw.limit,
+            {
+                "structure": CHAIN,
+                "noise": 1e-4,
+                "unknown": ["nes"],
+                "duration": 0.05,
+                "rate": 500.0,
+                "release": {"v:m1": 1.0},
+            },
+        ),
         "free_run": Call(lw.free_run, {"structure": CHAIN, "record": record}),
-        "validate": Call(lw.validate, {"record": record, "answer": CHAIN}),
+        "validate": Call(lw.validate, {"record": moving, "answer": CHAIN}),
         "check_discovery": Call(lw.check_discovery, {"record": record, "masses": {"m1": 1.0, "m2": 0.01}}),
         "DiscoveryOptions": Call(lw.DiscoveryOptions, {}),
         "Discovery.force_band": Call(discovered.force_band, {"link": "m2-m1", "d": [0.0, 0.01]}),
