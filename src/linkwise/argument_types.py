@@ -1,4 +1,4 @@
-"""The types of arguments of public functions: what has another type, or is swapped, is told at the door.
+"""The types of arguments of public functions: what has another type, or is swapped, is reported at once.
 
 `checked` reads what a function takes from its annotations. Numbers are those of NumPy, too; whether a number, a name or a
 shape makes sense is for the function to say.

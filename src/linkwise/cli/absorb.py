@@ -43,7 +43,7 @@ class RepetitionOptions:
     seed: int | None
 
     def check(self, folder: bool) -> None:
-        """UsageError for options that do not go together; `folder` tells whether STRUCTURE is one."""
+        """UsageError for options that do not go together; `folder` says whether STRUCTURE is one."""
         given = {"--draws": self.draws, "--seed": self.seed}
         named = [name for name, value in given.items() if value is not None]
         if named and (self.sweep or not folder):

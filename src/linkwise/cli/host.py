@@ -145,7 +145,7 @@ def _refuse(context: click.Context, options: Sequence[str], message: str) -> Non
 
 
 def _identified(files: tuple[Path, ...], modes: str, name: str | None) -> lw.HostEstimate:
-    """The host that records of a test tell."""
+    """The host identified from records of a test."""
     if modes != "auto" and (not modes.isdecimal() or int(modes) < 1):
         raise click.UsageError(f"--modes needs a number of modes, or auto, got {modes!r}.")
     with progress("reading") as step:

@@ -1,4 +1,4 @@
-"""`linkwise limit`: what a planned test of a structure can tell at best."""
+"""`linkwise limit`: what a planned test of a structure can determine at best."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Help that lists what is registered, as families of terms, where it is asked for."""
+"""Help that lists what is registered, such as families of terms."""
 
 from __future__ import annotations
 

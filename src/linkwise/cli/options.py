@@ -65,7 +65,7 @@ def split(text: str, option: str, example: str) -> tuple[str, str]:
 
 
 def number(text: str, option: str, example: str) -> float:
-    """A plain SI number; what is none is wrong usage."""
+    """A plain SI number; anything else is wrong usage."""
     try:
         return float(text)
     except ValueError:

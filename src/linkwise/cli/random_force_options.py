@@ -53,7 +53,7 @@ def _in_unit(text: str, unit: str, option: str, example: str) -> float:
 
 
 def _unit_of_channel(name: str) -> str:
-    """The SI unit of an input; N where the name is none, which the search for it tells."""
+    """The SI unit of an input; N if the name is not a channel, which the estimator reports."""
     try:
         return Channel.parse(name).unit
     except lw.LinkwiseError:

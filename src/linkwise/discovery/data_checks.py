@@ -237,7 +237,7 @@ def _groups(
 ) -> list[tuple[list[str], float]]:
     """Groups of masses whose displacements differ by little more than noise in all records, by the `ratio` of two channels.
 
-    A ratio of power to that of the noise from `separate` on tells two masses apart. With each group the least of its ratios.
+    A ratio of power to that of the noise from `separate` on distinguishes two masses. With each group the least of its ratios.
     """
     ratios = np.full((len(names), len(names)), np.inf)
     for row, first in enumerate(names):

@@ -178,7 +178,7 @@ class _Selected:
         return self.selection.fit.delays
 
     def reported(self, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
-        """The discovery, which tells `delays` in s that were found by channel."""
+        """The discovery, with the `delays` in s found, by channel."""
         if not delays:
             return self.discovery
         return judged_discovery(

@@ -93,7 +93,7 @@ def term_evidence(
 def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, ...]:
     """The links with terms of damping of which one gives energy: together they stand in for another form of damping.
 
-    Beside a model error, whose intervals hold what another form would make of them, only where they give energy together,
+    Beside a model error, whose intervals include the effect of another form on them, only where they give energy together,
     somewhere on the motion. A negative term that makes damping smaller at larger elongations or rates does not.
     """
     inside = list(range(len(selection.structure.parameters)))

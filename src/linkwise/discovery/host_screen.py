@@ -34,7 +34,7 @@ _MOST = 12  # links that are added
 def screen_links(record: Record, candidates: Candidates) -> frozenset[str]:
     """The names of all candidates on the links whose forces a record shows; those of stated links are among them.
 
-    Raises IdentificationError if the record tells too little of the modes.
+    Raises IdentificationError if the record determines the modes too poorly.
     """
     structure = candidates.full_structure
     require_supported(record, structure)

@@ -1,4 +1,4 @@
-"""From a selection of terms to the discovery: its estimate, the evidence for each term, and what takes trust from it."""
+"""From a selection of terms to the discovery: its estimate, the evidence for each term, and why it may not be trusted."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class _Rival(Protocol):
 
 
 def _replaceable(selection: Selection, estimate: Estimate, rivals: Sequence[_Rival]) -> set[int]:
-    """The numbers of the terms that something else may stand for, or nothing."""
+    """The numbers of the terms that something else, or nothing, may replace."""
     absent = () if selection.is_exact else _held_at_zero(estimate)
     return {*absent, *(term for rival in rivals for term in rival.terms)}
 
@@ -157,7 +157,7 @@ def _held_at_zero(estimate: Estimate) -> list[int]:
 def _doubts_of_search(
     screened: ScreenedRecords, selection: Selection, estimate: Estimate, forms: Sequence[RivalForm]
 ) -> list[tuple[Verdict, str]]:
-    """What takes trust from a search, each with a sentence."""
+    """The verdicts that forbid trust in a search, each with a sentence."""
     valueless = without_values(screened.candidates, selection)
     opposed = opposed_damping(selection, screened.candidates)
     inexact = not (selection.is_exact and estimate.trusted)
@@ -177,7 +177,7 @@ def _doubts_of_search(
 
 
 def _doubts_of_memory(memory: Sequence[MemoryEvidence]) -> list[tuple[Verdict, str]]:
-    """That memory takes trust away where it is not certain, with a sentence."""
+    """The verdict on memory that is not certain, with a sentence."""
     return [
         (Verdict.LINKS_IN_DOUBT, _MEMORY_IN_DOUBT.format(law.link))
         for law in memory

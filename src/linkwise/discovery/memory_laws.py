@@ -198,7 +198,7 @@ class _Fitted:
 
     @classmethod
     def of(cls, hypothesis: _Hypothesis, records: Sequence[Record]) -> _Fitted:
-        """The fit from rough starting values, or from better ones where it ends before it tells anything."""
+        """The fit from rough starting values, or from better ones if it ends too early to compare."""
         rough = cls(hypothesis, hypothesis.fitted())
         if rough.is_exact or (rough.fit is not None and rough.fit.chi_square > _TELLING):
             return rough

@@ -32,7 +32,7 @@ def memory_laws() -> tuple[str, ...]:
 
 
 def _is_offered(law: NamedLaw) -> bool:
-    """Whether a law has states, none of which is electrical: the scale of these only a channel of the state tells."""
+    """Whether a law has states, none of which is electrical: only a channel of such a state determines its scale."""
     return bool(law.states) and not any(state.unit for state in law.states.values())
 
 

@@ -1,6 +1,6 @@
 """The models that survive a selection, with weights: how probable each term is, and bands averaged over the models.
 
-Where a margin is small, another model explains the record nearly as well, and an answer that tells the selected one alone is
+Where a margin is small, another model explains the record nearly as well, and an answer that reports the selected one alone is
 too sure of it. Each model has the weight exp(-criterion / 2) of its Bayesian information, with the penalties of the selection
 as its prior (Hoeting et al. 1999). Models are those that single moves reach: from the selected one, and again from each that
 survives, whose criterion is less than that of decisions that are certain (Occam's window, Madigan and Raftery 1994). With a
@@ -31,7 +31,7 @@ from linkwise.model.law import Law
 _WINDOW = 10.0  # of the criterion above that of the selected model: "very strong" evidence, as of decisions that are certain
 _MOST = 60  # models that survive
 _POINTS = 41  # at which forces of models are compared
-_SAME = 1e-3  # of the force of a link: models that differ by less tell the same
+_SAME = 1e-3  # of the force of a link: models that differ by less agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class ModelAverage:
         return averaged, averaged - half + missing, averaged + half + missing
 
     def shifts(self, link: LinkEstimate, d: Floats) -> Floats:
-        """Stiffness forces of a link in each model, less that of the selected one.
+        """Stiffness forces of a link in each model, minus that of the selected one.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class ModelAverage:
         return np.asarray((self.values - self.values[0]) @ self._gradient(link, d))
 
     def departing(self, links: Sequence[LinkEstimate]) -> str | None:
-        """The link whose force the models tell most differently, by its own size; None where all tell the same.
+        """The link in whose force the models differ most, relative to its size; None if all agree.
 
         Parameters
         ----------

@@ -44,7 +44,7 @@ class Additions(NamedTuple):
 class QuadraticModel:
     """H `h` (p, p) and g `g` (p,) for the coefficients `names` (p,); `scatter` (p, p), None if it equals `h`.
 
-    `by_blocks`, of (p, p) each, are covariances of g as blocks of the records tell them; no variance is less than theirs.
+    `by_blocks`, of (p, p) each, are covariances of g from blocks of the records; no variance is less than theirs.
     """
 
     names: tuple[str, ...]

@@ -5,7 +5,7 @@ margins against each other are large, and say nothing of forms that nobody offer
 link that was found, in the local quadratic model of the cost, and terms of the same kind give way to it: of stiffness to one
 of stiffness, of damping to one of damping. Terms that the best form makes needless only stand in for it, where the criterion
 is lower with it. A form of stiffness in whose place a term explains the records hardly better leaves it in doubt: which of the
-two the link has is not told.
+two the link has cannot be decided.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def rival_form_remarks(rivals: Sequence[RivalForm], selection: Selection) -> tup
 
 
 def allowing_for(estimate: Estimate, rivals: Sequence[RivalForm]) -> Estimate:
-    """The estimate with intervals that hold what the `rivals` would make of the coefficients."""
+    """The estimate with intervals that include the effect of the `rivals` on the coefficients."""
     for rival in (rival for rival in rivals if rival.is_better):
         estimate = widened(estimate, np.outer(rival.moved, rival.moved))
     return estimate

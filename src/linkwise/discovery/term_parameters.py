@@ -59,7 +59,7 @@ def first_values(
 ) -> Candidates:
     """The candidates with a value for each parameter, from the motion of their links; rates of samples in Hz.
 
-    Each `attempt` gives others. Raises IdentificationError for a parameter of a unit that no motion tells.
+    Each `attempt` gives others. Raises IdentificationError for a parameter whose size the motion does not determine.
     """
     if not any(term.parameters for term in candidates.terms):
         return candidates
@@ -160,7 +160,7 @@ def _ranges(
 
 
 def _grid(term: Term, parameter: str, motion: MotionRange) -> tuple[list[float], list[float]]:
-    """Values of a parameter over a motion, and those to try first; IdentificationError where the motion tells none."""
+    """Values of a parameter over a motion, and those to try first; IdentificationError if the motion determines none."""
     unit = term.parameter_units[parameter]
     if not unit:
         return list(_EXPONENTS), list(_FIRST_EXPONENT)
@@ -260,7 +260,7 @@ def _interrupted(selection: Selection) -> bool:
 
 
 def _attempted(search: TermSearch, chosen: frozenset[str]) -> Selection | None:
-    """The subset searched from `chosen`; None where the records do not tell all its parameters."""
+    """The subset searched from `chosen`; None if the records do not determine all its parameters."""
     try:
         return select_structure(search, chosen)
     except IdentificationError:

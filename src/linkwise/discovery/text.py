@@ -219,7 +219,7 @@ def all_remarks(discovery: Discovery) -> tuple[str, ...]:
 
 
 def percentage(probability: float) -> str:
-    """A probability that is not told closer than it is known."""
+    """A probability, rounded to what is known of it."""
     if not 0.005 < probability < 0.995:
         return "> 99 %" if probability > 0.5 else "< 1 %"
     return f"{100.0 * probability:.0f} %"

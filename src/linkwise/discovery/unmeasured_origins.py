@@ -1,7 +1,7 @@
 """Links whose displacement no sensor shows, so that their law may be another one about another origin.
 
 A force alpha*d + beta*d**3 with two wells is k*d + k2*d**2 + k3*d**3 about the one in which the motion stays. Velocities and
-accelerations tell neither from the other; a law that is odd about its origin has no other with as few terms.
+accelerations cannot distinguish them; a law that is odd about its origin has no other with as few terms.
 """
 
 from __future__ import annotations

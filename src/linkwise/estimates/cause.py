@@ -108,7 +108,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class CauseKind:
-    """A kind of cause: how it is told, the `unit` of its size, "" for that of its channel, and whether it is `relative`.
+    """A kind of cause: its description, the `unit` of its size, "" for that of its channel, and whether it is `relative`.
 
     A relative size is that of an error of a calibration, which is small where the first order holds.
     """

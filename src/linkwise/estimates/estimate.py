@@ -232,7 +232,7 @@ class Estimate(JudgedView):
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
-        """What is wrong with channels of the records by themselves, worst first, as `inspect` tells it."""
+        """What is wrong with channels of the records by themselves, worst first, as `inspect` reports it."""
         return inspect((self.record, *self.more_records)).alerts
 
     @checked

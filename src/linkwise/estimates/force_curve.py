@@ -136,7 +136,7 @@ def _elastic(link: Link, d: Floats) -> Floats:
 
 
 def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
-    """Elongation (P,) m and force less the identified damping (P,) N at the samples of the record.
+    """Elongation (P,) m and force minus the identified damping (P,) N at the samples of the record.
 
     The force is the true one of a simulated record, else the measured one, else there is none.
     """

@@ -98,7 +98,7 @@ def read_record(
         `inspect`.
     mapping : RecordMapping, str or Path, optional
         What the columns are and what is known of the sensors, or the file that states it, as of `read_mapping`. The other
-        arguments go before what it states, and it goes before what the file of the record states of its sensors.
+        arguments take precedence over it, and it takes precedence over what the file of the record states of its sensors.
     header : str or int, optional
         The header line of a text file where it is not found: its number from 1, or a text that it contains.
 

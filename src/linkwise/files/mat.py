@@ -56,7 +56,7 @@ def read_table(path: Path) -> Table:
 
 
 def _named(column: Column, names: Mapping[str, str]) -> Column:
-    """The column under the channel that its variable stands for."""
+    """The column under the name of the channel of its variable."""
     if column.header in names:
         return replace(column, header=names[column.header])
     return spelled_as_channel(column)

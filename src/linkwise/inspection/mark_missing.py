@@ -27,7 +27,7 @@ FAULTY_SAMPLES: Registry[Callable[[ChannelSignal], Bools]] = Registry(
 def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spikes")) -> Record:
     """Mark samples that show a fault in place of the motion as missing.
 
-    Maximum likelihood goes by the samples that are left: what lies beyond the range of a sensor costs information, and no
+    Maximum likelihood uses the samples that are left: what lies beyond the range of a sensor costs information, and no
     longer pulls stiffness and damping.
 
     Parameters

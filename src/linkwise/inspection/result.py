@@ -1,4 +1,4 @@
-"""What an inspection tells: its channels and its alerts."""
+"""The result of an inspection: its channels and its alerts."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Inspection(JudgedView):
     alerts : tuple of Alert
         What is wrong, worst first; empty where nothing is.
     levels : LevelComparison or None
-        What the records tell of linearity, where they are one test at several levels and this was asked for.
+        What the records show of linearity, if they are one test at several levels and were compared.
 
     See Also
     --------
@@ -124,7 +124,7 @@ class Inspection(JudgedView):
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Whether something is wrong with a channel, and what levels tell where these were compared."""
+        """Whether something is wrong with a channel, and the verdict on levels if these were compared."""
         channels = Verdict.CHANNELS_IN_DOUBT if self.alerts else Verdict.NOTHING_WRONG_SEEN
         return (channels, *(() if self.levels is None else self.levels.verdicts))
 

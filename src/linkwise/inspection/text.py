@@ -13,7 +13,7 @@ HEAD = (
 
 @as_text.register
 def inspection_text(inspection: Inspection) -> str:
-    """What levels tell, alerts, then a table of the channels of each record."""
+    """The comparison of levels, alerts, then a table of the channels of each record."""
     compared = [] if inspection.levels is None else [str(inspection.levels), ""]
     return "\n".join([*compared, *alert_lines(inspection), *_tables(inspection)])
 

@@ -1,7 +1,7 @@
 """What separate blocks of the records say of the unknowns: their scores and information, the states eliminated.
 
 Around an optimum each block b of segments pulls the unknowns by its score g_b (p,), with the information H_b (p, p), where
-the states follow the unknowns as the whole record tells them to. The scores of all blocks sum to zero at the optimum. Where
+the states follow the unknowns as the whole record determines. The scores of all blocks sum to zero at the optimum. Where
 the error of a law moves with the motion, they scatter more than the information says, which white noise would not do: the
 variance of an unknown is then that of the estimates with one block left out (jackknife over blocks), as in the covariance of
 White (1982) and its form for clustered data (Bell and McCaffrey, Survey Methodology 28, 2002).

@@ -1,8 +1,8 @@
 """Noise of sensors that is correlated from sample to sample: its autoregression, and what it does to scores.
 
 The residuals r of a channel with such noise follow r_t = a_1 r_(t-1) + ... + a_p r_(t-p) + e_t, e white, whatever the motion.
-Residuals of laws that are wrong do not: they resonate where the motion does, and fade with it. Noise is told from them by
-innovations e that are white and of one size throughout, and by poles that are far from the unit circle.
+Residuals of laws that are wrong do not: they resonate where the motion does, and fade with it. Noise is distinguished from
+them by innovations e that are white and of one size throughout, and by poles that are far from the unit circle.
 
 References
 ----------

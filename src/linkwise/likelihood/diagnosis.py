@@ -37,7 +37,7 @@ from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
 _JUMPS = ("sign(v)",)  # terms without a slope, which the log determinant does not see
-_LARGEST = 0.2  # relative error up to which the first order tells a gain or a mass; more is no error of a calibration
+_LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _CHANCE = (
     16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
@@ -231,7 +231,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
 
 
 def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
-    """The cause with what it would make of the coefficients, by their `scaled` changes (p,); those at a bound stay."""
+    """The cause with its effect on the coefficients, by their `scaled` changes (p,); those at a bound stay."""
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     determined = np.flatnonzero(fit.free & (errors > 0.0))
     if not len(determined):

@@ -23,8 +23,8 @@ from linkwise.model.structure import Structure
 _FAINT = 100.0  # energy over the noise: one peak of 1000 is mistaken for another with probability 1000 exp(-100 / 4) = 1e-8
 _UNSEEN = 25.0  # energy over the noise: a rigid link explains the record to within five standard errors
 _BY_PHASE = 4.0
-"""Over the energy of the elongation: (value / error)^2 of a stiffness that the phase of a vibration tells better than the size
-of the elongation, to which a force stretches the link in inverse proportion to it."""
+"""Over the energy of the elongation: (value / error)^2 of a stiffness that the phase of a vibration determines better than
+the size of the elongation, to which a force stretches the link in inverse proportion to it."""
 _DISTANCE = 8.0  # standard errors
 _LOW = 0.25  # of the rise of the cost that the curvature promises there
 
@@ -34,7 +34,7 @@ def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[st
 
     Those of a link whose elongation is not above the noise at all, where it has no coefficient that is known; without such a
     link those that may as well be eight standard errors away, tested one by one: all of a link whose elongation is faint, and
-    those of elastic forces where only its own vibration is and tells them. Coefficients that other links share are not among
+    those of elastic forces if only its own vibration determines them. Coefficients that other links share are not among
     them.
 
     Parameters
@@ -76,7 +76,7 @@ def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[st
 
 
 def _elastic(structure: Structure) -> frozenset[str]:
-    """Names of the coefficients on which the elastic forces of links depend: a frequency tells them, and not the others."""
+    """Names of the coefficients on which the elastic forces of links depend: a frequency determines these alone."""
     return frozenset(
         f"{link.name}.{name}"
         for link in structure.links

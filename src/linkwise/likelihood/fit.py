@@ -371,7 +371,7 @@ def _resumed(
 
 
 def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer) -> AnnealingFit | None:
-    """The fit with both sides of every long gap linked, None where laws and samples do not tell how."""
+    """The fit with both sides of every long gap linked, None if laws and samples do not determine how."""
     if fit.status is not AnnealingStatus.CONVERGED:
         return None
     joined = annealer(

@@ -2,7 +2,7 @@
 
 A record whose laws are a little wrong shows a little of everything: a drift, a part of a sample of delay. The score test of
 such an error says to first order what it would make of each coefficient. Where that is no more than an interval can hold, it
-joins the covariance as a missing term does; an error that moves a coefficient by more takes trust from the answer. Where a
+joins the covariance as a missing term does; an answer with an error that moves a coefficient by more is not trusted. Where a
 missing term explains more, which an error may look like, errors are judged beside the terms that the intervals count.
 """
 
@@ -29,12 +29,12 @@ would change by more than an engineer can neglect."""
 _ANOTHER_LAW = 0.5
 """The same where other causes explain more: a term that makes most of the force in its link, which then has another law."""
 _KINDS = ("gain", "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay")
-"""Whose effect the first order tells. A filter of all sensors changes the motion that nonlinear links act by as well, noise of
-inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""
+"""Whose effect the first order describes. A filter of all sensors changes the motion that nonlinear links act by as well,
+noise of inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""
 
 
-def told_by_blocks(fit: LikelihoodFit) -> bool:
-    """Whether intervals include errors that follow the motion: only where blocks of the records tell them."""
+def intervals_by_blocks(fit: LikelihoodFit) -> bool:
+    """Whether intervals include errors that follow the motion: only where blocks of the records determine them."""
     return fit.model_error > 0.0 and fit.error_ratios is not None
 
 
@@ -46,7 +46,7 @@ def held_errors(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Cause, ...
     whose effect is known; `counted_causes` says of these whether intervals do.
     """
     errors = tuple(cause for cause in causes if cause.is_instrument)
-    if not errors or not told_by_blocks(fit):
+    if not errors or not intervals_by_blocks(fit):
         return ()
     if errors[0] is not causes[0]:
         return tuple(error for error in errors if error.kind in _KINDS)
@@ -74,7 +74,7 @@ def counted_causes(
     """What intervals count of the causes of a model error.
 
     Where a term explains most, only the likeliest error is counted: with those that look like it, as the error of a mass like
-    a gain, it has no size that the records tell.
+    a gain, the records do not determine its size.
     """
     errors = {(cause.kind, cause.where, cause.source): cause for cause in held_errors(fit, causes)}
     missing = for_missing_terms(fit, identified, tested, tuple(errors.values()))
@@ -110,7 +110,7 @@ def of_held_errors(causes: Sequence[Cause], errors: Sequence[Cause]) -> str:
 
 
 def decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
-    """The cause that takes trust away, if there is one; with intervals `by_blocks`, small terms of the links do not.
+    """The cause that forbids trust, if there is one; with intervals `by_blocks`, small terms of the links do not.
 
     They do where they would overturn what the answer says of a coefficient, whose interval does not hold that.
     """

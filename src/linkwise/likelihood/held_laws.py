@@ -1,6 +1,6 @@
 """Better states to start from: the motion near the record that the laws allow while their coefficients are held.
 
-Smoothing tells the rates of a fast motion of few samples badly, and states that are far from any motion of the structure lead
+Smoothing gives poor rates of a fast motion of few samples, and states that are far from any motion of the structure lead
 a search for states and coefficients together astray. With coefficients that are roughly right the states alone are found
 safely.
 """

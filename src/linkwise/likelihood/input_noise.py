@@ -3,7 +3,7 @@
 Noise of an input kicks the masses, and the structure rings where it resonates. There are few residuals in a band so narrow,
 and they hardly stand out among all, but they are the ones that a damping is judged by. The multiplier of each defect is the
 slope of the cost by a kick there. Under noise of sensors alone the sum of squares of these slopes has a mean and a scatter
-that draws of such noise tell, with states and coefficients following; its excess is the score of the variance of the kicks.
+that draws of such noise give, with states and coefficients following; its excess is the score of the variance of the kicks.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
 DRAWS = (
-    64  # of noise of sensors, whose products tell the moments of a sum of squares: 2016 pairs, 41664 triples
+    64  # of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
 )
 SEED = 20200
 _RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
@@ -108,7 +108,7 @@ def for_noise_of_inputs(
 ) -> tuple[InputNoise, Floats] | None:
     """The input whose noise the residuals hint at, and the covariance (p, p) that it adds to the parameters.
 
-    Its variance is taken as one standard error above what the score tells. None where nothing hints at such noise.
+    Its variance is taken as one standard error above the value from the score. None where nothing hints at such noise.
     """
     hinted = [
         candidate

@@ -21,9 +21,9 @@ from linkwise.likelihood.held_errors import (
     counted_causes,
     decisive,
     held_errors,
+    intervals_by_blocks,
     not_held,
     of_held_errors,
-    told_by_blocks,
 )
 from linkwise.likelihood.input_noise import InputNoise, for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
@@ -155,9 +155,9 @@ def _with_hidden_term(
 ) -> tuple[Verdict, str]:
     """The verdict where a model error, or noise of inputs, hides a missing term, so that the diagnosis beside it is silent.
 
-    A damper or friction is a small part of the force in its link, and a large one of what dissipates: it takes trust where it
-    would change a coefficient by more than can be neglected. Beside noise of inputs every term does that would change one by
-    more than its interval says.
+    A damper or friction is a small part of the force in its link, and a large one of what dissipates: it forbids trust where
+    it would change a coefficient by more than can be neglected. Beside noise of inputs every term does that would change one
+    by more than its interval says.
     """
     if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < LARGEST_TERM):
         return verdict, f"{message}{_likeliest((hidden.cause,))}{_moved((hidden.cause,))}"
@@ -206,7 +206,7 @@ def _verdict(
         return Verdict.UNEXPLAINED_FORCES, (
             f"{explained}; that is too much for intervals: a term or a link is missing.{_likeliest(causes)}"
         )
-    by_blocks = told_by_blocks(fit)
+    by_blocks = intervals_by_blocks(fit)
     largest = decisive(not_held(fit, others, counted.missing) if by_blocks else others, by_blocks=by_blocks)
     if largest is not None:
         return Verdict.SYSTEMATIC_MISFIT, explained + _systematic(largest)

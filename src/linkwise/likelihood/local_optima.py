@@ -26,7 +26,7 @@ _LOOSENED = 1e3  # times the last q: annealing starts from here once parameters 
 _LOOSEST = 1e-2
 _IRREGULAR = 4.0  # factor on the rise of the cost beyond which it is not quadratic
 _IRREGULAR_UNCONVERGED = 100.0  # the same where annealing did not converge: the rise is then an upper bound
-_WEAKEST = 2  # directions that the record tells least
+_WEAKEST = 2  # directions that the record determines least
 _FAR = 3.0  # standard errors that the parameters are moved in these
 _TOO_LITTLE = 0.5  # of the rise expected there: the valley bends, or another one is near
 _SEED = 20261122
@@ -80,9 +80,9 @@ def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) 
 def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
     """Whether the cost around the optimum rises as the covariance predicts; tested only after many steps.
 
-    The parameters are moved by two standard errors in random directions, and by three in the directions that the record tells
-    least, and held, and the orbit is fitted again. A narrow valley that bends leaves the latter only.
-    A search that converged only after it had run out of steps crossed a likelihood too uneven for its curvature to say much.
+    The parameters are moved by two standard errors in random directions, and by three in the directions that the record
+    determines least, and held, and the orbit is fitted again. A narrow valley that bends leaves the latter only. A search that
+    converged only after it had run out of steps crossed a likelihood too uneven for its curvature to say much.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def is_quadratic(
 
 
 def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
-    """Whether the cost rises by enough where the parameters are moved in the directions that the record tells least.
+    """Whether the cost rises by enough where the parameters are moved in the directions that the record determines least.
 
     Parameters
     ----------

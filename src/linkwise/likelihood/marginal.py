@@ -35,12 +35,14 @@ from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
 _STEP = 0.5  # standard errors: for the differences of log det by an unknown
-_LOUDER = 2.0  # times its noise, to tell what a channel adds to the equations
+_LOUDER = 2.0  # times its noise, to find what a channel adds to the equations
 _ROUNDS = 30
 _SETTLED = 0.05  # standard errors, or of the logarithm of a deviation over `_LOG_WEIGHT`
 _LOG_WEIGHT = 5.0
 _SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
-_ENOUGH = 0.02  # of the samples: fewer errors of samples that a record determines do not tell their deviation
+_ENOUGH = (
+    0.02  # of the samples: fewer errors of samples that a record determines do not determine their deviation
+)
 _NONE = (
     0.1  # of the values of a random force: where a record determines fewer, its deviation is as good as zero
 )

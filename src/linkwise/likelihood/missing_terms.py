@@ -1,7 +1,7 @@
-"""What terms that the laws lack, and small errors of sensors, make of the coefficients, where a model error stands for them.
+"""The effect of missing terms, and of small errors of sensors, on the coefficients, where a model error stands for them.
 
 The coefficients of a law that lacks a term make up for it, as far as they can, and do so alike in all parts of a record: no
-scatter of blocks tells. Here terms are added to the linearised equations one at a time, always the one that explains most of
+scatter of blocks shows. Here terms are added to the linearised equations one at a time, always the one that explains most of
 what those before it leave, while what it gains is significant; after those the few that laws lack most often, while they are
 farther from zero than their standard error: laws that are known to be wrong may well lack them, and coefficients that
 resemble them make up for many times their score. With values c_D of the terms D so found the coefficients move by G c_D, and

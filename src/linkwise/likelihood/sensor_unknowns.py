@@ -22,14 +22,10 @@ from linkwise.text import near_miss
 ALL = "all"
 _LATE = ("x", "v", "a")  # kinds of sensors with a delay that can be estimated
 ADMISSIBLE = ("gain", "offset", "delay")
-_LARGEST = (
-    0.5  # relative deviation of a calibration: the first order tells no sensor that may show half or twice
-)
+_LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
 _BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
-_ALIKE = (
-    10.0  # difference of -2 log likelihood by which one error is told from another, "very strong" evidence
-)
+_ALIKE = 10.0  # difference of -2 log likelihood by which one error is distinguished from another, "very strong" evidence
 _FAR = (
     -4,
     -2,
@@ -148,7 +144,7 @@ def of_responses(record: Record, channel: str) -> tuple[str, ...]:
 
 
 def _rivals(first: Cause, second: Cause) -> bool:
-    """Whether the records hardly tell an error from another one: a gain of one sensor from that of another, or a mass."""
+    """Whether the records hardly distinguish an error from another: a gain of one sensor from that of another, or a mass."""
     return second.kind in (first.kind, "mass") and second.gain > first.gain - _ALIKE
 
 

@@ -3,7 +3,7 @@
 Beside random forces the states are integrated out, and the multiplier of each defect is the slope of half of -2 log of the
 marginal likelihood by a kick there. The excess of the sum of squares of these slopes is the score of the variance of kicks of
 a mass; that of the forces found in each segment is the score of their own variance. Deviations of noise and of forces that
-were found with the coefficients take what they tell of it off.
+were found with the coefficients subtract what they explain of it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fits from several starts, where the likelihood may have several valleys: the lowest is kept, others as good are told."""
+"""Fits from several starts, where the likelihood may have several valleys: the lowest is kept, others as good are reported."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The score of the variance of something random, from draws of what is there without it.
 
 Slopes of half the cost by what is random have a covariance under the rest of the noise. Their sum of squares has a mean and a
-scatter that draws of that noise tell; its excess is the score of the variance. Variances that were found from the same
-residuals leave less of it: what their own scores tell of it is taken off (the efficient score).
+scatter that draws of that noise give; its excess is the score of the variance. Variances that were found from the same
+residuals leave less of it: what their own scores explain of it is subtracted (the efficient score).
 
 References
 ----------
@@ -21,7 +21,7 @@ import scipy
 
 from linkwise.arrays import Floats
 
-_APART = 0.02  # of a score that is left beside those of variances found: with less the record does not tell them apart
+_APART = 0.02  # of a score that is left beside those of variances found: with less the record does not distinguish them
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class SquareSum:
         return SquareSum(self.total + weight * added.total, self.products + weight * added.products)
 
     def with_other(self, second: SquareSum) -> float:
-        """Half the covariance of both: products of different draws tell it."""
+        """Half the covariance of both, from products of different draws."""
         count = len(self.products)
         both = self.products * second.products
         return float(both.sum() - np.trace(both)) / (count * (count - 1))
@@ -49,7 +49,7 @@ class SquareSum:
 
 @dataclass(frozen=True)
 class VarianceScore:
-    """Of a variance: its `normal` score, the standard `deviation` that it tells, and the `error` of its square.
+    """Of a variance: its `normal` score, the standard `deviation` that follows from it, and the `error` of its square.
 
     Attributes
     ----------

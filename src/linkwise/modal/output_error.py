@@ -1,8 +1,8 @@
 """Maximum likelihood of the modes of a test: the response that they give against that which was measured.
 
 Residues of a mode are the products of its shape at the points of response and of force, so that one shape at each point is
-found for all of them. Noise is white in each channel, of a level that the residuals tell. Standard errors come from the
-curvature, or from the scatter of the score between blocks of the records where that is larger, which they are where the
+found for all of them. Noise is white in each channel, of a level that follows from the residuals. Standard errors come from
+the curvature, or from the scatter of the score between blocks of the records where that is larger, which they are where the
 residuals are more than noise (White 1982).
 
 References

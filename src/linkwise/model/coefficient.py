@@ -173,7 +173,7 @@ class Coefficient:
 
 
 def as_coefficient(given: Coefficient | float, where: str) -> Coefficient:
-    """A coefficient, known where a plain number is given; `where` is told of one that is not finite."""
+    """A coefficient, known where a plain number is given; `where` names one that is not finite."""
     if isinstance(given, Coefficient):
         return given
     try:

@@ -19,7 +19,7 @@ MOST = 0.8  # of the cells of Table 2 that the best convention is to reproduce: 
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence; `met` is None where the study has too little to tell."""
+    """A sentence; `met` is None if the study has too few rows to decide."""
 
     text: str
     met: bool | None

@@ -102,7 +102,7 @@ def _between_the_bands(channels: Sequence[str], values: Floats, rate: float, fac
 
 
 def check_interpolation(interpolation: Mapping[str, str]) -> None:
-    """Refuse channels that are not band-limited between their samples: a filter of the samples is none of the signal."""
+    """Refuse channels that are not band-limited between samples: a filter of the samples is not a filter of the signal."""
     for name, kind in interpolation.items():
         if kind != BAND_LIMITED:
             raise RecordError(

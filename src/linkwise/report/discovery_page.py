@@ -77,7 +77,7 @@ def _path(reported: Reported[Discovery]) -> Section:
 
 
 def _average(reported: Reported[Discovery]) -> Section | None:
-    """The models that survive beside the selected one, where they tell another force; without trust there is none."""
+    """The models that survive beside the selected one, if they give another force; none without trust."""
     discovery = reported.result
     link = discovery.average.departing(discovery.estimate.links) if discovery.trusted else None
     if link is None:

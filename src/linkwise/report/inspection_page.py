@@ -112,7 +112,7 @@ SECTIONS: Registry[Build[Inspection]] = Registry(
 RECORD_SECTIONS: Registry[Callable[[Inspection, int], Section | None]] = Registry(
     "section", {"histories": _histories, "spectra": _spectra}
 )
-"""What is told of each record, from the inspection and the number of the record."""
+"""What is shown of each record, from the inspection and the number of the record."""
 
 
 def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:

@@ -89,8 +89,9 @@ def write_figures(
 ) -> dict[str, Markup]:
     """Draw the figures of the sections and save each as NAME.png and NAME.svg in `folder`.
 
-    Returns what a page shows of each, by the name of its section. `progress` is told the fraction done. Where a `process`
-    draws the same figures from the first one on, this one draws what that leaves over and, of many, from the last one on.
+    Returns what a page shows of each, by the name of its section. `progress` is called with the fraction done. Where a
+    `process` draws the same figures from the first one on, this one draws what that leaves over and, of many, from the last
+    one on.
     """
     draws = drawings(sections)
     pictures: dict[str, Picture] = {}

@@ -26,8 +26,8 @@ def section_page(
 ) -> str:
     """The page as text, HTML that carries everything in itself.
 
-    The first line of `verdict` is its headline, `findings` is what the result cannot tell, and `pictures` are those that
-    `write_figures` returned for the sections. The title is the name of the structure unless it is given.
+    The first line of `verdict` is its headline, `findings` is what the result does not determine, and `pictures` are those
+    that `write_figures` returned for the sections. The title is the name of the structure unless it is given.
     """
     interactive = any(section.interactive for section in sections.values())
     return TEMPLATES.get_template("section_page.html.jinja").render(

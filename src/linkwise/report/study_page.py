@@ -38,7 +38,7 @@ class Illustration:
 
 @dataclass(frozen=True)
 class StudyReport:
-    """All that a page tells of a study."""
+    """All that a page shows of a study."""
 
     study: Study
     table: StudyTable
@@ -48,7 +48,7 @@ class StudyReport:
 
     @classmethod
     def of(cls, study: Study, rows: Iterable[Row]) -> StudyReport:
-        """What `rows` tell of `study`."""
+        """What `rows` show of `study`."""
         table, paper = StudyTable.of(study, rows), PaperStudy.of(study)
         comparison = Table2.of(table, paper)
         return cls(study, table, paper, comparison, claims(table, paper, comparison))

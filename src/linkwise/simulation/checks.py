@@ -1,4 +1,4 @@
-"""Checks of what a simulation is asked for: output times, and an excitation that fits the structure."""
+"""Checks of the arguments of a simulation: output times, and an excitation that fits the structure."""
 
 from __future__ import annotations
 

@@ -48,8 +48,8 @@ class WeakFit:
     excess : float
         Power of the residuals over that expected from noise, 1 for laws that fit.
     significance : array of shape (p,)
-        What the record tells of each parameter beside the others, without what noise adds to it, over the standard deviation
-        of the latter; infinite at bounds, for large structures, and with priors.
+        The information of the record on each parameter beside the others, without what noise adds to it, over the standard
+        deviation of the latter; infinite at bounds, for large structures, and with priors.
     """
 
     values: Floats

@@ -64,7 +64,7 @@ def disagreement(
     -------
     Disagreement or None
         The coefficient; None where chance explains all differences, or the structure has too many masses, or an unknown one,
-        which is hardly told from none in some pieces.
+        which is hardly distinguished from zero in some pieces.
     """
     if structure.size > _LARGEST or not all(mass.mass.known for mass in structure.masses):
         return None
@@ -89,7 +89,7 @@ def disagreement(
 def _fitted(
     whole: Record, ends: tuple[float, float], search: Search
 ) -> tuple[tuple[str, ...], Floats, Floats] | None:
-    """Names, values and weights (p,) of the parameters from a piece; 0 weighs what it hardly tells."""
+    """Names, values and weights (p,) of the parameters from a piece; weight 0 for what it hardly determines."""
     first, last = (round(end * len(whole)) for end in ends)
     try:
         fitted = search(whole[first:last])
@@ -106,7 +106,7 @@ def _fitted(
 def _differences(
     names: tuple[str, ...], values: Floats, weights: Floats
 ) -> Iterator[tuple[float, Disagreement]]:
-    """For each parameter that two of the pieces (b, p) tell, the chance of their differences."""
+    """For each parameter that two of the pieces (b, p) determine, the probability of their differences."""
     for number, name in enumerate(names):
         determined = weights[:, number] > 0.0
         own, weight = values[determined, number], weights[determined, number]

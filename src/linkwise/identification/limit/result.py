@@ -66,7 +66,7 @@ class LinkLimit:
 
     @property
     def detectable(self) -> float:
-        """The smallest force in N that 95 of 100 such tests would tell from zero."""
+        """The smallest force in N that 95 of 100 such tests would distinguish from zero."""
         return DETECTION * self.force_error
 
 

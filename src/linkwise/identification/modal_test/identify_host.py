@@ -154,7 +154,7 @@ def _chi_square(records: Sequence[Record], measured: ModalMeasurement, fit: Moda
 
 
 def _host(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bools) -> Host:
-    """The modes as priors; what a faint one tells is known to within wide bounds."""
+    """The modes as priors, with wide standard deviations for a faint one."""
     modes = []
     for number, shape in enumerate(fit.shapes):
         frequency, damping = float(fit.frequencies[number]), float(fit.damping[number])

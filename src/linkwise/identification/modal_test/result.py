@@ -29,7 +29,7 @@ class HostEstimate(JudgedView):
     verdicts : tuple of Verdict
         What can be said of it.
     remarks : tuple of str
-        Sentences on what the records do not tell.
+        Sentences on what the records do not determine.
     seconds : float
         Computing time in s.
 

@@ -19,7 +19,7 @@ _GROWN = 10.0  # times that over the burn: what is as uncertain from the start h
 _STAYS = 0.5  # of the time that follows, as long as the burn: an uncertainty that passes is not the end
 _SHORTEST = 4  # samples that a window predicts at least
 _LONGEST = 8  # windows at least
-_SETTLE = 100  # samples at most that tell the state of a window
+_SETTLE = 100  # samples at most that determine the state of a window
 _WITHIN = (
     0.9  # of the samples must come before the prediction of their window is lost; the others are left out
 )

@@ -297,7 +297,7 @@ class Validation(JudgedView):
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
-        """What is wrong with channels of the record by themselves, worst first, as `inspect` tells it."""
+        """What is wrong with channels of the record by themselves, worst first, as `inspect` reports it."""
         return inspect(self.record).alerts
 
     def to_dict(self) -> dict[str, Any]:

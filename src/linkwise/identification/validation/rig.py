@@ -17,7 +17,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
 _SUBSTEPS = 8  # between samples
-_PRIOR = 1e-6  # of the normal matrix: states that the start does not tell keep this much certainty
+_PRIOR = 1e-6  # of the normal matrix: states that the start does not determine keep this much certainty
 
 
 def rig_channels(record: Record, structure: Structure) -> Record:

@@ -169,7 +169,7 @@ def _in_motion(
 def _on_rig(
     scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
 ) -> _Predicted:
-    """The same of links along the recorded motion of a rig, whose states no sample but those of the burn tells."""
+    """The same of links along the recorded motion of a rig, whose states are estimated from the samples of the burn alone."""
     samples = _burn_samples(scored, burn)
     prediction, noise = rig_prediction(scored, given.structure, given.posterior, samples, law_error)
     progress(ProgressReport(1.0, "forces along the motion"))

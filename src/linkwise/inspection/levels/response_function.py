@@ -12,7 +12,7 @@ from linkwise.arrays import Floats
 from linkwise.records.record import Record
 
 _BLOCKS = 8  # that fit into a record side by side
-_EXCITED = 1e-4  # of the largest power density of the force: where there is less, it tells nothing
+_EXCITED = 1e-4  # of the largest power density of the force: below it there is no information
 _LEAST = 32  # samples of a block
 
 

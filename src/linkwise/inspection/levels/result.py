@@ -1,4 +1,4 @@
-"""What records of one test at several levels tell of linearity."""
+"""Linearity, from records of one test at several levels."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class LevelComparison(JudgedView):
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Whether modes move, and what keeps the records from telling."""
+        """Whether modes move, and what keeps the records from showing it."""
         first = self.first_nonlinear
         below = slice(
             first

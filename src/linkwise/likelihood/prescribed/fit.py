@@ -199,7 +199,7 @@ def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
 
 
 def _others(fit: RigFit, candidates: Sequence[Minimum]) -> tuple[Floats, ...]:
-    """Other minima as likely as the best, each searched again with its weights; those that are alike are told once."""
+    """Other minima as likely as the best, each searched again with its weights; those that are alike are reported once."""
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     p = len(fit.problem.parameters)
     best = fit.minimum

@@ -1,6 +1,6 @@
 """Rows of the linearised equations at an optimum with the states eliminated: how residuals and defects follow the unknowns.
 
-Where an unknown moves, the states follow as the whole record tells them to. Sums over these rows are what samples and links
+Where an unknown moves, the states follow as the whole record determines. Sums over these rows are what samples and links
 between segments say of the unknowns.
 """
 

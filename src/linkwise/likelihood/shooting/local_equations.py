@@ -123,7 +123,7 @@ class LocalLinearization:
         return LocalSystem(self, Order(self.groups), 1.0 / q**2)
 
     def factor(self, q: float) -> LocalFactor | None:
-        """Factor of `equations`; of nodes that the samples hardly tell with the least on the diagonal that makes it one."""
+        """Factor of `equations`; of nodes that the samples hardly determine, with the least diagonal that makes it one."""
         equations = self.equations(q)
         nothing = np.zeros(len(self.data.corner))
         for strength in (0.0, *NEGLIGIBLE):

@@ -1,7 +1,7 @@
 """Parts of a structure of many masses that an influence reaches within a segment.
 
 Neighbouring masses form clusters. Their states and the coefficients of their links are columns of sensitivities that differ
-from zero only near them: how near, the sensitivities of some segments tell, which are computed for the whole structure.
+from zero only near them: how near follows from the sensitivities of some segments, computed for the whole structure.
 """
 
 from __future__ import annotations

@@ -101,7 +101,8 @@ class Linearization:
         )
 
     def factor(self, q: float) -> BorderedFactor | None:
-        """Factor of `equations`; of nodes that the samples hardly tell, such as a fast mode, with the least that makes it one.
+        """Factor of `equations`; of nodes that the samples hardly determine, such as a fast mode, with the least that makes
+        it one.
 
         What is added is below the rounding of single precision, in which the sensitivities are.
         """

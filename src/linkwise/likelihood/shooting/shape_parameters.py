@@ -63,7 +63,7 @@ def _point(structure: Structure, index: int, key: str) -> str:
 
 
 def held_where_unseen(structure: Structure, channels: Sequence[str]) -> Structure:
-    """The structure with shapes known at points that have no link, force or sensor: nothing tells of them.
+    """The structure with shapes known at points that have no link, force or sensor: nothing determines them.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Starting values of structures with hosts whose links have memory.
 
-The smoother of `hosts` tells the elongation and the force of every link whose law is not known. Along these the links are
+The smoother of `hosts` gives the elongation and the force of every link whose law is not known. Along these the links are
 identified as if they stood on a rig (`memory`), together.
 """
 
@@ -48,7 +48,7 @@ def host_memory_starts(
     Raises
     ------
     IdentificationError
-        If the record does not tell the motion.
+        If the record does not determine the motion.
     """
     require_supported(record, structure)
     record, sigma = record[:MOST_SAMPLES], channel_noise(record)

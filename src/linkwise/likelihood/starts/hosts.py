@@ -95,7 +95,7 @@ class HostMotion:
 
 
 def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]) -> HostMotion:
-    """The motion that a record tells of a structure with hosts, whose laws are known.
+    """The motion of a structure with hosts and known laws, estimated from a record.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def host_start(
     Raises
     ------
     IdentificationError
-        If an unknown has no starting value, and the forces of the links do not tell one.
+        If an unknown has no starting value, and the forces of the links do not give one.
     """
     return _started(_best_start, record, structure, sigma, given)
 

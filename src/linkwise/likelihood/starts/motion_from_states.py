@@ -1,4 +1,4 @@
-"""Motion of masses that no sensor shows, from measured states of links: a voltage tells how fast its link moves."""
+"""Motion of masses that no sensor shows, from measured states of links: a voltage gives the rate of its link."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def motion_from_states(
         for link in links:
             first, second = link.between
             if first not in known_velocities and second not in known_velocities:
-                waiting.append(link)  # until a link of one of its ends tells
+                waiting.append(link)  # until a link of one of its ends gives it
             if (first in known_velocities) == (second in known_velocities):
                 continue
             rate = _rate(link, record, sigma)
@@ -55,7 +55,7 @@ def motion_from_states(
 
 
 def _rate(link: Link, record: Record, sigma: Mapping[str, float]) -> Floats | None:
-    """The rate of a link (N,) in m/s from the first measured state that tells it; None where none does."""
+    """The rate of a link (N,) in m/s from the first measured state that determines it; None if none does."""
     states = link.law.states
     for number, name in enumerate(states):
         channel = f"state:{link.name}.{name}"

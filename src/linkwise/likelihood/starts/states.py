@@ -26,7 +26,9 @@ _UNMEASURED = (
     0.1  # of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
 )
 
-_FROM_STATES = 0.3  # of the motion that a measured state of a link tells, with the starts of its coefficients
+_FROM_STATES = (
+    0.3  # of the motion that a measured state of a link determines, with the starts of its coefficients
+)
 
 
 @dataclass(frozen=True, eq=False)
