@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
-from places import Places, adding, command
+from places import Places, command
 from problems import chain_record
 
 import linkwise as lw
@@ -21,12 +20,6 @@ from linkwise.report.section import Reported, Section, figure_section
 from linkwise.study.toml_file import METHOD_TABLES
 
 pytestmark = pytest.mark.usefixtures("unrendered")
-
-
-@pytest.fixture
-def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Places]:
-    with adding(tmp_path, monkeypatch) as places:
-        yield places
 
 
 JSON_LINES = """

@@ -8,13 +8,12 @@ these counts; those of what is read, shown and repeated are in test_places_of_re
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from places import Places, adding, command
+from places import Places, command
 from problems import chain_record
 
 import linkwise as lw
@@ -27,12 +26,6 @@ from linkwise.likelihood.shooting.sensor_errors import ADDED
 from linkwise.sindy.regression import REGRESSORS
 
 pytestmark = pytest.mark.usefixtures("unrendered")
-
-
-@pytest.fixture
-def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Places]:
-    with adding(tmp_path, monkeypatch) as places:
-        yield places
 
 
 SPRING = """
