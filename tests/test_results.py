@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from here import studies_here
 from present import some
 from problems import chain_record
 from small_study import small
@@ -68,7 +69,8 @@ def results() -> dict[str, type[Any]]:
 
 def finished(folder: Path) -> lw.StudySummary:
     """The summary of a study of two structures by three methods."""
-    lw.run_study(lw.read_study(small(folder, cycles=1)), folder / "out", workers=1)
+    with studies_here():
+        lw.run_study(lw.read_study(small(folder, cycles=1)), folder / "out", workers=1)
     return lw.study_summary(folder / "out")
 
 
@@ -157,7 +159,8 @@ def test_an_inspection_with_an_alert_says_so() -> None:
 
 def test_a_summary_says_what_was_not_run_and_what_failed(tmp_path: Path) -> None:
     definition = lw.read_study(small(tmp_path, cycles=1))
-    rows = lw.run_study(definition, tmp_path / "out", workers=1)
+    with studies_here():
+        rows = lw.run_study(definition, tmp_path / "out", workers=1)
     assert len(rows) == 12
     summary = lw.study_summary(tmp_path / "out")
     [first, *others] = summary.cells
