@@ -20,6 +20,7 @@ _FRACTION = 1e-3  # of a step: far enough for g to exceed rounding, short enough
 _SHORTEST = 1e-12  # of a step
 _ROUNDING = 1e-12  # of the terms of g: a g that stays that small counts as zero
 _ON_KINK = 1e-6  # of the change of g within the moment: if smaller, g counts as zero
+_CLEAR = 1e-6  # of the terms of g: a g that is larger has the sign that it shows
 
 
 class BranchChoice(NamedTuple):
@@ -31,6 +32,15 @@ class BranchChoice(NamedTuple):
     time: float
     parameters: NDArray[Any]
     stuck: int | None = None
+
+
+def branches_hold(system: CompiledSystem, start: Placement) -> bool:
+    """Whether every kink is watched, far from zero, and of the sign that `start` has, so that the motion just goes on."""
+    parameters, layout, time = start.parameters, system.layout, float(start.time)
+    if parameters[layout.unwatched].any():
+        return False
+    values = system.kink_values(start.state, parameters, time) * parameters[layout.branches]
+    return bool((values > _CLEAR * system.kink_sizes(start.state, parameters, time)).all())
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of a kink's value; what is not finite has no branch

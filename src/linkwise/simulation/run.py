@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.simulation.branches import choose_branches
+from linkwise.simulation.branches import branches_hold, choose_branches
 from linkwise.simulation.integrator.compiled import compiled_system
 from linkwise.simulation.integrator.interface import Integrator, Outcome, Placement, Time
 from linkwise.simulation.integrator.shape import SCALE
@@ -117,7 +117,7 @@ class _Run:
                 break
             if schedule.pieces.shape[1]:
                 self.integrator.set_parameters(layout.pieces, schedule.pieces[number])
-            if self.system.kinks:
+            if self.system.kinks and not branches_hold(self.system, self.placement()):
                 self.leave_kinks(stops[number + 1])
             self.advance(stops[number + 1], limits[number + 1])
         self.flush()
@@ -213,10 +213,15 @@ class _Run:
             row = int(np.argmax(np.abs(x).max(axis=1) > FARTHEST))
             raise diverged(self.schedule, float(times[row]), states[row])
 
+    def placement(self) -> Placement:
+        """Where the motion is."""
+        integrator = self.integrator
+        return Placement(float(integrator.time), integrator.state, integrator.parameters)
+
     def leave_kinks(self, end: float) -> None:
         """Choose the branches on which the motion continues, and leave the kinks behind; a sticking link raises."""
-        start = float(self.integrator.time)
-        placement = Placement(start, self.integrator.state, self.integrator.parameters)
+        placement = self.placement()
+        start = float(placement.time)
         choice = choose_branches(self.system, placement, min(end - start, _REST * self.schedule.end))
         if choice.stuck is not None:
             raise self.sticking(choice.stuck)
