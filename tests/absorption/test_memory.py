@@ -118,7 +118,7 @@ def test_a_state_that_does_not_rest_is_refused() -> None:
     creep = lw.Law.parse("k*(d - z)", {"z": "r*(d - z)"})
     creeping = link("creep", "m1-ground", creep, k=40.0, r=2.0)
     with pytest.raises(
-        lw.StructureError, match="the state z does not rest at 0 while the ends of the link do"
+        lw.StructureError, match="the state z does not rest at 0 while the ends of the link are at rest"
     ):
         lw.equilibria(structure({"m1": 1.0}, creeping))
     with pytest.raises(lw.StructureError, match="does not rest at 0"):

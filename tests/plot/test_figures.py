@@ -93,8 +93,8 @@ def test_force_figure_names_axes_units_and_curves(measured: lw.Estimate, chain: 
 
 def test_samples_are_drawn_where_there_are_any(measured: lw.Estimate) -> None:
     blind = replace(measured, compute_motion=lambda: replace(measured.motion, compute_residual=lambda: None))
-    assert "measured less damping" in labels(force_figure(measured, "nes1"))
-    assert "less damping" not in " ".join(labels(force_figure(blind, "nes1")))
+    assert "measured minus damping" in labels(force_figure(measured, "nes1"))
+    assert "minus damping" not in " ".join(labels(force_figure(blind, "nes1")))
 
 
 def test_a_link_without_wells_has_one_panel(fitted: lw.Estimate) -> None:

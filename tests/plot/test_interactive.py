@@ -26,7 +26,7 @@ def three_sines() -> lw.Record:
 def test_force_shows_what_the_figure_shows(fitted: lw.Estimate) -> None:
     content, curve = to_plotly(lw.plot.force_figure(fitted, "nes1")), force_curve(fitted, "nes1")
     wide = {trace["name"]: trace for trace in content["data"] if trace["xaxis"] == "x"}
-    assert {"true", "95 % band", "identified", "wells", "true less damping", ""} == set(wide)
+    assert {"true", "95 % band", "identified", "wells", "true minus damping", ""} == set(wide)
     inside = (curve.d >= curve.visited[0]) & (curve.d <= curve.visited[1])
     np.testing.assert_allclose(wide["identified"]["x"], 1e3 * curve.d[inside], rtol=1e-6)  # seven digits
     # seven digits
