@@ -101,6 +101,12 @@ def test_a_figure_of_an_absorption_is_a_function_and_a_line(section: Build[Any],
     )
 
 
+def test_an_absorption_says_how_far_its_energies_balance(tmp_path: Path) -> None:
+    absorbed = lw.absorb(lw.bnes_chain(2), duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    page = (lw.write_absorption(absorbed, tmp_path / "absorbed") / "report.html").read_text(encoding="utf-8")
+    assert re.search(r"the balance closes to \d+e-\d+\.", page)
+
+
 def test_a_figure_of_every_link_is_a_function_and_a_line(fitted: lw.Estimate, tmp_path: Path) -> None:
     def again(reported: Reported[lw.Estimate], link: str) -> Callable[[], Figure]:
         return lambda: lw.plot.force_figure(reported.result, link)

@@ -46,7 +46,7 @@ def _energy(reported: Reported[Answer]) -> Section:
     plain = without_intervals(reported.result)
     text = (
         "Energies count from the lowest wells of all links, so the energy supplied is the energy stored and "
-        "dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
+        f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
     return Section(
         "Energy", [text], rows=energy_rows(plain), figure=lambda: plot.energy_figure(reported.result)
