@@ -138,6 +138,8 @@ def test_parts_that_state_different_noise_are_refused(record: lw.Record) -> None
     first, second = (replace(part, noise={"x:m1": 1e-4}) for part in (record[:100], record[100:]))
     assert lw.continued(first, second).noise == {"x:m1": 1e-4}
     assert lw.continued(first, replace(second, noise={})).noise == {"x:m1": 1e-4}
+    later = replace(second, interpolation={"a:base": "linear"})
+    assert lw.continued(first, later).interpolation == {"a:base": "linear"}  # the second part alone states it
     with pytest.raises(
         lw.RecordError, match="channel x:m1: states another noise of its sensor than the first"
     ):

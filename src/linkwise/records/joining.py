@@ -162,8 +162,7 @@ def continued(record: Record, other: Record) -> Record:
     return replace(
         record,
         values=np.vstack([record.values, missing, other.select(record.channels).values]),
-        noise={**other.noise, **record.noise},
-        uncertainty={**other.uncertainty, **record.uncertainty},
+        **_stated_by_both(record, other),
         simulated=None,
         notes=(
             *dict.fromkeys((*record.notes, *other.notes)),
@@ -216,14 +215,16 @@ def _at_one_rate(record: Record, added: Record) -> tuple[Record, Record]:
 
 def _side_by_side(record: Record, added: Record) -> Record:
     length = min(len(record), len(added))
-    of_both: dict[str, Any] = {
-        kind: {**getattr(added, kind), **getattr(record, kind)} for kind in OF_CHANNELS
-    }
     return replace(
         record,
         channels=(*record.channels, *added.channels),
         values=np.hstack([record.values[:length], added.values[:length]]),
-        **of_both,
+        **_stated_by_both(record, added),
         simulated=None,
         notes=tuple(dict.fromkeys((*record.notes, *added.notes))),
     )
+
+
+def _stated_by_both(record: Record, added: Record) -> dict[str, Any]:
+    """The attributes of channels of either, by field of `Record`."""
+    return {kind: {**getattr(added, kind), **getattr(record, kind)} for kind in OF_CHANNELS}
