@@ -114,4 +114,4 @@ def test_a_validation_allows_for_stated_errors() -> None:
     assert not lw.validate(wrong, CHAIN).trusted
     assert lw.validate(stating(wrong, gain=0.03), CHAIN).trusted
     unknown = lw.validate(stating(record, offset=np.inf), CHAIN)
-    assert "Taken as zero, though stated as unknown: offset of x:m2." in unknown.remarks
+    assert "Errors taken as zero, though stated as unknown: offset of x:m2." in unknown.remarks

@@ -125,8 +125,8 @@ class AbsorptionMap(JudgedView):
         diverged = int(np.sum(~self.completed))
         if diverged:
             lines.append(
-                f"{diverged} of {self.completed.size} runs diverge: their cells have no value, and the best one is "
-                f"that of the others. Narrow the range of {' or '.join(axis.name for axis in self.axes)}."
+                f"{diverged} of {self.completed.size} runs diverge: their cells have no value, and the best is "
+                f"chosen among the others. Narrow the range of {' or '.join(axis.name for axis in self.axes)}."
             )
         if self.horizon is not None:
             lines.append(

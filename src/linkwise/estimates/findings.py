@@ -34,7 +34,7 @@ def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
     if supply is not None:
         yield (
             f"{link.link.name} feeds energy into the motion, {supply:.3g} W on average, which no damper does. An applied "
-            "force that is not in the record has this effect."
+            "force that is not in the record can have this effect."
         )
 
 
@@ -61,7 +61,7 @@ def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
         feeds = f"{link.link.name} feeds energy for {100.0 * part:.2g} % of the time"
     else:
         return
-    feeds += " into the motion, which no damper or friction does. A missing term, link or applied force has this effect."
+    feeds += " into the motion, which no damper or friction does. A missing term, link or applied force can have this effect."
     for coefficient in negative:
         yield f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: {feeds}"
     if not negative and part > 0.0:

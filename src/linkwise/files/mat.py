@@ -178,7 +178,7 @@ def _by_channel(value: Any, kind: str, channels: Iterable[str]) -> dict[str, Any
     if STORED[kind].is_text:
         values: Iterable[float | str] = _texts(value)
     else:
-        values = np.atleast_1d(() if value is None else value).tolist()
+        values = map(float, np.atleast_1d(() if value is None else value))
     return {
         name: stored
         for name, stored in zip(channels, values, strict=False)

@@ -74,7 +74,7 @@ class StudyReport:
                 f"{len(unmet)} of {len(self.claims)} claims {'does' if len(unmet) == 1 else 'do'} not hold."
             )
         if open_:
-            return "No result contradicts the paper so far, but the study is not complete."
+            return "No claim is contradicted so far, but there are too few results to decide all of them."
         if self.comparison.cells:
             return "The paper's results are reproduced, and surpassed."
         return "The study is complete."

@@ -71,7 +71,7 @@ def test_a_law_without_states() -> None:
 
 
 def test_starts_are_searched_for_in_the_part_of_a_long_record_that_moves_most() -> None:
-    """A rest of 25 s, 5000 samples, comes before the motion; the search is in 4096 samples of 8000."""
+    """A rest of 25 s, 5000 samples of 8000, comes before the motion; the search is in 4096, of which the last 2800 move."""
     base = "0.5*(1 + tanh(4*(t - 26)))*(0.01*sin(5*t)*sin(0.7*t) + 0.003*sin(17*t))"
     long = lw.simulate(hysteretic(), duration=40.0, rate=200.0, base=base)
     fit = lw.identify(measured(long, 1), hysteretic().unknown("damper"))

@@ -48,4 +48,4 @@ def unknown_sensors(record: Record) -> tuple[str, ...]:
         for kind in ("gain", "offset", "delay")
         if isinf(getattr(known, kind))
     ]
-    return (f"Taken as zero, though stated as unknown: {', '.join(names)}.",) if names else ()
+    return (f"Errors taken as zero, though stated as unknown: {', '.join(names)}.",) if names else ()
