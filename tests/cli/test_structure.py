@@ -86,6 +86,7 @@ def test_show_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["structure", "bnes", "--dof", "2", "--unknown", "k"], "'k' is not one of 'nes', 'all'"),
         (["structure", "show", "nowhere.toml"], "nowhere.toml"),
         (["guess"], "No such command 'guess'. Try: linkwise --help"),
+        (["structure", "bnes", "--doff", "2"], "? Try: linkwise structure bnes --help"),
         (["--frobnicate"], "No such option"),
     ],
 )

@@ -72,7 +72,9 @@ def run(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "linkwise"
-        return _report(error, f"{error.format_message().rstrip('.')}. Try: {path} --help", USAGE, debug)
+        message = error.format_message().rstrip(".")
+        stop = "" if message.endswith("?") else "."
+        return _report(error, f"{message}{stop} Try: {path} --help", USAGE, debug)
     except click.ClickException as error:
         return _report(error, error.format_message(), USAGE, debug)
     except LinkwiseError as error:
