@@ -11,7 +11,7 @@ from problems import chain_record
 from structures import asked_oscillator
 
 import linkwise as lw
-from linkwise.likelihood.block_scores import block_scores, error_ratios
+from linkwise.likelihood.block_scores import block_scatter, block_scores
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.starts.values import starting_values
 
@@ -48,7 +48,7 @@ def test_blocks_add_up_to_the_whole(chain_fit: LikelihoodFit) -> None:
 
 def test_white_noise_hardly_widens(chain_fit: LikelihoodFit) -> None:
     optimum = chain_fit.optimum
-    ratios = error_ratios(
+    scatter = block_scatter(
         optimum.segments,
         chain_fit.misfit,
         optimum.scales,
@@ -57,7 +57,8 @@ def test_white_noise_hardly_widens(chain_fit: LikelihoodFit) -> None:
         noise=optimum.noise,
         free=np.ones(len(optimum.scales.theta), dtype=bool),
     )
-    assert ratios is not None
+    assert scatter is not None
+    ratios = scatter.ratios
     # t over normal quantile is 1.15 for ten blocks, and the deviation of ten draws exceeds 1.6 times the true one in 0.2 %
     assert np.all(ratios >= 1.0) and np.all(ratios < 1.15 * 1.7)
 
@@ -67,7 +68,7 @@ def test_too_few_segments_have_no_blocks(chain_fit: LikelihoodFit) -> None:
     short = fitted(record, lw.bnes_chain(2).unknown("nes"))
     optimum = short.optimum
     assert (
-        error_ratios(
+        block_scatter(
             optimum.segments,
             short.misfit,
             optimum.scales,

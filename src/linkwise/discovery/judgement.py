@@ -80,7 +80,7 @@ def judged_discovery(
     `delays` in s were found by channel.
     """
     fit = selection.fit
-    estimate = estimate_of(selection.structure, fit, records, delays)
+    estimate = estimate_of(selection.structure, fit, records, delays, searched=True)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
     estimate = widened(estimate, dropped.covariance)

@@ -46,16 +46,40 @@ class BlockScores:
     def deviations(self, free: Bools) -> Floats:
         """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
         chosen, blocks = np.flatnonzero(free), len(self.scores)
-        whole = self.information.sum(axis=0)[np.ix_(chosen, chosen)]
-        moved = np.empty((blocks, len(chosen)))
-        for block, (score, information) in enumerate(zip(self.scores, self.information, strict=True)):
-            rest = whole - information[np.ix_(chosen, chosen)]
-            moved[block] = np.linalg.solve(rest, score[chosen])
+        moved = np.einsum("bij,bj->bi", self._inverses_without_each(chosen), self.scores[:, chosen])
         variance = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (blocks - 1) / blocks
         quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
         out = np.zeros(len(free))
         out[chosen] = quantiles * np.sqrt(variance)
         return out
+
+    def chances(self, free: Bools, noise: float) -> Floats:
+        """(p,) probabilities that noise alone scatters estimates without one block so far; 1 where not `free`.
+
+        Scores of noise have the covariance that the information says, times `noise` squared, and sum to zero; the sum of
+        squares is taken for a multiple of chi-square with its mean and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+        """
+        chosen = np.flatnonzero(free)
+        inverses, parts = self._inverses_without_each(chosen), self.information[:, chosen][:, :, chosen]
+        moved = np.einsum("bij,bj->bi", inverses, self.scores[:, chosen]) / noise
+        squares = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
+        whole, out = parts.sum(axis=0), np.ones(len(free))
+        for number, unknown in enumerate(chosen.tolist()):
+            pulls = inverses[:, number]  # (B, c): how the estimate follows the score of each block
+            followed = np.einsum("bij,bj->bi", parts, pulls)
+            covariance = np.diag(np.sum(pulls * followed, axis=1))
+            covariance -= followed @ np.linalg.solve(whole, followed.T)
+            covariance -= covariance.mean(axis=0)
+            covariance -= covariance.mean(axis=1, keepdims=True)
+            mean = np.trace(covariance)
+            degrees = mean**2 / np.sum(covariance**2)
+            out[unknown] = scipy.special.chdtrc(degrees, degrees * squares[number] / mean)
+        return out
+
+    def _inverses_without_each(self, chosen: Indices) -> Floats:
+        """(B, c, c) inverses of the information on the `chosen` unknowns with one block left out."""
+        parts = self.information[:, chosen][:, :, chosen]
+        return np.linalg.inv(parts.sum(axis=0) - parts)
 
     def single_ratios(self, parameters: int) -> Floats:
         """(p,) squared ratios of the scatter of the blocks to what the information says, one unknown at a time.
@@ -77,10 +101,26 @@ class BlockScores:
         return ratios
 
 
-def error_ratios(
+@dataclass(frozen=True, eq=False)
+class BlockScatter:
+    """How far blocks of the records disagree.
+
+    Attributes
+    ----------
+    ratios : array of shape (p + o + g,)
+        Standard errors by blocks over those of white noise, at least 1.
+    chance : float
+        The probability that noise alone scatters any parameter so far, in either number of blocks.
+    """
+
+    ratios: Floats
+    chance: float
+
+
+def block_scatter(
     segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, *, q: float, noise: float, free: Bools
-) -> Floats | None:
-    """(p + o + g,) standard errors by blocks over those of white model error, at least 1; None for too few segments.
+) -> BlockScatter | None:
+    """How far the scatter of blocks exceeds what white noise gives them; None for too few segments.
 
     `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound.
     """
@@ -89,17 +129,19 @@ def error_ratios(
     scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
     if scores is None:
         return None
-    chosen = np.flatnonzero(free)
-    ratios = np.ones(len(free))
+    chosen, p = np.flatnonzero(free), segments.system.parameters.size
+    ratios, chances = np.ones(len(free)), np.ones(len(free))
     try:
         inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
         white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
         for blocks in BLOCKS:
-            deviations = scores.merged(blocks).deviations(free)[chosen]
-            ratios[chosen] = np.maximum(ratios[chosen], deviations / white)
+            merged = scores.merged(blocks)
+            ratios[chosen] = np.maximum(ratios[chosen], merged.deviations(free)[chosen] / white)
+            chances = np.fmin(chances, merged.chances(free, noise))
     except np.linalg.LinAlgError:
         return None
-    return ratios
+    tested = len(BLOCKS) * int(np.count_nonzero(free[:p]))
+    return BlockScatter(ratios, min(1.0, tested * float(np.min(chances[:p], initial=1.0))))
 
 
 def block_scores(

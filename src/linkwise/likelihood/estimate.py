@@ -309,15 +309,21 @@ def estimate_of(
     fit: LikelihoodFit,
     records: Sequence[Record],
     delays: Mapping[str, float] | None = None,
+    *,
+    searched: bool = False,
 ) -> Estimate:
-    """The estimate that a fit of `structure` to `records` gives, with its verdicts; `delays` in s were found by channel."""
+    """The estimate that a fit of `structure` to `records` gives, with its verdicts.
+
+    `delays` in s were found by channel; the laws were `searched` in the records, or stated.
+    """
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
     fit = with_limits(fit)
-    judgement = assess(fit, identified, records[0].channels)
+    judgement = assess(fit, identified, records[0].channels, searched=searched)
     covariance, faint = with_faint_modes(fit, identified)
-    missing, noise = judgement.for_missing_terms, judgement.for_input_noise
-    added = [addition for addition in (missing, noise) if addition is not None]
+    missing = judgement.for_missing_terms
+    additions = (missing, judgement.for_blocks, judgement.for_input_noise)
+    added = [addition for addition in additions if addition is not None]
     of_sensors = sensor_errors(fit, delays or {})
     return Estimate(
         method="ml",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.likelihood.block_scores import error_ratios
+from linkwise.likelihood.block_scores import block_scatter
 from linkwise.likelihood.coloured_fit import ColouredFit, with_coloured_noise
 from linkwise.likelihood.coloured_noise import ColouredNoise
 from linkwise.likelihood.model_error import ModelErrorCandidate, lag_one_autocorrelation, with_model_error
@@ -149,9 +149,10 @@ def _with_model_error(
     unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit)
     ratios: Floats | None = np.ones(len(fit.covariance))
     if not did_not_converge(fit):
-        ratios = error_ratios(
+        scatter = block_scatter(
             segments, fit.misfit, fit.scales, annealer.loss, q=fit.q, noise=factor, free=~fit.at_bound
         )
+        ratios = None if scatter is None else scatter.ratios
     p = segments.system.parameters.size
     widened = np.full(len(fit.covariance), factor)
     if ratios is not None:

@@ -27,8 +27,9 @@ from linkwise.likelihood.held_errors import (
 )
 from linkwise.likelihood.input_noise import InputNoise, for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
-from linkwise.likelihood.missing_terms import MissingTerms, for_hinted_terms, for_missing_terms
+from linkwise.likelihood.missing_terms import for_missing_terms
 from linkwise.likelihood.model_error import lag_one_autocorrelation
+from linkwise.likelihood.nearly_exact import Doubt, doubt, share_of_term, with_small_model_error
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.unstated_forces import unstated_forces
 from linkwise.likelihood.whiteness import is_coloured
@@ -67,8 +68,9 @@ class Judgement:
     """The `verdict` on a fit with its explanation; `model_error`, the part of the forces that the laws leave unexplained, and
     the `diagnosis` of it, the largest gain in likelihood first.
 
-    `for_missing_terms` (p, p) is to be added to the covariance where a model error is trusted that terms explain a part of,
-    `for_input_noise` (p, p) where the residuals hint at noise of an input.
+    To be added to the covariance (p, p) of the fit are `for_missing_terms`, where a model error is trusted that terms explain
+    a part of or residuals hint at terms, `for_blocks`, where blocks doubt laws that leave hardly more than noise, and
+    `for_input_noise`, where the residuals hint at noise of an input.
     """
 
     verdict: Verdict
@@ -76,21 +78,20 @@ class Judgement:
     model_error: float = 0.0
     diagnosis: tuple[Cause, ...] = ()
     for_missing_terms: Floats | None = None
+    for_blocks: Floats | None = None
     for_input_noise: Floats | None = None
 
 
-def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> Judgement:
-    """Assess a fit to a record of these `channels`."""
-    if fit.status is not AnnealingStatus.CONVERGED:
-        reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
-        if fit.chi_square > _RAN_AWAY:
-            reason = (
-                f"{fit.status.value.capitalize()}. With these values the motion runs away from the record between its "
-                "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
-            )
-        return Judgement(Verdict.NOT_CONVERGED, reason)
-    if not np.isfinite(fit.covariance.diagonal()[fit.free]).all():
-        return Judgement(Verdict.HARDLY_DETERMINED, _NO_ERRORS)
+def assess(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, searched: bool = False
+) -> Judgement:
+    """Assess a fit to a record of these `channels`, whose laws were `searched` in it or stated.
+
+    Intervals of stated laws may hold a small term that they lack; a search goes on.
+    """
+    failed = _failed(fit)
+    if failed is not None:
+        return failed
     coloured = fit.optimum.coloured
     chance = 0.0 if len(identified.links) - len(identified.modes) <= _FEW_LINKS else _CHANCE
     imperfect = (
@@ -103,12 +104,12 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     noisy = (input_noise.cause for input_noise in inputs if input_noise.cause is not None)
     every = (*diagnosis.causes, *noisy, *unstated_forces(fit, identified, channels))
     causes = tuple(sorted(every, key=lambda cause: -cause.gain))
-    share = _share(fit, identified) if fit.model_error > 0.0 else 0.0
+    given, fit = fit, fit if searched else with_small_model_error(fit, causes)
+    share = _share(fit, identified, causes) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
-    counted = CountedCauses()
-    if fit.model_error > 0.0:
-        counted = counted_causes(fit, identified, causes, diagnosis.tested)
+    inexact = fit.model_error > 0.0
+    counted = counted_causes(fit, identified, causes, diagnosis.tested) if inexact else CountedCauses()
     verdict, message = _verdict(
         fit,
         identified,
@@ -119,6 +120,7 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
         filtered=1 < len(responses) == len(remembering) and lag_one_autocorrelation(fit.misfit) > 0.0,
     )
     missing, noise = counted.missing, None
+    by_blocks = None if fit is given else fit.covariance - given.covariance
     if not verdict.forbids and not causes:
         hidden = hidden_term(fit, identified, channels)
         if hidden is not None:
@@ -129,24 +131,42 @@ def assess(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -
     message += _of_forces(fit, verdict, causes, channels)
     if verdict is Verdict.CONVERGED and not causes:
         noise = for_noise_of_inputs(fit, inputs)
-        if coloured is None and not fit.random_forces:
-            missing = for_hinted_terms(fit, identified, diagnosis.tested)
-        message += _of_hints(missing, noise)
+        white = coloured is None and not fit.random_forces
+        doubted = doubt(fit, identified, diagnosis.tested, searched=searched) if white else None
+        if doubted is not None:
+            missing, by_blocks = doubted.missing, doubted.for_blocks(fit.covariance)
+        message += _of_hints(doubted, noise)
     return Judgement(
         verdict,
         message,
         share,
         causes,
         for_missing_terms=None if missing is None or verdict.forbids else missing.covariance,
+        for_blocks=None if verdict.forbids else by_blocks,
         for_input_noise=None if noise is None else noise[1],
     )
 
 
-def _of_hints(missing: MissingTerms | None, noise: tuple[InputNoise, Floats] | None) -> str:
-    """What the residuals of exact laws hint at, and intervals hold; of terms the likeliest."""
+def _failed(fit: LikelihoodFit) -> Judgement | None:
+    """The judgement of a fit that did not converge, or has no standard errors."""
+    if fit.status is not AnnealingStatus.CONVERGED:
+        reason = f"{fit.status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
+        if fit.chi_square > _RAN_AWAY:
+            reason = (
+                f"{fit.status.value.capitalize()}. With these values the motion runs away from the record between its "
+                "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
+            )
+        return Judgement(Verdict.NOT_CONVERGED, reason)
+    if not np.isfinite(fit.covariance.diagonal()[fit.free]).all():
+        return Judgement(Verdict.HARDLY_DETERMINED, _NO_ERRORS)
+    return None
+
+
+def _of_hints(doubted: Doubt | None, noise: tuple[InputNoise, Floats] | None) -> str:
+    """What the residuals of exact laws hint at, and intervals hold."""
     hints = [noise[0].description] if noise else []
-    if missing:
-        hints.append(f"a force like {missing.counted[0].term} in {missing.counted[0].where}")
+    if doubted:
+        hints.append(doubted.hint)
     return f" The residuals hint at {' and '.join(hints)}; the intervals allow for that." if hints else ""
 
 
@@ -232,7 +252,7 @@ def _verdict(
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
             f"{explained}, a model error that all intervals include. {_error_factor(fit)}{of_held_errors(causes, allowed)}"
-            f"{_likeliest(others, 'of what is left' if others[:1] == causes[:1] else 'of the rest')}{_moved(others)}"
+            f"{_likeliest(others, 'of what is left' if others[:1] == list(causes[:1]) else 'of the rest')}{_moved(others)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals allow for that' if coloured else ''}."
 
@@ -364,9 +384,14 @@ def _error_factor(fit: LikelihoodFit) -> str:
     )
 
 
-def _share(fit: LikelihoodFit, identified: Structure) -> float:
-    """Root mean square of the force error over that of the forces, of the mass with the largest ratio."""
+def _share(fit: LikelihoodFit, identified: Structure, causes: Sequence[Cause]) -> float:
+    """Root mean square of the force error over that of the forces, of the mass with the largest ratio.
+
+    In a fit with the least model error that of the likeliest missing term counts, which its motion follows.
+    """
     n = identified.size
     acceleration = fit.misfit.trajectories.accelerations.reshape(-1, n, fit.segments.count)
     forces = identified.mass_values * np.sqrt(np.mean(acceleration**2, axis=(0, 2)))
-    return float(np.max(fit.force_error / np.maximum(forces, np.finfo(float).tiny)))
+    share = float(np.max(fit.force_error / np.maximum(forces, np.finfo(float).tiny)))
+    follows = fit.model_error <= AnnealingSchedule.final_q and causes and causes[0].kind == "term"
+    return max(share, share_of_term(identified, causes[0], forces)) if follows else share

@@ -106,31 +106,34 @@ def for_missing_terms(
     return _counted(fit, hypotheses, quadratic.curvature, quadratic.slope, _rounds(hypotheses, identified))
 
 
-def for_hinted_terms(
-    fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None
-) -> MissingTerms | None:
-    """What usual terms that the residuals of exact laws hint at, none of them significant, add to the covariance.
+def usual_scores(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> Floats:
+    """(u,) normal scores of the usual terms among what was `tested`, without sign; 0 of those that cannot be told.
 
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        A fit that leaves only noise.
-    identified : Structure
-        The structure with the values of the fit.
-    tested : TestedCauses or None
-        What was tested, these terms among it; None where nothing was.
-
-    Returns
-    -------
-    MissingTerms or None
-        None where residuals hint at none.
+    They are tested one at a time, all coefficients fitted anew to first order.
     """
-    if tested is None:
-        return None
+    usual, p = which_usual(tested.hypotheses, identified), len(fit.values)
+    if not usual:
+        return np.zeros(0)
+    _, curvature, slope = _among(tested, usual, p)
+    return np.sqrt(_beyond(curvature, slope, np.arange(len(slope)), p)) / fit.optimum.noise
+
+
+def for_usual_terms(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, doubted: bool
+) -> MissingTerms | None:
+    """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
+
+    Those at which the residuals hint; where it is `doubted` that the laws are exact, those of one link that are farther from
+    zero than their standard error, of more links fewer, as chance gives more of them (Foster and George, Ann. Statist. 22,
+    1994).
+    """
     usual = which_usual(tested.hypotheses, identified)
     if not usual:
         return None
-    return _counted(fit, *_among(tested, usual, len(fit.values)), [(np.full(len(usual), _HINT**2), _MOST)])
+    links = len({tested.hypotheses[number].where for number in usual})
+    least = min(_LIKELY**2 + 2.0 * np.log(links), _HINT**2) if doubted else _HINT**2
+    among = _among(tested, usual, len(fit.values))
+    return _counted(fit, *among, [(np.full(len(usual), least), _MOST_USUAL if doubted else _MOST)])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken

@@ -1,0 +1,150 @@
+"""Laws that leave hardly more than noise and yet are not exact: what says so, and intervals that hold it.
+
+Chi-square sees an error of the laws only where it exceeds several percent of the noise in power. Two tests see a smaller one:
+the scores of terms that laws lack most often, and the scatter of blocks of the records, as a law that lacks a term is fitted
+by other values to each motion that it meets (a test of homogeneity: Cochran, Biometrics 10, 1954). For exact laws the two are
+independent, and their product says more than either (Fisher, "Statistical methods for research workers", 1932). Where they
+doubt the laws, intervals are those beside a model error: as wide as blocks scatter, and with what usual terms would make of
+the coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Floats
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.block_scores import BlockScatter, block_scatter
+from linkwise.likelihood.diagnosis import TestedCauses
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.held_errors import LARGEST_TERM
+from linkwise.likelihood.missing_terms import MissingTerms, for_usual_terms, usual_scores
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.model.structure import Structure
+from linkwise.runtime import one_blas_thread
+
+_DOUBT = 0.02
+"""Probability of so large scores and so much scatter by chance, below which exact laws are doubted: one record in 50 has wider
+intervals for nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """What exact laws may lack: `missing` terms, and the standard errors by blocks over those of noise, `ratios` (p,).
+
+    The latter are None where blocks do not disagree.
+    """
+
+    missing: MissingTerms | None
+    ratios: Floats | None = None
+
+    def for_blocks(self, covariance: Floats) -> Floats | None:
+        """(p, p) what the scatter of blocks adds to a covariance of white noise."""
+        return None if self.ratios is None else covariance * (np.outer(self.ratios, self.ratios) - 1.0)
+
+    @property
+    def hint(self) -> str:
+        """What the residuals show of it."""
+        if self.missing is None:
+            return "a difference between parts of the records"
+        return f"a force like {self.missing.counted[0].term} in {self.missing.counted[0].where}"
+
+
+def with_small_model_error(fit: LikelihoodFit, causes: Sequence[Cause]) -> LikelihoodFit:
+    """A fit of laws that lack a small term, with intervals as beside a model error, from blocks of the records.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        Any fit.
+    causes : sequence of Cause
+        What is significant in its residuals, the likeliest first.
+
+    Returns
+    -------
+    LikelihoodFit
+        With the least model error that a fit may have, where it has none and nothing but missing terms is significant, the
+        likeliest small enough to be trusted; the same fit otherwise, as where the records are too short for blocks.
+    """
+    if fit.model_error > 0.0 or fit.chi_square_off or not causes:
+        return fit
+    if any(cause.kind != "term" for cause in causes) or causes[0].share > LARGEST_TERM:
+        return fit
+    scatter = _scatter(fit)
+    if scatter is None:
+        return fit
+    ratios = scatter.ratios[: len(fit.values)]
+    return replace(
+        fit,
+        model_error=fit.optimum.q,
+        error_ratios=ratios,
+        covariance=fit.covariance * np.outer(ratios, ratios),
+    )
+
+
+def share_of_term(identified: Structure, cause: Cause, forces: Floats) -> float:
+    """The force of a missing term over the `forces` (n,) on the masses, of that with the largest ratio."""
+    ends = next(link.between for link in identified.links if link.name == cause.where)
+    own = [forces[number] for number, name in enumerate(identified.mass_names) if name in ends]
+    return abs(cause.size) / max(min(own), np.finfo(float).tiny) if own else cause.share
+
+
+def doubt(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None, *, searched: bool
+) -> Doubt | None:
+    """What intervals of exact laws hold where residuals hint at missing terms, none of them significant.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit that leaves only white noise.
+    identified : Structure
+        The structure with the values of the fit.
+    tested : TestedCauses or None
+        What was tested, usual terms among it; None where nothing was.
+    searched : bool
+        Whether the laws were searched in these records. The search weighs each term by its standard error, so that blocks
+        do not widen it.
+
+    Returns
+    -------
+    Doubt or None
+        None where nothing says that the laws are not exact.
+    """
+    if tested is None:
+        return None
+    scores = usual_scores(fit, identified, tested)
+    scores = scores[scores > 0.0]
+    scatter = None if searched else _scatter(fit)
+    if scatter is not None:
+        beyond = float(scipy.special.ndtr(-np.max(scores, initial=0.0)))
+        product = scatter.chance * min(1.0, 2.0 * max(len(scores), 1) * beyond)
+        if product * (1.0 - np.log(max(product, np.finfo(float).tiny))) < _DOUBT:
+            missing = for_usual_terms(fit, identified, tested, doubted=True)
+            return Doubt(missing, scatter.ratios[: len(fit.values)])
+    hinted = for_usual_terms(fit, identified, tested, doubted=False)
+    return None if hinted is None else Doubt(hinted)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a trial beyond what is finite gives no scatter
+def _scatter(fit: LikelihoodFit) -> BlockScatter | None:
+    """The scatter of blocks of the records.
+
+    None where they are too short for blocks, or where a robust loss, what is known beforehand, coloured noise or a random
+    force weighs the samples otherwise than the scores say.
+    """
+    optimum, segments = fit.optimum, fit.segments
+    weighed = segments.prior is not None or segments.random is not None or optimum.coloured is not None
+    if weighed or not isinstance(optimum.loss, Gaussian):
+        return None
+    free = np.ones(len(optimum.point.border), dtype=bool)
+    free[: len(fit.values)] = fit.free
+    with one_blas_thread():
+        scatter = block_scatter(
+            segments, fit.misfit, optimum.scales, optimum.loss, q=optimum.q, noise=optimum.noise, free=free
+        )
+    return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter
