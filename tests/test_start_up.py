@@ -63,8 +63,7 @@ def test_questions_load_no_part_of_scipy_that_they_do_not_use() -> None:
         "stats",
         "optimize",
         "interpolate",
-        "special",
-    }  # the last takes 40 ms, a twentieth of `identify`
+    }  # of special, which takes 40 ms, the chances of block scores
     assert names & {f"scipy.{name}" for name in unused} == set()
 
 
