@@ -58,12 +58,8 @@ def test_questions_load_no_part_of_scipy_that_they_do_not_use() -> None:
     result = run(QUESTIONS)
     assert result.returncode == 0, result.stderr
     names = set(result.stdout.split())
-    unused = {
-        "signal",
-        "stats",
-        "optimize",
-        "interpolate",
-    }  # of special, which takes 40 ms, the chances of block scores
+    # `identify` uses scipy.special, which takes 40 ms, for the scatter of blocks
+    unused = {"signal", "stats", "optimize", "interpolate"}
     assert names & {f"scipy.{name}" for name in unused} == set()
 
 

@@ -3,9 +3,9 @@
 Chi-square sees an error of the laws only where it exceeds several percent of the noise in power. Two tests see a smaller one:
 the scores of terms that laws lack most often, and the scatter of blocks of the records, as a law that lacks a term is fitted
 by other values to each motion that it meets (a test of homogeneity: Cochran, Biometrics 10, 1954). For exact laws the two are
-independent, and their product says more than either (Fisher, "Statistical methods for research workers", 1932). Where they
-doubt the laws, intervals are those beside a model error: as wide as blocks scatter, and with what usual terms would make of
-the coefficients.
+nearly independent, and their product says more than either (Fisher, "Statistical methods for research workers", 1932).
+Where they doubt the laws, intervals are those beside a model error: as wide as blocks scatter, and with what usual terms
+would make of the coefficients.
 """
 
 from __future__ import annotations
