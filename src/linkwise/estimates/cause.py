@@ -183,7 +183,10 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "ambient": _noise("an ambient force on"),
         "prior": CauseKind(_stated),
         "term": CauseKind(
-            lambda cause: f"a force like {cause.term} in {cause.where} of {abs(cause.size):.3g} N", unit="N"
+            lambda cause: (
+                f"a force like {cause.term} in {cause.where} of {abs(cause.size):.3g} N{_remarked(cause)}"
+            ),
+            unit="N",
         ),
         "link": CauseKind(
             lambda cause: f"a link {cause.where} with a force like {cause.term} of {abs(cause.size):.3g} N",

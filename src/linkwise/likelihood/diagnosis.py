@@ -31,12 +31,16 @@ from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.single_tests import SingleTests, single_tests
+from linkwise.likelihood.slip import Slip
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
-_JUMPS = ("sign(v)",)  # terms without a slope, which the log determinant does not see
+_NO_SLOPE = ("sign(v)", Slip.text)  # terms that the log determinant does not see: a jump, and one with memory
+_PRICE_OF_REACH = (
+    10.0  # of -2 log likelihood: about the logarithm of the number of samples, as of any coefficient
+)
 _LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _CHANCE = (
@@ -64,7 +68,12 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
                 causes = _significant(tested, fit, identified)
     except np.linalg.LinAlgError:
         pass
-    return Diagnosis(tuple(sorted((*causes, *_prior_conflicts(fit)), key=lambda cause: -cause.gain)), tested)
+    return Diagnosis(tuple(sorted((*causes, *_prior_conflicts(fit)), key=_likeliest_first)), tested)
+
+
+def _likeliest_first(cause: Cause) -> float:
+    """By gain; slip, whose reach is free beside its size, comes after what gains nearly as much."""
+    return (_PRICE_OF_REACH if cause.term == Slip.text else 0.0) - cause.gain
 
 
 def least_gain(causes: int) -> float:
@@ -196,8 +205,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
             _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
             remark=_remark(hypotheses[number], sizes[number], optimum),
         )
-        for number in np.argsort(-gains).tolist()
-        if significant[number]
+        for number in np.flatnonzero(significant).tolist()
     )
     return tuple(cause for cause in causes if cause.gain > limit or cause.shift > _SHIFTED)
 
@@ -214,7 +222,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     parameters = optimum.segments.system.parameters.size
     deviations = single_tests(curvature, slope, curvature, parameters).deviations
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
-    smooth = [number for number, hypothesis in enumerate(hypotheses) if hypothesis.term not in _JUMPS]
+    smooth = [number for number, hypothesis in enumerate(hypotheses) if hypothesis.term not in _NO_SLOPE]
     slopes = determinant_slopes(
         optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
     )
@@ -269,6 +277,8 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
+    if hypothesis.term == Slip.text:
+        return "which laws with memory have, such as bouc-wen"
     return ""
 
 

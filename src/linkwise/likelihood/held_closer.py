@@ -24,6 +24,7 @@ from linkwise.likelihood.shooting.anneal import (
     AnnealingStatus,
     anneal,
 )
+from linkwise.likelihood.slip import Slip
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 
@@ -46,8 +47,8 @@ class HiddenTerm:
 
     @property
     def dissipates(self) -> bool:
-        """Whether it depends on the rate."""
-        return "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
+        """Whether it depends on the rate, or on its past."""
+        return self.cause.term == Slip.text or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
 
 
 def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> HiddenTerm | None:

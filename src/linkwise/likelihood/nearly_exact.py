@@ -31,6 +31,10 @@ _DOUBT = 0.02
 """Probability of so large scores and so much scatter by chance, below which exact laws are doubted: one record in 50 has wider
 intervals for nothing."""
 
+_AS_NOISE = 0.25
+"""Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
+such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much."""
+
 
 @dataclass(frozen=True, eq=False)
 class Doubt:
@@ -67,12 +71,15 @@ def with_small_model_error(fit: LikelihoodFit, causes: Sequence[Cause]) -> Likel
     Returns
     -------
     LikelihoodFit
-        With the least model error that a fit may have, where it has none and nothing but missing terms is significant, the
-        likeliest small enough to be trusted; the same fit otherwise, as where the records are too short for blocks.
+        With the least model error that a fit may have, where it has none and nothing but missing terms is significant, or
+        noise of an input that explains much less, the likeliest term small enough to be trusted; the same fit otherwise, as
+        where the records are too short for blocks.
     """
     if fit.model_error > 0.0 or fit.chi_square_off or not causes:
         return fit
-    if any(cause.kind != "term" for cause in causes) or causes[0].share > LARGEST_TERM:
+    if causes[0].kind != "term" or causes[0].share > LARGEST_TERM:
+        return fit
+    if not all(cause.kind == "term" or _is_term_seen_as_noise(cause, causes[0]) for cause in causes):
         return fit
     scatter = _scatter(fit)
     if scatter is None:
@@ -84,6 +91,10 @@ def with_small_model_error(fit: LikelihoodFit, causes: Sequence[Cause]) -> Likel
         error_ratios=ratios,
         covariance=fit.covariance * np.outer(ratios, ratios),
     )
+
+
+def _is_term_seen_as_noise(cause: Cause, term: Cause) -> bool:
+    return cause.kind == "input noise" and cause.gain < _AS_NOISE * term.gain
 
 
 def share_of_term(identified: Structure, cause: Cause, forces: Floats) -> float:

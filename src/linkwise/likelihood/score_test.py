@@ -23,6 +23,7 @@ from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
+from linkwise.likelihood.slip import Slip
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.runtime import one_blas_thread
@@ -36,7 +37,7 @@ class CandidateForce:
 
     first: int
     second: int
-    law: Law
+    law: Law | Slip
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,10 +154,16 @@ def candidates_along(
     second = np.array([force.second for force in forces], dtype=int)
     starts = np.empty((len(ends), len(forces), segments.count))
     between = np.empty((len(middles), len(forces), segments.count))
-    by_law: dict[Law, list[int]] = {}
+    by_law: dict[Law | Slip, list[int]] = {}
     for number, force in enumerate(forces):
         by_law.setdefault(force.law, []).append(number)
     for law, numbers in by_law.items():
+        if isinstance(law, Slip):
+            at_ends, in_middles = (
+                motion[:, 0, first[numbers]] - motion[:, 0, second[numbers]] for motion in (ends, middles)
+            )
+            starts[:, numbers], between[:, numbers] = law.along(at_ends, in_middles, segments.linked)
+            continue
         program = Program([law.expression], VARIABLES, wide=VARIABLES)
         size = max(1, _AT_ONCE // starts[:, 0].size)
         for begin in range(0, len(numbers), size):
