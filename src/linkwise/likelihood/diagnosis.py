@@ -25,19 +25,23 @@ from linkwise.likelihood.hypotheses import (
     usual_terms,
 )
 from linkwise.likelihood.marginal_terms import determinant_slopes
+from linkwise.likelihood.memory_forces import MEMORY_FORCES
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.single_tests import SingleTests, single_tests
-from linkwise.likelihood.slip import Slip
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
-_NO_SLOPE = ("sign(v)", Slip.text)  # terms that the log determinant does not see: a jump, and one with memory
+_WITH_MEMORY = {force.text: force.law for force in MEMORY_FORCES}
+_NO_SLOPE = (
+    "sign(v)",
+    *_WITH_MEMORY,
+)  # terms that the log determinant does not see: a jump, and those with memory
 _PRICE_OF_REACH = (
     10.0  # of -2 log likelihood: about the logarithm of the number of samples, as of any coefficient
 )
@@ -68,12 +72,12 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
                 causes = _significant(tested, fit, identified)
     except np.linalg.LinAlgError:
         pass
-    return Diagnosis(tuple(sorted((*causes, *_prior_conflicts(fit)), key=_likeliest_first)), tested)
+    return Diagnosis(tuple(sorted((*causes, *_prior_conflicts(fit)), key=likeliest_first)), tested)
 
 
-def _likeliest_first(cause: Cause) -> float:
-    """By gain; slip, whose reach is free beside its size, comes after what gains nearly as much."""
-    return (_PRICE_OF_REACH if cause.term == Slip.text else 0.0) - cause.gain
+def likeliest_first(cause: Cause) -> float:
+    """By gain; a force with memory, whose reach is free beside its size, comes after what gains nearly as much."""
+    return (_PRICE_OF_REACH if cause.term in _WITH_MEMORY else 0.0) - cause.gain
 
 
 def least_gain(causes: int) -> float:
@@ -277,8 +281,8 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
-    if hypothesis.term == Slip.text:
-        return "which laws with memory have, such as bouc-wen"
+    if hypothesis.term in _WITH_MEMORY:
+        return f"which laws with memory have, such as {_WITH_MEMORY[hypothesis.term]}"
     return ""
 
 

@@ -18,13 +18,13 @@ from linkwise.expression import symbols
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.marginal import relaxation
+from linkwise.likelihood.memory_forces import MEMORY_FORCES
 from linkwise.likelihood.shooting.anneal import (
     AnnealingFit,
     AnnealingSchedule,
     AnnealingStatus,
     anneal,
 )
-from linkwise.likelihood.slip import Slip
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 
@@ -48,7 +48,8 @@ class HiddenTerm:
     @property
     def dissipates(self) -> bool:
         """Whether it depends on the rate, or on its past."""
-        return self.cause.term == Slip.text or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
+        remembers = any(force.text == self.cause.term for force in MEMORY_FORCES)
+        return remembers or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
 
 
 def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> HiddenTerm | None:

@@ -8,8 +8,8 @@ from itertools import combinations
 
 from linkwise.estimates.cause import CAUSE_KINDS
 from linkwise.expression import to_text
+from linkwise.likelihood.memory_forces import MEMORY_FORCES, MemoryForce
 from linkwise.likelihood.score_test import CandidateForce
-from linkwise.likelihood.slip import Slip
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.structure import Structure
@@ -21,8 +21,7 @@ _TERMS = tuple(
         ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
     )
 )
-_SLIP = Slip()
-_USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)", _SLIP.text)
+_USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)", *(force.text for force in MEMORY_FORCES))
 _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
 _LINKS = 40  # that are tested, in the structure's order
@@ -90,11 +89,11 @@ def missing_terms(
     return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
 
 
-def _offered(link: Link, structure: Structure) -> tuple[Law | Slip, ...]:
+def _offered(link: Link, structure: Structure) -> tuple[Law | MemoryForce, ...]:
     """What a link may lack; one with states has its memory."""
     if link.name in structure.modes:
         return _OF_MODES
-    return _TERMS if link.states else (*_TERMS, _SLIP)
+    return _TERMS if link.states else (*_TERMS, *MEMORY_FORCES)
 
 
 def linear_terms(link: Link, estimated: Collection[str] | None = None) -> set[str]:
@@ -106,7 +105,7 @@ def linear_terms(link: Link, estimated: Collection[str] | None = None) -> set[st
     }
 
 
-def _of_term(link: str, law: Law | Slip, structure: Structure) -> Hypothesis:
+def _of_term(link: str, law: Law | MemoryForce, structure: Structure) -> Hypothesis:
     """A term that a link lacks; a force like d beside that of a mode is an error of its frequency."""
     kind = "frequency" if link in structure.modes and law.text == "d" else "term"
     return Hypothesis(kind, link, law.text)

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.diagnosis import diagnose
+from linkwise.likelihood.diagnosis import diagnose, likeliest_first
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
@@ -103,7 +103,7 @@ def assess(
     inputs = noise_of_inputs(fit, identified, channels)
     noisy = (input_noise.cause for input_noise in inputs if input_noise.cause is not None)
     every = (*diagnosis.causes, *noisy, *unstated_forces(fit, identified, channels))
-    causes = tuple(sorted(every, key=lambda cause: -cause.gain))
+    causes = tuple(sorted(every, key=likeliest_first))
     given, fit = fit, fit if searched else with_small_model_error(fit, causes)
     share = _share(fit, identified, causes) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]

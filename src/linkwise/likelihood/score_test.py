@@ -15,6 +15,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.expression import Program
 from linkwise.likelihood.fit import Optimum
+from linkwise.likelihood.memory_forces import MemoryForce
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import linear_model
@@ -23,7 +24,6 @@ from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
-from linkwise.likelihood.slip import Slip
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.runtime import one_blas_thread
@@ -37,7 +37,7 @@ class CandidateForce:
 
     first: int
     second: int
-    law: Law | Slip
+    law: Law | MemoryForce
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,15 +154,16 @@ def candidates_along(
     second = np.array([force.second for force in forces], dtype=int)
     starts = np.empty((len(ends), len(forces), segments.count))
     between = np.empty((len(middles), len(forces), segments.count))
-    by_law: dict[Law | Slip, list[int]] = {}
+    by_law: dict[Law | MemoryForce, list[int]] = {}
     for number, force in enumerate(forces):
         by_law.setdefault(force.law, []).append(number)
     for law, numbers in by_law.items():
-        if isinstance(law, Slip):
+        if isinstance(law, MemoryForce):
             at_ends, in_middles = (
-                motion[:, 0, first[numbers]] - motion[:, 0, second[numbers]] for motion in (ends, middles)
+                motion[:, :, first[numbers]] - motion[:, :, second[numbers]] for motion in (ends, middles)
             )
-            starts[:, numbers], between[:, numbers] = law.along(at_ends, in_middles, segments.linked)
+            step = segments.step * segments.flow_steps_per_tangent
+            starts[:, numbers], between[:, numbers] = law.along(at_ends, in_middles, step, segments.linked)
             continue
         program = Program([law.expression], VARIABLES, wide=VARIABLES)
         size = max(1, _AT_ONCE // starts[:, 0].size)

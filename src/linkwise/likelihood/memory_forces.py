@@ -1,0 +1,120 @@
+"""Forces with memory along a motion: what a law of displacement and velocity lacks where a joint slips or a mount relaxes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dtbtrs
+
+from linkwise.arrays import Bools, Floats
+
+
+class MemoryForce(ABC):
+    """A force of unit size whose state decays by a part of itself over each piece of the motion, and is driven by the rest.
+
+    Its state is zero at the begin of each record; what it was there fades. `text` is what a diagnosis calls it, and `law` the
+    name of a law that has it.
+    """
+
+    text: str
+    law: str
+
+    @abstractmethod
+    def pieces(self, change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+        """The part (N,) of the state that is left after each piece, and what the piece adds.
+
+        Parameters
+        ----------
+        change, duration : array of shape (N,)
+            The change of the elongation in m over each piece, and its duration in s.
+        motion : tuple of float
+            The standard deviations of the elongation in m and of its rate in m/s.
+        """
+
+    def along(self, ends: Floats, middles: Floats, step: Floats, linked: Bools) -> tuple[Floats, Floats]:
+        """The force along elongations of some links.
+
+        Parameters
+        ----------
+        ends : array of shape (J + 1, 2, L, K)
+            Elongations in m and their rates in m/s at the ends of the J steps of K segments.
+        middles : array of shape (J, 2, L, K)
+            The same in the middles of the steps.
+        step : array of shape (K,)
+            Duration of a step in s.
+        linked : array of bool, shape (K - 1,)
+            Which neighbouring segments follow each other.
+
+        Returns
+        -------
+        starts, between : array of shape (J + 1, L, K), (J, L, K)
+            The force at the ends of the steps and in their middles; zero where there is no motion.
+        """
+        steps, _, links, segments = middles.shape
+        path = np.empty((links, segments, 2 * steps + 1))
+        path[..., ::2] = ends[:, 0].transpose(1, 2, 0)
+        path[..., 1::2] = middles[:, 0].transpose(1, 2, 0)
+        follows = np.zeros((segments, 2 * steps + 1), dtype=bool)
+        follows[:, 1:] = True
+        follows[1:, 0] = linked
+        duration = np.repeat(0.5 * step[:, None], 2 * steps + 1, axis=1)
+        duration[:, 0] = 0.0  # where a segment starts, that before it ends
+        force = np.zeros_like(path)
+        for number, elongation in enumerate(path):
+            motion = float(np.std(elongation)), float(np.std(ends[:, 1, number]))
+            if np.isfinite(motion).all() and min(motion) > 0.0:
+                change = np.diff(elongation.ravel(), prepend=elongation[0, 0])
+                pieces = self.pieces(change, duration.ravel(), motion)
+                force[number] = _states(*pieces, follows.ravel()).reshape(segments, -1)
+        return force[..., ::2].transpose(2, 0, 1), force[..., 1::2].transpose(2, 0, 1)
+
+
+def _states(left: Floats, added: Floats, follows: Bools) -> Floats:
+    """(N,) z_k = left_k z_(k-1) + added_k where k follows k - 1, else 0: a system of equations with two diagonals."""
+    bands = np.stack([np.ones_like(left), -np.append(np.where(follows, left, 0.0)[1:], 0.0)])
+    states, _ = dtbtrs(bands, np.where(follows, added, 0.0)[:, None], uplo="L", diag="U")
+    return np.asarray(states[:, 0])
+
+
+@dataclass(frozen=True)
+class Slip(MemoryForce):
+    """A slider that yields over `reach` times the deviation of the elongation, by dz = (dd - z |dd|)/x0.
+
+    That is the model of P. R. Dahl ("A solid friction model", 1968). With a third of the deviation it resembles sliders that
+    yield over a twentieth of it to all of it: beside d, d**3 and v their correlation with it is 0.7 to 1, that of sign(v),
+    v*abs(v) or d**5 at most 0.7.
+    """
+
+    reach: float = 0.3
+    text: str = "hysteresis"
+    law: str = "bouc-wen"
+
+    def pieces(self, change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+        """Exact where the elongation is monotonic over a piece: the state decays towards the sign of the change."""
+        left = np.exp(-np.abs(change) / (self.reach * motion[0]))
+        return left, np.sign(change) * (1.0 - left)
+
+
+@dataclass(frozen=True)
+class Relaxation(MemoryForce):
+    """A spring in series with a damper (Maxwell), z' = v - z/tau; tau is `time` times the ratio of the deviations of d and v.
+
+    That is the time of a radian of a harmonic motion. Those that relax thirty times as fast or ten times as slowly resemble
+    it: beside d, d**3 and v their correlation with it is 0.6 to 1. Faster it is a damper, slower a spring.
+    """
+
+    time: float = 1.0
+    text: str = "relaxation"
+    law: str = "zener"
+
+    def pieces(self, change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+        """Exact where the rate is constant over a piece."""
+        time = self.time * motion[0] / motion[1]
+        decay = np.maximum(duration / time, np.finfo(float).tiny)
+        return np.exp(-decay), -change * np.expm1(-decay) / decay
+
+
+MEMORY_FORCES: tuple[MemoryForce, ...] = (Slip(), Relaxation())
+"""What a link may lack that no function of its elongation and rate is."""
