@@ -19,13 +19,15 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.room import fit_bytes, require_room
 from linkwise.likelihood.score_test import CandidateForce, candidates_along
+from linkwise.likelihood.shooting.block_information import block_information
+from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.linear_model import column_origins, linear_model
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.local_products import local_linearization
 from linkwise.likelihood.shooting.local_rows import LocalRows
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import TOLERANCE, clusters, neighbourhoods, reach
-from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
+from linkwise.likelihood.shooting.normal_equations import Linearization, block_ends, blocks_of, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
@@ -118,7 +120,12 @@ def problem(name: str) -> tuple[ShootingProblem, Misfit]:
 
 
 def both(
-    name: str, *, whole: bool, candidates: CandidateForces | None = None, errors: SensorErrors | None = None
+    name: str,
+    *,
+    whole: bool,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+    blocks: int = 1,
 ) -> tuple[LocalLinearization, Linearization]:
     """Local and dense equations; the reach that of the record, or the `whole` structure."""
     shooting, misfit = problem(name)
@@ -129,8 +136,9 @@ def both(
     moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
     groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
     assert len(groups) > 1
-    local = local_linearization(LocalRows(segments, misfit, scales, loss, groups, candidates, errors))
-    return local, linearise(segments, misfit, scales, loss, candidates=candidates, errors=errors)
+    rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
+    dense = linearise(segments, misfit, scales, loss, candidates=candidates, errors=errors, blocks=blocks)
+    return local_linearization(rows, blocks=blocks), dense
 
 
 def differences(local: LocalLinearization, dense: Linearization, q: float) -> tuple[float, float]:
@@ -161,6 +169,30 @@ def test_blocks_are_those_of_the_whole_where_all_is_reached(name: str) -> None:
     drops = [model.equations(0.1).drop(nodes, border) for model in (local, dense)]
     assert drops[0] == pytest.approx(drops[1], rel=1e-6)
     assert of_local.log_determinant(free) == pytest.approx(of_dense.log_determinant(free), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_blocks_of_segments_say_what_their_rows_do(name: str) -> None:
+    """Sums over the rows of each block with the states eliminated, in single precision, in another order."""
+    shooting, misfit = problem(name)
+    segments, blocks, q = shooting.segments, 6, 1e-2
+    chunks = present(eliminated_rows(segments, misfit, shooting.scales, Gaussian(), q))
+    ends = block_ends(segments.count, blocks)
+    information = np.zeros((blocks, segments.parameters, segments.parameters))
+    scores = np.zeros((blocks, segments.parameters))
+    for chunk in chunks:
+        for block, piece in blocks_of(chunk.part, ends):
+            for rows, left in ((chunk.data, chunk.residuals), (chunk.defects, chunk.missed)):
+                flat = rows[piece].reshape(-1, segments.parameters)
+                information[block] += flat.T @ flat
+                scores[block] += left[piece].ravel() @ flat
+    scale = np.sqrt(information.sum(axis=0).diagonal())
+    local, dense = both(name, whole=True, blocks=blocks)
+    for linear, whole in ((local, present(local.factor(q)).schur), (dense, present(dense.factor(q)).schur)):
+        by_block = present(block_information(linear, q))
+        assert np.max(np.abs(by_block[1] - information) / np.outer(scale, scale)) < 1e-4
+        assert np.max(np.abs(by_block[0] - scores) / scale) < 1e-4 * np.max(np.abs(scores) / scale)
+        assert np.allclose(by_block[1].sum(axis=0), whole, atol=1e-6 * np.max(scale**2))
 
 
 @pytest.mark.parametrize("name", CASES)

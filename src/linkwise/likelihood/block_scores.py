@@ -15,7 +15,8 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
+from linkwise.likelihood.shooting.block_information import block_information
+from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Scales, Segments
@@ -157,19 +158,6 @@ def block_scores(
 
     The amplitudes of `candidates` follow theta among the unknowns.
     """
-    rows = eliminated_rows(segments, misfit, scales, loss, q, candidates)
-    if rows is None:
-        return None
-    label: Indices = np.arange(segments.count) * blocks // segments.count
-    p = segments.parameters + (0 if candidates is None else len(candidates.first))
-    scores, information = np.zeros((blocks, p)), np.zeros((blocks, p, p))
-    for chunk in rows:
-        score = np.einsum("krp,kr->kp", chunk.data, chunk.residuals)
-        score += np.einsum("krp,kr->kp", chunk.defects, chunk.missed)
-        np.add.at(scores, label[chunk.part], score)
-        np.add.at(
-            information,
-            label[chunk.part],
-            chunk.data.transpose(0, 2, 1) @ chunk.data + chunk.defects.transpose(0, 2, 1) @ chunk.defects,
-        )
-    return BlockScores(scores, information)
+    linear = linear_model(segments, misfit, scales, loss, candidates=candidates, blocks=blocks)
+    of_blocks = block_information(linear, q)
+    return None if of_blocks is None else BlockScores(*of_blocks)

@@ -291,11 +291,11 @@ def test_blocks_of_a_wide_border_are_those_of_each_segment() -> None:
     segments, m, p, samples = 7, 4, 60, 10
     rows = np.random.default_rng(5).normal(size=(segments, samples, m + p + 1))
     by_segment, by_chunk = NormalBlocks.empty(segments, m, p), NormalBlocks.empty(segments, m, p)
-    corner, gradient = by_segment.put(slice(None), rows.transpose(0, 2, 1) @ rows)
-    wide_corner, wide_gradient = by_chunk.put_wide(slice(None), rows)
+    pieces = [slice(0, 3), slice(3, 7)]
+    corners = by_segment.put(slice(None), rows.transpose(0, 2, 1) @ rows, pieces)
+    wide_corners = by_chunk.put_wide(slice(None), rows, pieces)
     for expected, computed in (
-        (corner, wide_corner),
-        (gradient, wide_gradient),
+        (corners, wide_corners),
         (by_segment.state, by_chunk.state),
         (by_segment.right, by_chunk.right),
     ):

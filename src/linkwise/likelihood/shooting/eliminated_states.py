@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.block_information import followed_states
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.normal_equations import chunks, linearise, whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Misfit
@@ -50,7 +49,7 @@ def eliminated_rows(
     factor = linear.equations(q).factor()
     if factor is None:
         return None
-    follow, m = _state_sensitivities(factor), len(scales.state)
+    follow, m = followed_states(factor), len(scales.state)
     following = np.concatenate([follow[:, 1:], np.zeros((len(follow), 1, m))], axis=1)
     linked = np.append(segments.linked, False)
     missed = np.zeros((segments.count, m))
@@ -65,11 +64,3 @@ def eliminated_rows(
         return EliminatedRows(part, data, rows[..., -1], defects, missed[part] / q)
 
     return map(chunk, chunks(segments, len(follow)))
-
-
-def _state_sensitivities(factor: BorderedFactor) -> Floats:
-    """(p, K, m): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
-    K, m = factor.shape
-    p = len(factor.schur)
-    follow, _ = lapack.dtbtrs(factor.chol, factor.forward[:p].T, uplo="L", trans="T")
-    return np.ascontiguousarray(follow.T).reshape(p, K, m)

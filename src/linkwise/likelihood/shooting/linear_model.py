@@ -34,12 +34,13 @@ def linear_model(
     executor: Executor | None = None,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
+    blocks: int = 1,
 ) -> GaussNewtonModel:
     """Gauss-Newton blocks at a point.
 
     Parameters
     ----------
-    segments, misfit, scales, loss, executor, candidates, errors
+    segments, misfit, scales, loss, executor, candidates, errors, blocks
         As of `linearise`.
 
     Returns
@@ -57,10 +58,10 @@ def linear_model(
         if handled < _WORTHWHILE * n * (m + len(origins)):
             rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
             if executor is not None:
-                return local_linearization(rows, executor)
+                return local_linearization(rows, executor, blocks)
             with ThreadPoolExecutor(processors()) as threads:
-                return local_linearization(rows, threads)
-    return linearise(segments, misfit, scales, loss, executor, candidates, errors)
+                return local_linearization(rows, threads, blocks)
+    return linearise(segments, misfit, scales, loss, executor, candidates, errors, blocks)
 
 
 def _separable(segments: Segments) -> bool:

@@ -52,23 +52,38 @@ class PairBlocks:
             np.empty((K, sizes[0] - len(first.states), len(second.states)), kind),
         )
 
-    def put(self, part: slice, product: NDArray[Any]) -> Floats:
-        """Store the product (k, P, P') of a chunk; returns what it adds to the corner."""
+    def put(self, part: slice, product: NDArray[Any], pieces: Sequence[slice]) -> Floats:
+        """Store the product (k, P, P') of a chunk; returns the corners (b, q, q') of its pieces."""
         (_, a, _), (_, _, b) = self.upper.shape, self.lower.shape
         self.upper[part], self.lower[part] = product[:, :a], product[:, a:, :b]
-        return np.asarray(product[:, a:, b:].sum(axis=0, dtype=float))
+        return sums_over(product[:, a:, b:], pieces)
 
 
 @dataclass(frozen=True, eq=False)
 class LocalQuadraticForm:
-    """One quadratic form over scaled unknowns: `pairs` of blocks, `gradient` (K, m) of the nodes, and the border's `corner`
-    (p, p) and `corner_gradient` (p,).
+    """One quadratic form over scaled unknowns: `pairs` of blocks, `gradient` (K, m) of the nodes, and by blocks of segments
+    the border's `corners` (B, p, p) and `corner_gradients` (B, p).
     """
 
     pairs: Sequence[PairBlocks]
     gradient: Floats
-    corner: Floats
-    corner_gradient: Floats
+    corners: Floats
+    corner_gradients: Floats
+
+    @property
+    def corner(self) -> Floats:
+        """(p, p) of all segments."""
+        return np.asarray(self.corners.sum(axis=0))
+
+    @property
+    def corner_gradient(self) -> Floats:
+        """(p,) of all segments."""
+        return np.asarray(self.corner_gradients.sum(axis=0))
+
+
+def sums_over(values: NDArray[Any], pieces: Sequence[slice]) -> Floats:
+    """(b, ...) sums of values (k, ...) of segments over pieces of these."""
+    return np.stack([values[piece].sum(axis=0, dtype=float) for piece in pieces])
 
 
 class Order:
@@ -125,7 +140,7 @@ class LocalLinearization:
     def factor(self, q: float) -> LocalFactor | None:
         """Factor of `equations`; of nodes that the samples hardly determine, with the least diagonal that makes it one."""
         equations = self.equations(q)
-        nothing = np.zeros(len(self.data.corner))
+        nothing = np.zeros(self.data.corners.shape[1])
         for strength in (0.0, *NEGLIGIBLE):
             nodes = strength * self.diagonal(1.0 / q**2)
             factor = equations.factor(Damping(nodes, nothing) if strength else None)

@@ -16,15 +16,18 @@ from linkwise.likelihood.shooting.local_equations import (
     MeetingGroups,
     Order,
     PairBlocks,
+    sums_over,
 )
 from linkwise.likelihood.shooting.local_rows import LocalRows
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
-from linkwise.likelihood.shooting.normal_equations import add_prior
+from linkwise.likelihood.shooting.normal_equations import add_prior, block_ends, blocks_of
 
 _AT_ONCE = 500_000  # numbers in the sensitivities of a chunk
 
 
-def local_linearization(rows: LocalRows, executor: Executor | None = None) -> LocalLinearization:
+def local_linearization(
+    rows: LocalRows, executor: Executor | None = None, blocks: int = 1
+) -> LocalLinearization:
     """Gauss-Newton blocks at a point, chunk by chunk of segments.
 
     Parameters
@@ -33,6 +36,8 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
         The Jacobian.
     executor : Executor, optional
         Threads.
+    blocks : int, optional
+        Consecutive blocks of segments by which the corner is summed.
 
     Returns
     -------
@@ -41,8 +46,9 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
     """
     segments, groups = rows.segments, rows.groups
     order, pairs, K = Order(groups), _pairs(groups), segments.count
-    data = _empty(K, groups, pairs, [group.size for group in groups], np.float32)
-    defects = _empty(K, groups, pairs, [group.moving for group in groups], np.float64)
+    ends_of_blocks = block_ends(K, blocks)
+    data = _empty(K, groups, pairs, [group.size for group in groups], np.float32, blocks)
+    defects = _empty(K, groups, pairs, [group.moving for group in groups], np.float64, blocks)
     joined = np.append(segments.linked, False).astype(float)
     missed = np.zeros((K, len(order.states)))
     missed[:-1] = rows.misfit.defects.reshape(len(order.states), -1).T
@@ -51,6 +57,7 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> list[list[Floats]]:
+        pieces = [piece for _, piece in blocks_of(part, ends_of_blocks)]
         by_group, residuals = rows.part(part)
         for end, group_rows in zip(ends, by_group, strict=True):
             end[part] = group_rows.ends * joined[part, None, None].astype(np.float32)
@@ -61,32 +68,36 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None) -> Lo
             by_data = _gradient(own.data, residuals[:, :, group.channels].astype(np.float32))
             by_ends = _gradient(exact[number], missed[part][:, order.places[group.rows]])
             data.gradient[part, at], defects.gradient[part, at] = by_data[:, :a], by_ends[:, :a]
-            slopes.append([by_data[:, a:].sum(axis=0, dtype=float), by_ends[:, a:].sum(axis=0)])
+            slopes.append([sums_over(by_data[:, a:], pieces), sums_over(by_ends[:, a:], pieces)])
         corners = [
             [
                 data.pairs[number].put(
-                    part, _product([by_group[i].data for i in pair.groups], pair.channels)
+                    part, _product([by_group[i].data for i in pair.groups], pair.channels), pieces
                 ),
-                defects.pairs[number].put(part, _product([exact[i] for i in pair.groups], pair.rows)),
+                defects.pairs[number].put(part, _product([exact[i] for i in pair.groups], pair.rows), pieces),
             ]
             for number, pair in enumerate(pairs)
         ]
         return slopes + corners
 
     parts = _chunks(groups, K)
-    for sums in map(work, parts) if executor is None else executor.map(work, parts):
+    by_part = map(work, parts) if executor is None else executor.map(work, parts)
+    for part, sums in zip(parts, by_part, strict=True):
+        numbers = [block for block, _ in blocks_of(part, ends_of_blocks)]
+        where = slice(numbers[0], numbers[-1] + 1)
         for form, kind in ((data, 0), (defects, 1)):
-            for group, total in zip(groups, sums, strict=False):
-                form.corner_gradient[group.border[: len(total[kind])]] += total[kind]
-            for pair, total in zip(pairs, sums[len(groups) :], strict=True):
+            for group, totals in zip(groups, sums, strict=False):
+                form.corner_gradients[where, group.border[: totals[kind].shape[1]]] += totals[kind]
+            for pair, totals in zip(pairs, sums[len(groups) :], strict=True):
+                total = totals[kind]
                 first_border, second_border = (
-                    groups[i].border[:size] for i, size in zip(pair.groups, total[kind].shape, strict=True)
+                    groups[i].border[:size] for i, size in zip(pair.groups, total.shape[1:], strict=True)
                 )
-                form.corner[np.ix_(first_border, second_border)] += total[kind]
+                form.corners[where, first_border[:, None], second_border] += total
                 if pair.first != pair.second:
-                    form.corner[np.ix_(second_border, first_border)] += total[kind].T
+                    form.corners[where, second_border[:, None], first_border] += total.transpose(0, 2, 1)
     if segments.prior is not None:
-        add_prior(data.corner, data.corner_gradient, segments.prior, rows.misfit.point, rows.scales)
+        add_prior(data.corners[0], data.corner_gradients[0], segments.prior, rows.misfit.point, rows.scales)
     unconstrained = segments.unconstrained.astype(float)
     return LocalLinearization(groups, pairs, data, defects, ends, missed, joined, unconstrained)
 
@@ -97,13 +108,14 @@ def _empty(
     pairs: Sequence[MeetingGroups],
     sizes: Sequence[int],
     kind: type,
+    blocks: int,
 ) -> LocalQuadraticForm:
     """Room for the products of as many columns of each group."""
     m, p = (
         sum(len(part) for part in parts)
         for parts in zip(*((g.states, g.border) for g in groups), strict=True)
     )
-    blocks = [
+    products = [
         PairBlocks.empty(
             K,
             (groups[pair.first], groups[pair.second]),
@@ -112,7 +124,7 @@ def _empty(
         )
         for pair in pairs
     ]
-    return LocalQuadraticForm(blocks, np.zeros((K, m)), np.zeros((p, p)), np.zeros(p))
+    return LocalQuadraticForm(products, np.zeros((K, m)), np.zeros((blocks, p, p)), np.zeros((blocks, p)))
 
 
 def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -37,28 +38,52 @@ def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
 
+def block_ends(K: int, blocks: int) -> list[int]:
+    """The first of K segments in each of as many consecutive blocks of about equal length, and, last, K."""
+    return [-(-block * K // blocks) for block in range(blocks + 1)]
+
+
+def blocks_of(part: slice, ends: Sequence[int]) -> list[tuple[int, slice]]:
+    """The blocks that `ends` of all segments cut a part of them into: of each its number, and its place in the part."""
+    within = np.clip(np.asarray(ends) - part.start, 0, part.stop - part.start).tolist()
+    return [(block, slice(a, b)) for block, (a, b) in enumerate(pairwise(within)) if b > a]
+
+
 @dataclass(frozen=True, eq=False)
 class NormalBlocks:
-    """One quadratic form over scaled unknowns: state (K, m, m), right (p + 1, K, m) border and gradient, corner."""
+    """One quadratic form over scaled unknowns: state (K, m, m), right (p + 1, K, m) border and gradient, and by blocks of
+    segments the corner (B, p, p) and its gradient (B, p).
+    """
 
     state: Floats
     right: Floats
-    corner: Floats
-    corner_gradient: Floats
+    corners: Floats
+    corner_gradients: Floats
 
     @classmethod
-    def empty(cls, K: int, m: int, p: int) -> NormalBlocks:
-        return cls(np.empty((K, m, m)), np.empty((p + 1, K, m)), np.zeros((p, p)), np.zeros(p))
+    def empty(cls, K: int, m: int, p: int, blocks: int = 1) -> NormalBlocks:
+        return cls(
+            np.empty((K, m, m)), np.empty((p + 1, K, m)), np.zeros((blocks, p, p)), np.zeros((blocks, p))
+        )
 
-    def put(self, part: slice, product: Floats) -> tuple[Floats, Floats]:
-        """Store [J r]'[J r] (k, P + 1, P + 1) of a chunk; returns what it adds to the corner and to its gradient."""
+    @property
+    def corner(self) -> Floats:
+        """(p, p) of all segments."""
+        return np.asarray(self.corners.sum(axis=0))
+
+    @property
+    def corner_gradient(self) -> Floats:
+        """(p,) of all segments."""
+        return np.asarray(self.corner_gradients.sum(axis=0))
+
+    def put(self, part: slice, product: Floats, pieces: Sequence[slice]) -> Floats:
+        """Store [J r]'[J r] (k, P + 1, P + 1) of a chunk; returns corners and gradients (b, p + 1, p + 1) of its pieces."""
         m = self.state.shape[1]
         self.state[part] = product[:, :m, :m]
         self.right[:, part] = product[:, m:, :m].transpose(1, 0, 2)
-        total = product[:, m:, m:].sum(axis=0, dtype=float)
-        return total[:-1, :-1], total[-1, :-1]
+        return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
 
-    def put_wide(self, part: slice, rows: Floats) -> tuple[Floats, Floats]:
+    def put_wide(self, part: slice, rows: Floats, pieces: Sequence[slice]) -> Floats:
         """`put` of the Jacobian and residuals `rows` (k, r, P + 1) of a chunk whose border is much wider than its states.
 
         The corner is one product over all rows, in double precision, in place of a sum of k products.
@@ -67,9 +92,8 @@ class NormalBlocks:
         product = rows[:, :, :m].transpose(0, 2, 1) @ rows
         self.state[part] = product[:, :, :m]
         self.right[:, part] = product[:, :, m:].transpose(2, 0, 1)
-        border = rows[:, :, m:].astype(float).reshape(-1, rows.shape[2] - m)
-        total = border.T @ border
-        return total[:-1, :-1], total[-1, :-1]
+        borders = (rows[piece, :, m:].astype(float).reshape(-1, rows.shape[2] - m) for piece in pieces)
+        return np.stack([border.T @ border for border in borders])
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,43 +156,49 @@ def linearise(
     executor: Executor | None = None,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
+    blocks: int = 1,
 ) -> Linearization:
     """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
-    The amplitudes of `candidates` and the sizes of `errors` follow theta in the border.
+    The amplitudes of `candidates` and the sizes of `errors` follow theta in the border, whose corner is summed by consecutive
+    `blocks` of segments.
     """
     m, K = segments.system.dimension, segments.count
     p = segments.parameters + _extra_columns(candidates, errors)
-    parts = chunks(segments, p)
+    parts, ends_of_blocks = chunks(segments, p), block_ends(K, blocks)
     wide = p - segments.parameters > _WIDE
-    data, defects = NormalBlocks.empty(K, m, p), NormalBlocks.empty(K, m, p)
+    data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
     joined = np.append(segments.linked, False)[:, None] * segments.continuous
     defects_by_node = np.zeros((K, m))
     defects_by_node[:-1] = misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def work(part: slice) -> tuple[Floats, Floats, Floats, Floats]:
+    def work(part: slice) -> tuple[Floats, Floats]:
+        pieces = [piece for _, piece in blocks_of(part, ends_of_blocks)]
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
-        corner = data.put_wide(part, rows) if wide else data.put(part, rows.transpose(0, 2, 1) @ rows)
+        corners = (
+            data.put_wide(part, rows, pieces)
+            if wide
+            else data.put(part, rows.transpose(0, 2, 1) @ rows, pieces)
+        )
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= joined[part, :, None]
         state_ends[part] = ends[:, :, :m]
         right_ends[:, part] = ends[:, :, m:].transpose(2, 0, 1)
         if wide:
-            return *corner, *defects.put_wide(part, ends)
-        return *corner, *defects.put(part, ends.transpose(0, 2, 1) @ ends)
+            return corners, defects.put_wide(part, ends, pieces)
+        return corners, defects.put(part, ends.transpose(0, 2, 1) @ ends, pieces)
 
-    for corners in map(work, parts) if executor is None else executor.map(work, parts):
-        for total, share in zip(
-            (data.corner, data.corner_gradient, defects.corner, defects.corner_gradient),
-            corners,
-            strict=False,
-        ):
-            total += share
+    by_part = map(work, parts) if executor is None else executor.map(work, parts)
+    for part, sums in zip(parts, by_part, strict=True):
+        for (block, _), *totals in zip(blocks_of(part, ends_of_blocks), *sums, strict=True):
+            for form, total in zip((data, defects), totals, strict=True):
+                form.corners[block] += total[:-1, :-1]
+                form.corner_gradients[block] += total[-1, :-1]
     data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
     if segments.prior is not None:
-        add_prior(data.corner, data.corner_gradient, segments.prior, misfit.point, scales)
+        add_prior(data.corners[0], data.corner_gradients[0], segments.prior, misfit.point, scales)
     if segments.random is not None:
         _add_random_forces(data, segments.random, misfit.point, scales)
     return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], joined[:-1])
@@ -197,8 +227,8 @@ def _add_random_forces(data: NormalBlocks, random: RandomStates, point: Iterate,
     ).T
     if random.slope is not None:
         columns = np.arange(len(random.slope))
-        columns[len(point.theta) :] += len(data.corner) - len(random.slope)
-        data.corner_gradient[columns] -= 0.5 * random.slope * scales.theta
+        columns[len(point.theta) :] += data.corners.shape[1] - len(random.slope)
+        data.corner_gradients[0, columns] -= 0.5 * random.slope * scales.theta
 
 
 def whitened_jacobian(

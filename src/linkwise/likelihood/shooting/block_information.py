@@ -1,0 +1,167 @@
+"""Score and information of consecutive blocks of segments on the border, the states eliminated as the whole record does.
+
+With H of the states, border E and corner C of all segments, F = H^-1 E says how the states follow the unknowns. The segments
+of a block contribute H_b, E_b and C_b, and their information is C_b - E_b' F + F' (H_b F - E_b). The last difference is zero
+but at the first and the last node of the block, where it is what the link with the neighbouring segment transmits: the
+product E_b' F remains, of sparse E_b where the structure has many masses.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import lapack
+
+from linkwise.arrays import Floats
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel
+from linkwise.likelihood.shooting.local_equations import LocalLinearization, LocalSystem
+from linkwise.likelihood.shooting.normal_equations import Linearization, block_ends
+
+_AT_ONCE = 64  # unknowns whose states are held together, of many masses
+
+
+def block_information(linear: GaussNewtonModel, q: float) -> tuple[Floats, Floats] | None:
+    """Scores (B, p) and information (B, p, p) of as many blocks as the corner of `linear` has.
+
+    None where the equations are singular.
+    """
+    return _local(linear, q) if isinstance(linear, LocalLinearization) else _dense(linear, q)
+
+
+def _dense(linear: Linearization, q: float) -> tuple[Floats, Floats] | None:
+    factor = linear.equations(q).factor()
+    if factor is None:
+        return None
+    weight, follow = 1.0 / q**2, followed_states(factor)
+    p, K, _ = follow.shape
+    own = linear.defects.right * weight
+    own += linear.data.right
+    gradient, corner = _corners(linear, weight)
+    ends = block_ends(K, len(corner))
+    for block, (first, last) in enumerate(pairwise(ends)):
+        inner = slice(first, min(last, K - 1))  # segments that another follows
+        later = slice(first + 1, inner.stop + 1)
+        along = own[:, first:last].reshape(p + 1, -1) @ follow[:, first:last].reshape(p, -1).T
+        passed = linear.right_ends[:, inner].reshape(p + 1, -1) @ follow[:, later].reshape(p, -1).T
+        along -= weight * passed
+        corner[block] -= along[:p]
+        gradient[block] -= along[p]
+    for block, node in enumerate(ends[1:-1]):
+        link = linear.joined[node - 1] * follow[:, node] + linear.right_ends[:p, node - 1]
+        link -= follow[:, node - 1] @ linear.state_ends[node - 1].T
+        _transmit(corner, block, weight * follow[:, node] @ link.T)
+    return gradient, 0.5 * (corner + corner.transpose(0, 2, 1))
+
+
+def followed_states(factor: BorderedFactor) -> Floats:
+    """(p, K, m): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
+    K, m = factor.shape
+    p = len(factor.schur)
+    follow, _ = lapack.dtbtrs(factor.chol, factor.forward[:p].T, uplo="L", trans="T")
+    return np.ascontiguousarray(follow.T).reshape(p, K, m)
+
+
+def _corners(linear: GaussNewtonModel, weight: float) -> tuple[Floats, Floats]:
+    """The gradients (B, p) and the corners (B, p, p) of the border, by blocks."""
+    data, defects = linear.data, linear.defects
+    return (
+        data.corner_gradients + weight * defects.corner_gradients,
+        data.corners + weight * defects.corners,
+    )
+
+
+def _transmit(corner: Floats, block: int, passed: Floats) -> None:
+    """Move what the link behind a block transmits from the next block to it."""
+    corner[block] += passed
+    corner[block + 1] -= passed
+
+
+def _local(linear: LocalLinearization, q: float) -> tuple[Floats, Floats] | None:
+    equations = linear.equations(q)
+    factor = equations.factor()
+    if factor is None:
+        return None
+    weight, border = 1.0 / q**2, equations.order.border
+    gradient, corner = _corners(linear, weight)
+    gradient, corner = gradient[:, border], corner[:, border[:, None], border]
+    (K, m), p = linear.missed.shape, len(border)
+    ends = block_ends(K, len(corner))
+    nodes = np.array(ends[1:-1], dtype=int)
+    at_nodes, links = np.empty((len(nodes), p, m)), np.empty((len(nodes), p, m))
+    for first in range(0, p, _AT_ONCE):
+        some = slice(first, min(first + _AT_ONCE, p))
+        right = np.empty((K, some.stop - first, m))
+        for begin in range(0, K, _AT_ONCE):
+            right[begin : begin + _AT_ONCE] = equations.blocks(begin, min(begin + _AT_ONCE, K), None).right[
+                :, some
+            ]
+        follow = factor.blocks.nodes(right)
+        _subtract_products(equations, follow, some, gradient, corner)
+        at_nodes[:, some] = follow[nodes]
+        links[:, some] = follow[nodes] * linear.joined[nodes - 1, None, None]
+        for number, node in enumerate(nodes.tolist()):
+            coupling = (
+                equations.coupling(node - 1, node)[0] / weight
+            )  # the end by the node before, sign reversed
+            links[number, some] += follow[node - 1] @ coupling.T
+    for number, group in enumerate(linear.groups):
+        own, a = equations.order.of_border[number], len(group.states)
+        columns = np.arange(p)[own][: group.moving - a]
+        if len(columns):
+            at = equations.order.places[group.rows]
+            links[:, columns[:, None], at] += linear.ends[number][nodes - 1, :, a:].transpose(0, 2, 1)
+    for block in range(len(nodes)):
+        _transmit(corner, block, weight * at_nodes[block] @ links[block].T)
+    places = np.argsort(border)
+    corner = corner[:, places[:, None], places]
+    return gradient[:, places], 0.5 * (corner + corner.transpose(0, 2, 1))
+
+
+def _subtract_products(
+    equations: LocalSystem, follow: Floats, some: slice, gradient: Floats, corner: Floats
+) -> None:
+    """Take E_b' F and g_b' F from `corner` and `gradient`; F is `follow` (K, c, m), of `some` columns in the blocks' order."""
+    linear, order, weight = equations.linear, equations.order, equations.weight
+    K, own_gradient = len(follow), linear.data.gradient + weight * linear.defects.gradient
+    by_state = [np.ascontiguousarray(follow[:, :, own].transpose(0, 2, 1)) for own in order.of_states]
+    blocks = list(enumerate(pairwise(block_ends(K, len(corner)))))
+    for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
+        b = len(linear.groups[pair.second].states)
+        upper = data.upper[:, :, b:].astype(float)
+        moving = defects.upper.shape[2] - b
+        upper[:, :, :moving] += weight * defects.upper[:, :, b:]
+        for block, (first, last) in blocks:
+            corner[block, order.of_border[pair.second], some] -= _product(
+                upper[first:last], by_state[pair.first][first:last]
+            )
+        if pair.first == pair.second:
+            continue
+        lower = data.lower.astype(float)
+        lower[:, : defects.lower.shape[1]] += weight * defects.lower
+        lower = lower.transpose(0, 2, 1)
+        for block, (first, last) in blocks:
+            corner[block, order.of_border[pair.first], some] -= _product(
+                lower[first:last], by_state[pair.second][first:last]
+            )
+    for number, group in enumerate(linear.groups):
+        a = len(group.states)
+        columns = np.arange(corner.shape[1])[order.of_border[number]][: group.moving - a]
+        rows = order.places[group.rows]
+        for block, (first, last) in blocks:
+            inner = slice(first, min(last, K - 1))
+            later = np.ascontiguousarray(follow[first + 1 : inner.stop + 1, :, rows].transpose(0, 2, 1))
+            corner[block, columns, some] += weight * _product(
+                linear.ends[number][inner, :, a:].astype(float), later
+            )
+    for block, (first, last) in blocks:
+        inner = slice(first, min(last, K - 1))
+        gradient[block, some] -= np.einsum("km,kcm->c", own_gradient[first:last], follow[first:last])
+        later = follow[first + 1 : inner.stop + 1]
+        gradient[block, some] += weight * np.einsum("km,kcm->c", linear.missed[inner], later)
+
+
+def _product(rows: Floats, others: Floats) -> Floats:
+    """(q, c) sum over segments and rows of (k, r, q) times (k, r, c)."""
+    return np.asarray(rows.reshape(-1, rows.shape[2]).T @ others.reshape(-1, others.shape[2]))
