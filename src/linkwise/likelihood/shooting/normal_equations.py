@@ -322,10 +322,10 @@ def _shown(
 ) -> Single:
     """(c, P, k) tangents of what the `channels` of one `kind` show; those that are late to first order in the delay."""
     rows = np.asarray(motions[kind][sensors.mass[channels]])
-    for number, channel in enumerate(channels):
-        if kind < A and sensors.delays and sensors.delay[channel] >= 0:
-            delay = point.delays[sensors.delay[channel]]
-            rows[number] -= (delay * rate * motions[kind + 1][sensors.mass[channel]]).astype(rows.dtype)
+    late = sensors.delay[channels] >= 0 if kind < A and len(sensors.delay) else np.zeros(0, dtype=bool)
+    for number in np.flatnonzero(late).tolist():
+        delay, mass = point.delays[sensors.delay[channels[number]]], sensors.mass[channels[number]]
+        rows[number] -= (delay * rate * motions[kind + 1][mass]).astype(rows.dtype)
     return rows
 
 
