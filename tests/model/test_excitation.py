@@ -154,7 +154,7 @@ def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle() -> None:
 def test_inputs_of_the_same_samples_share_nothing_that_can_be_changed(
     order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Splines of short inputs are kept; what they give is what a long one gives, of which none is kept."""
+    """Splines of short inputs are kept; what they give is what a long one gives, of which the last is kept."""
     values, time = np.sin(0.3 * np.arange(200)), np.linspace(0.0, 1.9, 40)
     first, second = Sampled(0.0, 100.0, values, order), Sampled(0.0, 100.0, values, order)
     first.pieces.edges[:] = first.pieces.coefficients[:] = 0.0

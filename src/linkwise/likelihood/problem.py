@@ -153,14 +153,15 @@ def _fine_segments(segments_of: Callable[[int], Segments], point: Iterate, scale
 
     `segments_of` makes the segments with a number of steps of the flow a sample.
     """
-    tests = cache(lambda refine: _TestedFlow.of(segments_of(refine), point, scales))
+    cut = cache(segments_of)
+    tests = cache(lambda refine: _TestedFlow.of(cut(refine), point, scales))
     refine = 1
     while refine < _MAX_REFINEMENT and not _same_residuals(tests(refine), tests(2 * refine)):
         refine *= 2
     steps = 1
     while steps < _MAX_REFINEMENT and not _same_tangents(tests(max(refine, 2 * steps)), steps):
         steps *= 2
-    return replace(segments_of(max(refine, steps)), tangent_refine=steps)
+    return replace(cut(max(refine, steps)), tangent_refine=steps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ ORDERS = (0, 1, 3, 5, 7)
 _UPSAMPLING = 4  # factor by which band-limited samples are refined before the spline
 _HALF_WIDTH = 32  # of the windowed sinc, in samples
 _KEPT = 20_000  # samples up to which the last splines are kept: at most 4 MB each
+_LONGEST_KEPT = 250_000  # samples up to which the last spline of more is kept: at most 50 MB
 _KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
 
 
@@ -211,7 +212,11 @@ class Sampled:
         given = (self.values.tobytes(), self.start, self.rate, (self.order, self.band_limited))
         if self.values.size <= _KEPT:
             return _spline_through(*given, order)
-        return self._spline.derivative(order) if order else _spline_through.__wrapped__(*given, 0)
+        if order:
+            return self._spline.derivative(order)
+        return (_last_long_spline if self.values.size <= _LONGEST_KEPT else _spline_through.__wrapped__)(
+            *given, 0
+        )
 
     @cached_property
     def pieces(self) -> PiecewisePolynomial:
@@ -309,6 +314,9 @@ def _spline_through(
     nonempty = np.diff(pieces.x) > 0.0  # knots at the ends are repeated
     whole = scipy.interpolate.PPoly(pieces.c[:, nonempty], np.append(pieces.x[:-1][nonempty], pieces.x[-1]))
     return whole.derivative(derivative) if derivative else whole
+
+
+_last_long_spline = lru_cache(maxsize=1)(_spline_through.__wrapped__)
 
 
 def _upsampled(values: Floats) -> Floats:

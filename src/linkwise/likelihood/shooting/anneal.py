@@ -22,8 +22,8 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.damped_step import bounds, damped_step, freedom
-from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, covariance, linear_model
+from linkwise.likelihood.shooting.damped_step import DampedEquations, bounds, damped_step, freedom
+from linkwise.likelihood.shooting.linear_model import Factor, covariance, linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
@@ -303,14 +303,16 @@ def anneal(
             "motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
         )
     linear = linear_model(segments, misfit, scales, loss, executor)
+    damped: DampedEquations | None = None
     try:
         while len(path) < schedule.max_steps:
             if control.damping > _MAX_DAMPING:
                 status = AnnealingStatus.STUCK
                 break
-            attempt = damped_step(
-                segments, linear, misfit, scales, control.q, control.damping, control.stride
-            )
+            if damped is None or (damped.q, damped.damping) != (control.q, control.damping):
+                damped = None  # whose memory the next ones take
+                damped = DampedEquations.of(linear, control.q, control.damping)
+            attempt = damped_step(segments, damped, misfit, scales, control.stride)
             if attempt is None:
                 control = control.firmer()
                 continue
@@ -329,15 +331,18 @@ def anneal(
                 break
             control = control.after(step, schedule, samples)
             if step.reduction > 0.0:
+                damped = None
                 linear = linear_model(segments, misfit, scales, loss, executor)
     except KeyboardInterrupt:
         status = AnnealingStatus.INTERRUPTED
-    return _fit(segments, linear, misfit, scales, loss, control.q, status, tuple(path))
+    factor = None if damped is None else damped.undamped_factor(control.q)
+    factor, damped = factor or linear.factor(control.q), None
+    return _fit(segments, factor, misfit, scales, loss, control.q, status, tuple(path))
 
 
 def _fit(
     segments: Segments,
-    linear: GaussNewtonModel,
+    factor: Factor | None,
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
@@ -354,7 +359,7 @@ def _fit(
         misfit,
         q,
         scales,
-        covariance(linear.factor(q), scales, free),
+        covariance(factor, scales, free),
         ~free,
         misfit.cost(q) / (freedom(segments) * loss.expected),
         samples,

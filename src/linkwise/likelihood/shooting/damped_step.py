@@ -2,23 +2,53 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem
 from linkwise.likelihood.shooting.late_sensors import LARGEST
-from linkwise.likelihood.shooting.linear_model import GaussNewtonModel
+from linkwise.likelihood.shooting.linear_model import Factor, GaussNewtonModel
+from linkwise.likelihood.shooting.local_equations import LocalSystem
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 
+@dataclass(frozen=True, eq=False)
+class DampedEquations:
+    """Normal equations at a relaxation `q` with a `damping`, and their factor; steps of any length follow from them.
+
+    Attributes
+    ----------
+    equations : BorderedSystem or LocalSystem
+        The equations.
+    factor : BorderedFactor, LocalFactor or None
+        Their factor, damped; None where they are not positive definite.
+    q : float
+        Relaxation.
+    damping : float
+        Levenberg-Marquardt parameter.
+    """
+
+    equations: BorderedSystem | LocalSystem
+    factor: Factor | None
+    q: float
+    damping: float
+
+    @classmethod
+    def of(cls, linear: GaussNewtonModel, q: float, damping: float) -> DampedEquations:
+        """Those of a linearization."""
+        equations = linear.equations(q)
+        return cls(equations, equations.factor(linear.damping(damping)), q, damping)
+
+    def undamped_factor(self, q: float) -> Factor | None:
+        """The factor where it is that without damping at a relaxation, else None."""
+        return self.factor if (self.q, self.damping) == (q, 0.0) else None
+
+
 def damped_step(
-    segments: Segments,
-    linear: GaussNewtonModel,
-    misfit: Misfit,
-    scales: Scales,
-    q: float,
-    damping: float,
-    length: float,
+    segments: Segments, damped: DampedEquations, misfit: Misfit, scales: Scales, length: float
 ) -> tuple[Iterate, float] | None:
     """A damped Gauss-Newton step; parameters that it would take out of their bounds go to them, the others with them.
 
@@ -26,16 +56,12 @@ def damped_step(
     ----------
     segments : Segments
         The records in segments.
-    linear : GaussNewtonModel
-        Linearization at the present point.
+    damped : DampedEquations
+        The equations at the present point.
     misfit : Misfit
         Misfit there.
     scales : Scales
         Units of the unknowns.
-    q : float
-        Relaxation.
-    damping : float
-        Levenberg-Marquardt parameter.
     length : float
         Fraction of the step to take.
 
@@ -44,8 +70,7 @@ def damped_step(
     tuple of (Iterate, float) or None
         The new point and the predicted reduction of the cost; None where the equations are not positive definite.
     """
-    equations = linear.equations(q)
-    factor = equations.factor(linear.damping(damping))
+    equations, factor = damped.equations, damped.factor
     if factor is None:
         return None
     lower, upper = bounds(segments)
