@@ -16,10 +16,8 @@ from scipy.linalg import cho_solve, cholesky, lapack
 
 from linkwise.arrays import Bools, Floats
 
-_AT_ONCE = 16  # nodes that are assembled together
-_PARALLEL = (
-    120  # states of a node from which a product takes longer than one thread takes to hand over to the other
-)
+_AT_ONCE = 32  # nodes that are assembled together
+_PARALLEL = 6e6  # multiplications a node from which products take longer than one thread takes to hand over to the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +68,7 @@ class BlockEquations:
             _Elimination(self, roots, range(middle)),
             _Elimination(self, roots, range(K - 1, middle, -1)),
         )
-        if m < _PARALLEL:
+        if m**2 * (m + 2 * len(self.corner)) < _PARALLEL:
             eliminated = halves[0].run() and halves[1].run()
         else:
             with ThreadPoolExecutor(1) as executor:
