@@ -35,7 +35,7 @@ class MeetingGroups:
 @dataclass(frozen=True, eq=False)
 class PairBlocks:
     """What two groups of columns contribute: states (K, a, P') of the first with columns of the second, and the border of the
-    first with the states (K, q, b) of the second.
+    first with the states (K, q, b) of the second; the latter none where both are the same group, as it is in the former.
     """
 
     upper: NDArray[Any]
@@ -47,15 +47,18 @@ class PairBlocks:
     ) -> PairBlocks:
         """Room for K segments and as many columns of each group."""
         first, second = groups
+        below = 0 if first is second else sizes[0] - len(first.states)
         return cls(
             np.empty((K, len(first.states), sizes[1]), kind),
-            np.empty((K, sizes[0] - len(first.states), len(second.states)), kind),
+            np.empty((K, below, len(second.states)), kind),
         )
 
     def put(self, part: slice, product: NDArray[Any], pieces: Sequence[slice]) -> Floats:
         """Store the product (k, P, P') of a chunk; returns the corners (b, q, q') of its pieces."""
-        (_, a, _), (_, _, b) = self.upper.shape, self.lower.shape
-        self.upper[part], self.lower[part] = product[:, :a], product[:, a:, :b]
+        (_, a, _), (_, below, b) = self.upper.shape, self.lower.shape
+        self.upper[part] = product[:, :a]
+        if below:
+            self.lower[part] = product[:, a:, :b]
         return sums_over(product[:, a:, b:], pieces)
 
 
