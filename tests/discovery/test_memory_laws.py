@@ -54,6 +54,22 @@ def test_finds_the_link_that_has_memory(found: lw.Discovery) -> None:
         assert error is not None and abs(coefficient.value - value) < 5.0 * error  # chance: 3e-6 each
 
 
+@pytest.mark.parametrize(
+    ("law", "values", "seed"),
+    [
+        ("bouc-wen", {**HYSTERETIC, "F": 0.6}, 75),
+        ("zener", {"k": 800.0, "k1": 60.0, "c1": 2.0}, 76),
+    ],
+    ids=["slip", "relaxation"],
+)
+def test_finds_a_small_memory_by_what_it_leaves(law: str, values: dict[str, float], seed: int) -> None:
+    """It leaves 1.6 or 0.6 % of the forces: too little to try laws on every link, but the residuals show which."""
+    found = lw.discover(noisy(pair(named("m2-m1", "m2-m1", law, **values)), seed), MASSES)
+    kept = [(each.link, each.law, each.certain) for each in found.memory if each.kept]
+    assert kept == [("m2-m1", law, True)] and found.trusted
+    assert {link.name for link in found.structure.links} == {"m1-ground", "m2-m1"}
+
+
 def test_says_so_in_text_and_data(found: lw.Discovery) -> None:
     text = str(found)
     assert "m2-m1 has memory: bouc-wen." in text and "of memory" in text

@@ -24,8 +24,11 @@ from linkwise.discovery.random_forces import select_with_random_forces
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.screened_records import ScreenedRecords, weak_values
 from linkwise.discovery.selection import Selection, TermSearch
+from linkwise.discovery.suspected_memory import suspected_memory
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.errors import IdentificationError
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.sensor_priors import errors_to_find
@@ -225,8 +228,8 @@ def _select(
         follows_motion = coloured is None and beyond is not None and beyond.optimum.coloured is None
         selection = select_inexact(search, selection, known=beyond if follows_motion else None)
     discovery = judged_discovery(records, checks, screened, selection, selection.fit.delays)
-    if not (selection.is_exact or discovery.trusted or candidates.memory):
-        remembering = with_memory(exact_laws) if discovery.estimate.model_error > _MEMORY else None
+    if not candidates.memory and _may_remember(selection, discovery):
+        remembering = with_memory(exact_laws, *discovery.diagnosis[:1])
         if remembering is not None:
             return remembering
     if selection.is_exact and _lacks_a_term(discovery):
@@ -238,6 +241,14 @@ def _select(
     return _Selected(checks, screened, selection, discovery)
 
 
+def _may_remember(selection: Selection, discovery: Discovery) -> bool:
+    """Whether a force with memory would explain most of what the laws leave, or they leave much and are not trusted."""
+    if any(cause.term in MEMORY_TERMS for cause in discovery.diagnosis[:1]):
+        return True
+    untrusted = not (selection.is_exact or discovery.trusted)
+    return untrusted and discovery.estimate.model_error > _MEMORY
+
+
 def _lacks_a_term(discovery: Discovery) -> bool:
     """Whether what the laws leave follows the motion; noise of an input may seem to leave it, where a term does so as well."""
     kinds = {cause.kind for cause in discovery.diagnosis}
@@ -247,9 +258,16 @@ def _lacks_a_term(discovery: Discovery) -> bool:
 
 
 def _select_with_memory(
-    search: TermSearch, screened: ScreenedRecords, checks: DataChecks, selection: Selection
+    search: TermSearch,
+    screened: ScreenedRecords,
+    checks: DataChecks,
+    selection: Selection,
+    cause: Cause | None = None,
 ) -> _Selected | None:
-    """The selection with memory in a link, where it explains the records better than `selection` without memory."""
+    """The selection with memory in a link, where it explains the records better than `selection` without memory.
+
+    `cause` is what explains most of what the latter leaves.
+    """
     scaled = all(
         mass.mass.known for mass in search.candidates.full_structure.masses
     )  # else starts run far, and fits long
@@ -259,7 +277,8 @@ def _select_with_memory(
     if not laws or selection.fit.status is AnnealingStatus.INTERRUPTED:
         return None
     framed = framed_records(search.records, search.candidates.full_structure)
-    remembering = select_memory(search, screened, selection, laws, framed)
+    suspected = suspected_memory(selection, cause)
+    remembering = select_memory(search, screened, selection, laws, framed, suspected)
     if remembering is None:
         return None
     screened = replace(screened, candidates=remembering.search.candidates)

@@ -22,6 +22,7 @@ from linkwise.discovery.rival_forms import link_rates
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_only_noise, select_structure
 from linkwise.discovery.spanning_tree import skeleton
+from linkwise.discovery.suspected_memory import SuspectedMemory
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
@@ -130,29 +131,55 @@ def select_memory(
     selection: Selection,
     laws: Sequence[str],
     records: Sequence[Record],
+    suspected: SuspectedMemory | None = None,
 ) -> MemorySelection | None:
     """The selection with a link that has one of the `laws`, where it leaves only noise at a lower criterion.
 
-    `selection` is the best without memory, and `records` are framed as the equations have them.
+    `selection` is the best without memory, `records` are framed as the equations have them, and `suspected` is the memory that
+    its residuals show.
     """
     ranked = _ranked(search, screened, laws, records)
     if not ranked:
         return None
     limit = _NEAR * ranked[0].misfit
     with one_blas_thread():
-        refined = [hypothesis.refined(records, limit) for hypothesis in _best_of_links(ranked)]
-        fits = [_Fitted.of(hypothesis, records) for hypothesis in refined]
+        fits = [_Fitted.of(own, records) for own in _suspected(search, selection, laws, suspected)]
+        settled = {fitted.hypothesis.pair for fitted in fits if fitted.is_exact}
+        fits = [fitted for fitted in fits if fitted.hypothesis.pair in settled]
+        some = [hypothesis for hypothesis in _best_of_links(ranked) if hypothesis.pair not in settled]
+        fits += [_Fitted.of(hypothesis.refined(records, limit), records) for hypothesis in some]
         first = min(fits, key=lambda fitted: fitted.rank).hypothesis
-        others = [rest for rest in ranked if rest.pair == first.pair and rest.law != first.law]
-        fits += [_Fitted.of(hypothesis.refined(records, limit), records) for hypothesis in others]
+        if first.pair not in settled:
+            others = [rest for rest in ranked if rest.pair == first.pair and rest.law != first.law]
+            fits += [_Fitted.of(hypothesis.refined(records, limit), records) for hypothesis in others]
     best = min(fits, key=lambda fitted: fitted.rank)
     chosen = best.selected()
     if chosen is None or not chosen.is_exact:
         return None
+    best, chosen = _better_law(best, chosen, fits)
     evidence = _evidence(best, chosen, fits, selection, search)
     if evidence[0].over_none <= 0.0:
         return None
     return MemorySelection(best.hypothesis.search, chosen, evidence)
+
+
+def _better_law(best: _Fitted, chosen: Selection, fits: Sequence[_Fitted]) -> tuple[_Fitted, Selection]:
+    """The best law on the link, among those whose fit stopped before the flow was exact and yet leaves less."""
+    noise, penalty = chosen.noise, chosen.penalty
+    limit = best.criterion(noise, penalty)
+    rivals = [
+        fitted
+        for fitted in fits
+        if fitted.hypothesis.pair == best.hypothesis.pair and fitted.criterion(noise, penalty) < limit
+    ]
+    for rival in rivals:
+        selected = rival.selected()
+        if selected is None or not selected.is_exact:
+            continue
+        before = _criterion(chosen.structure, chosen.fit, noise, penalty)
+        if _criterion(selected.structure, selected.fit, noise, penalty) < before:
+            best, chosen = rival, selected
+    return best, chosen
 
 
 def no_memory_remark(laws: Sequence[str]) -> str:
@@ -179,6 +206,26 @@ def _ranked(
         (hypothesis for hypothesis in ranked if np.isfinite(hypothesis.misfit)),
         key=lambda hypothesis: hypothesis.misfit,
     )
+
+
+def _suspected(
+    search: TermSearch, selection: Selection, laws: Sequence[str], suspected: SuspectedMemory | None
+) -> list[_Hypothesis]:
+    """The laws on the link that the residuals of a selection show, beside its terms, with values from both."""
+    if suspected is None:
+        return []
+    names = [parameter.name for parameter in selection.structure.parameters]
+    fitted = dict(zip(names, selection.fit.values.tolist(), strict=True))
+    hypotheses = []
+    for pair, given in enumerate(search.candidates.pairs):
+        if suspected.link in (given.name, *(link.name for link in given.stated)):
+            for law in laws:
+                own = _Hypothesis.of(search, selection.chosen, pair, law)
+                values = fitted | {f"{suspected.link}.{name}": v for name, v in suspected.start(law).items()}
+                if all(parameter.name in values for parameter in own.structure.parameters):
+                    start = np.array([values[parameter.name] for parameter in own.structure.parameters])
+                    hypotheses.append(replace(own, values=start))
+    return hypotheses
 
 
 def _best_of_links(ranked: Sequence[_Hypothesis]) -> list[_Hypothesis]:

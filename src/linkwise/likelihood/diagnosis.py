@@ -25,7 +25,7 @@ from linkwise.likelihood.hypotheses import (
     usual_terms,
 )
 from linkwise.likelihood.marginal_terms import determinant_slopes
-from linkwise.likelihood.memory_forces import MEMORY_FORCES
+from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
@@ -37,10 +37,9 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
-_WITH_MEMORY = {force.text: force.law for force in MEMORY_FORCES}
 _NO_SLOPE = (
     "sign(v)",
-    *_WITH_MEMORY,
+    *MEMORY_TERMS,
 )  # terms that the log determinant does not see: a jump, and those with memory
 _PRICE_OF_REACH = (
     10.0  # of -2 log likelihood: about the logarithm of the number of samples, as of any coefficient
@@ -77,7 +76,7 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
 
 def likeliest_first(cause: Cause) -> float:
     """By gain; a force with memory, whose reach is free beside its size, comes after what gains nearly as much."""
-    return (_PRICE_OF_REACH if cause.term in _WITH_MEMORY else 0.0) - cause.gain
+    return (_PRICE_OF_REACH if cause.term in MEMORY_TERMS else 0.0) - cause.gain
 
 
 def least_gain(causes: int) -> float:
@@ -281,8 +280,8 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
-    if hypothesis.term in _WITH_MEMORY:
-        return f"which laws with memory have, such as {_WITH_MEMORY[hypothesis.term]}"
+    if hypothesis.term in MEMORY_TERMS:
+        return f"which laws with memory have, such as {MEMORY_TERMS[hypothesis.term]}"
     return ""
 
 

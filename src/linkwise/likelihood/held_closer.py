@@ -18,7 +18,7 @@ from linkwise.expression import symbols
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.marginal import relaxation
-from linkwise.likelihood.memory_forces import MEMORY_FORCES
+from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.shooting.anneal import (
     AnnealingFit,
     AnnealingSchedule,
@@ -48,8 +48,7 @@ class HiddenTerm:
     @property
     def dissipates(self) -> bool:
         """Whether it depends on the rate, or on its past."""
-        remembers = any(force.text == self.cause.term for force in MEMORY_FORCES)
-        return remembers or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
+        return self.cause.term in MEMORY_TERMS or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
 
 
 def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> HiddenTerm | None:

@@ -8,7 +8,7 @@ from itertools import combinations
 
 from linkwise.estimates.cause import CAUSE_KINDS
 from linkwise.expression import to_text
-from linkwise.likelihood.memory_forces import MEMORY_FORCES, MemoryForce
+from linkwise.likelihood.memory_forces import MEMORY_FORCES, MEMORY_TERMS, MemoryForce
 from linkwise.likelihood.score_test import CandidateForce
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
@@ -21,7 +21,7 @@ _TERMS = tuple(
         ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
     )
 )
-_USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)", *(force.text for force in MEMORY_FORCES))
+_USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)", *MEMORY_TERMS)
 _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
 _LINKS = 40  # that are tested, in the structure's order

@@ -118,3 +118,6 @@ class Relaxation(MemoryForce):
 
 MEMORY_FORCES: tuple[MemoryForce, ...] = (Slip(), Relaxation())
 """What a link may lack that no function of its elongation and rate is."""
+
+MEMORY_TERMS = {force.text: force.law for force in MEMORY_FORCES}
+"""What a diagnosis calls them, and the name of a law that has each."""
