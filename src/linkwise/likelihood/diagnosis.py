@@ -25,7 +25,7 @@ from linkwise.likelihood.hypotheses import (
     usual_terms,
 )
 from linkwise.likelihood.marginal_terms import determinant_slopes
-from linkwise.likelihood.memory_forces import MEMORY_TERMS
+from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
@@ -37,13 +37,9 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
-_NO_SLOPE = (
-    "sign(v)",
-    *MEMORY_TERMS,
-)  # terms that the log determinant does not see: a jump, and those with memory
-_PRICE_OF_REACH = (
-    10.0  # of -2 log likelihood: about the logarithm of the number of samples, as of any coefficient
-)
+_NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
+"""What the log determinant does not see: a jump, and forces with memory."""
+
 _LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _CHANCE = (
@@ -76,7 +72,7 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
 
 def likeliest_first(cause: Cause) -> float:
     """By gain; a force with memory, whose reach is free beside its size, comes after what gains nearly as much."""
-    return (_PRICE_OF_REACH if cause.term in MEMORY_TERMS else 0.0) - cause.gain
+    return (PRICE_OF_REACH if cause.term in MEMORY_TERMS else 0.0) - cause.gain
 
 
 def least_gain(causes: int) -> float:

@@ -121,3 +121,7 @@ MEMORY_FORCES: tuple[MemoryForce, ...] = (Slip(), Relaxation())
 
 MEMORY_TERMS = {force.text: force.law for force in MEMORY_FORCES}
 """What a diagnosis calls them, and the name of a law that has each."""
+
+PRICE_OF_REACH = 10.0
+"""Of -2 log likelihood, for the reach or the time that a force with memory has beside its size: about the logarithm of the
+number of samples, as of any coefficient."""

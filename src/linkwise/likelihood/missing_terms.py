@@ -23,6 +23,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.likelihood.diagnosis import TestedCauses, least_gain
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import Hypothesis, missing_forces, which_usual
+from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.single_tests import single_tests
@@ -133,7 +134,8 @@ def for_usual_terms(
     links = len({tested.hypotheses[number].where for number in usual})
     least = min(_LIKELY**2 + 2.0 * np.log(links), _HINT**2) if doubted else _HINT**2
     among = _among(tested, usual, len(fit.values))
-    return _counted(fit, *among, [(np.full(len(usual), least), _MOST_USUAL if doubted else _MOST)])
+    limits = least + _prices(among[0])
+    return _counted(fit, *among, [(limits, _MOST_USUAL if doubted else _MOST)])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
@@ -183,8 +185,17 @@ def _rounds(hypotheses: Sequence[Hypothesis], identified: Structure) -> list[tup
     """First significant terms, then likely usual ones."""
     significant = np.full(len(hypotheses), least_gain(len(hypotheses)))
     likely = significant.copy()
-    likely[which_usual(hypotheses, identified)] = _LIKELY**2
+    usual = which_usual(hypotheses, identified)
+    likely[usual] = _LIKELY**2 + _prices(hypotheses)[usual]
     return [(significant, _MOST), (likely, _MOST_USUAL)]
+
+
+def _prices(hypotheses: Sequence[Hypothesis]) -> Floats:
+    """(h,) what each gains by chance beside its size: a force with memory has a reach as well.
+
+    Beside a stiff link it hardly differs from a damper, whose interval it would make many times as wide.
+    """
+    return np.array([PRICE_OF_REACH if hypothesis.term in MEMORY_TERMS else 0.0 for hypothesis in hypotheses])
 
 
 def _beyond(curvature: Floats, slope: Floats, order: NDArray[np.intp], counted: int) -> Floats:
