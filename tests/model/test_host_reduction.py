@@ -94,6 +94,14 @@ def test_a_large_sparse_model_has_the_modes_of_a_small_one() -> None:
         )
 
 
+@pytest.mark.parametrize("form", ["csr_array", "coo_array", "csr_matrix"])
+def test_matrices_in_any_sparse_format_make_the_same_host(form: str) -> None:
+    mass, stiffness = (getattr(scipy.sparse, form)(matrix) for matrix in beam())
+    points = {"tip": 79, "mid": 39}
+    host = lw.reduce_host("beam", mass, stiffness, points, keep=3).host
+    assert host == lw.reduce_host("beam", *beam(), points=points, keep=3).host
+
+
 def test_a_free_beam_has_rigid_modes() -> None:
     reduced = lw.reduce_host("beam", *beam(clamped=False), {"tip": 81, "root": 1}, keep=4)
     frequencies = [mode.frequency.value for mode in reduced.host.modes]

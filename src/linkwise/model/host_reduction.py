@@ -73,8 +73,8 @@ class HostReduction:
 @checked
 def reduce_host(
     name: str,
-    mass: scipy.sparse.csc_array,
-    stiffness: scipy.sparse.csc_array,
+    mass: scipy.sparse.sparray | scipy.sparse.spmatrix,
+    stiffness: scipy.sparse.sparray | scipy.sparse.spmatrix,
     points: Mapping[str, int],
     *,
     keep: int = 10,
@@ -88,8 +88,9 @@ def reduce_host(
     ----------
     name : str
         Name of the host.
-    mass, stiffness : sparse array of shape (n, n)
-        The matrices in SI units, constrained as the structure is; symmetric, the mass positive definite.
+    mass, stiffness : sparse array or sparse matrix of shape (n, n)
+        The matrices in SI units, in any sparse format, constrained as the structure is; symmetric, the mass positive
+        definite.
     points : mapping of str to int
         Row of the matrices for each point, counted from 1.
     keep : int, optional
