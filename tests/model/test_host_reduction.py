@@ -102,6 +102,13 @@ def test_matrices_in_any_sparse_format_make_the_same_host(form: str) -> None:
     assert host == lw.reduce_host("beam", *beam(), points=points, keep=3).host
 
 
+def test_matrices_in_single_precision_are_reduced() -> None:
+    mass, stiffness = (scipy.sparse.csr_array(matrix, dtype=np.float32) for matrix in beam())
+    mode = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3).host.modes[2]
+    exact = lw.reduce_host("beam", *beam(), points={"tip": 79}, keep=3).host.modes[2]
+    assert mode.frequency.value == pytest.approx(exact.frequency.value, rel=1e-3)
+
+
 def test_a_free_beam_has_rigid_modes() -> None:
     reduced = lw.reduce_host("beam", *beam(clamped=False), {"tip": 81, "root": 1}, keep=4)
     frequencies = [mode.frequency.value for mode in reduced.host.modes]
@@ -142,6 +149,9 @@ def test_rayleigh_damping_follows_the_frequencies() -> None:
         ({"stiffness": -1.0 * beam()[1]}, "negative eigenvalues"),
         ({"mass": -1.0 * beam()[0]}, "positive definite"),
         ({"mass": beam()[1], "stiffness": beam()[0]}, "mass and stiffness may be swapped"),
+        ({"stiffness": (1.0 + 0.02j) * beam()[1]}, "complex128 values, not real numbers"),
+        ({"mass": beam()[0][:, :60]}, "must be square, got the shape (80, 60)"),
+        ({"stiffness": np.nan * beam()[1]}, "the stiffness matrix holds values that are not finite"),
         ({"mass": beam(clamped=False)[1], "stiffness": beam(clamped=False)[0]}, "swapped"),
     ],
 )

@@ -110,7 +110,8 @@ def reduce_host(
     Raises
     ------
     StructureError
-        If a point is no row, the matrices differ in size or are not symmetric, or there are not so many modes.
+        If a matrix is not square or holds other than finite real numbers, a point is no row, the matrices differ in size or
+        are not symmetric, or there are not so many modes.
 
     Examples
     --------
@@ -122,7 +123,7 @@ def reduce_host(
     >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
     (4, 5, True)
     """
-    mass, stiffness = scipy.sparse.csc_array(mass), scipy.sparse.csc_array(stiffness)
+    mass, stiffness = _real_square("mass", mass), _real_square("stiffness", stiffness)
     rows = _checked(mass, stiffness, points, keep)
     keep = min(keep, mass.shape[0] - 1)
     squares, shapes = _lowest(mass, stiffness, keep)
@@ -152,6 +153,23 @@ def reduce_host(
     approximate = (local / (squares - square)) @ local.T
     error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
     return HostReduction(Host(name, modes), retained, float(np.sqrt(square) / (2.0 * np.pi)), error)
+
+
+def _real_square(
+    quantity: str, matrix: scipy.sparse.sparray | scipy.sparse.spmatrix
+) -> scipy.sparse.csc_array:
+    """The matrix in double precision, by columns; StructureError unless it is square, of finite real numbers."""
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise StructureError(f"the {quantity} matrix must be square, got the shape {matrix.shape}")
+    if matrix.dtype.kind not in "fiu":
+        raise StructureError(
+            f"the {quantity} matrix holds {matrix.dtype} values, not real numbers; damping is given by modal_damping or "
+            "rayleigh"
+        )
+    by_columns = scipy.sparse.csc_array(matrix, dtype=float)
+    if not np.isfinite(by_columns.data).all():
+        raise StructureError(f"the {quantity} matrix holds values that are not finite")
+    return by_columns
 
 
 def _checked(
