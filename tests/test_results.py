@@ -27,6 +27,7 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "Equilibria": "a property of a structure whose numbers are given",
     "Equivalent": "a property of a law whose numbers are given",
     "FreeRun": "a simulation beside a record; `Validation` judges one",
+    "HostMatrices": "what files say",
     "HostMode": "what a file says",
     "HostReduction": "arithmetic of matrices that are given; it has its own error",
     "LawStep": "one of several laws, ranked by a criterion; `identify` judges it",

@@ -117,6 +117,8 @@ from linkwise.model.law import Law as Law
 from linkwise.model.law import Partials as Partials
 from linkwise.model.link_state import LinkState as LinkState
 from linkwise.model.link_state import StateRate as StateRate
+from linkwise.model.matrices import HostMatrices as HostMatrices
+from linkwise.model.matrices import read_host_matrices as read_host_matrices
 from linkwise.model.matrices import read_matrix as read_matrix
 from linkwise.model.named_law import LawText as LawText
 from linkwise.model.named_law import NamedLaw as NamedLaw

@@ -85,6 +85,40 @@ def test_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]
         assert message in " ".join(capsys.readouterr().err.split())
 
 
+def test_abaqus_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points by node and direction, Rayleigh damping, and a damping matrix in a third file."""
+    (folder / "m.mtx").write_text("".join(f"{node},3, {node},3, 0.1\n" for node in range(1, 31)))
+    (folder / "k.mtx").write_text(
+        "".join(
+            f"{node},3, {node},3, 2e4\n" + (f"{node},3, {node - 1},3, -1e4\n" if node > 1 else "")
+            for node in range(1, 31)
+        )
+    )
+    (folder / "c.mtx").write_text("15,3,15,3,2.0\n")
+    given = ["structure", "host", "m.mtx", "k.mtx", "--point", "mid=15z", "--keep", "3"]
+    assert run([*given, "--name", "rod", "--rayleigh", "0.5,1e-5"]) == 0
+    host = lw.parse_structure(capsys.readouterr().out).hosts[0]
+    frequency = 2.0 * np.pi * np.asarray(host.modes[0].frequency.value)
+    assert host.modes[0].damping.value == pytest.approx(0.5 * (0.5 / frequency + 1e-5 * frequency))
+    assert run([*given[:4], "c.mtx", *given[4:]]) == 0
+    out, err = capsys.readouterr()
+    damped = lw.parse_structure(out).hosts[0].modes[0]
+    assert damped.damping.value == pytest.approx(2.0 * damped.shape["mid"] ** 2 / (2.0 * frequency))
+    assert "the damping matrix couples modes by up to 100 %" in err
+    for wrong, message in (
+        (["--rayleigh", "0.5"], "--rayleigh needs two numbers A,B"),
+        (["--point", "tip=31z"], "names points by node and direction"),
+        (["--damping", "C"], "--damping needs a third file"),
+    ):
+        assert run([*given, *wrong]) == 2
+        assert message in " ".join(capsys.readouterr().err.split())
+    (folder / "rod.toml").write_text(
+        '[[host]]\nname = "rod"\npoints = { mid = "15z" }\nkeep = 3\n'
+        'matrices = { mass = "m.mtx", stiffness = "k.mtx", damping = "c.mtx" }\n'
+    )
+    assert lw.read_structure(folder / "rod.toml").hosts[0].modes[0] == damped
+
+
 def test_show_prints_the_modes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["structure", "host", "modes.csv", "-o", "host.toml"]) == 0
     assert run(["structure", "show", "host.toml"]) == 0

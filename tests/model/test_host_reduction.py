@@ -147,7 +147,7 @@ def test_rayleigh_damping_follows_the_frequencies() -> None:
         ({"mass": beam(3)[0]}, "they belong to different models"),
         ({"stiffness": scipy.sparse.csc_array(np.triu(beam()[1].toarray()))}, "is not symmetric"),
         ({"stiffness": -1.0 * beam()[1]}, "negative eigenvalues"),
-        ({"mass": -1.0 * beam()[0]}, "positive definite"),
+        ({"mass": -1.0 * beam()[0]}, "positive semidefinite"),
         ({"mass": beam()[1], "stiffness": beam()[0]}, "mass and stiffness may be swapped"),
         ({"stiffness": (1.0 + 0.02j) * beam()[1]}, "complex128 values, not real numbers"),
         ({"mass": beam()[0][:, :60]}, "must be square, got the shape (80, 60)"),
@@ -179,11 +179,11 @@ def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
         ("no.mat:M", "there is no such file"),
         ("beam.mat:Q", "holds no matrix 'Q'; choose from"),
         ("beam.mat", "holds several matrices; choose from"),
-        ("bad.mat:M", "cannot be read as a MAT file"),
+        ("bad.mat:M", "cannot be read as a .mat file"),
         ("bad.npz:M", "cannot be read as a .npz file"),
         ("wide.npz:W", "not a square matrix of finite numbers: it has 2 rows and 3 columns"),
         ("complex.npz:K", "holds complex128 values, not real numbers"),
-        ("bad.txt:M", "are read from .mat, .npz and .mtx files"),
+        ("bad.txt:M", "are read from .mat, .npz, .mtx, .pch, .dmig, .bdf and .op4 files"),
     ],
 )
 def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, message: str) -> None:
@@ -209,3 +209,75 @@ def test_a_structure_file_names_matrices(tmp_path: Path) -> None:
     (tmp_path / "fe.toml").write_text('[[host]]\nname = "beam"\npoints = { tip = 19 }\n')
     with pytest.raises(lw.StructureError, match="either modes or matrices"):
         lw.read_structure(tmp_path / "fe.toml")
+
+
+def lumped(elements: int) -> Matrices:
+    """A clamped beam whose mass is lumped at its nodes: rotations have none."""
+    stiffness = beam(elements)[1]
+    of_nodes = np.zeros(2 * elements)
+    of_nodes[0::2] = 0.324 / elements
+    of_nodes[-2] /= 2.0
+    return scipy.sparse.csc_array(np.diag(of_nodes)), stiffness
+
+
+@pytest.mark.parametrize("elements", [20, 250])
+def test_rotations_without_mass_follow_statically(elements: int) -> None:
+    """The modes are those of the matrices condensed to the degrees of freedom with mass."""
+    mass, stiffness = lumped(elements)
+    host = lw.reduce_host(
+        "beam", mass, stiffness, {"tip": 2 * elements - 1, "slope": 2 * elements}, keep=4
+    ).host
+    K = stiffness.toarray()
+    condensed = K[::2, ::2] - K[::2, 1::2] @ np.linalg.solve(K[1::2, 1::2], K[1::2, ::2])
+    squares, shapes = scipy.linalg.eigh(condensed, mass.toarray()[::2, ::2], subset_by_index=(0, 3))
+    slopes = -np.linalg.solve(K[1::2, 1::2], K[1::2, ::2] @ shapes)
+    for mode, square, shape, slope in zip(some(host.modes[:4]), squares, shapes.T, slopes.T, strict=True):
+        assert mode.frequency.value == pytest.approx(np.sqrt(square) / (2.0 * np.pi), rel=1e-6)
+        assert abs(mode.shape["tip"]) == pytest.approx(abs(shape[-1]), rel=1e-5)
+        assert abs(mode.shape["slope"]) == pytest.approx(abs(slope[-1]), rel=1e-5)
+
+
+def damped(damping: scipy.sparse.csc_array) -> lw.HostMatrices:
+    """A beam of ten elements with this damping matrix."""
+    mass, stiffness = beam(10)
+    return lw.HostMatrices(mass, stiffness, damping, tuple(map(str, range(1, 21))))
+
+
+def test_a_damping_matrix_gives_the_damping_of_each_mode() -> None:
+    mass, stiffness = beam(10)
+    rayleigh = (0.4, 2e-5)
+    proportional = damped(scipy.sparse.csc_array(rayleigh[0] * mass + rayleigh[1] * stiffness))
+    found = proportional.reduce("beam", {"tip": 19}, keep=3)
+    expected = lw.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, rayleigh=rayleigh)
+    for mode, other in zip(some(found.host.modes), expected.host.modes, strict=True):
+        assert mode.damping.value == pytest.approx(other.damping.value, rel=1e-6)
+    assert found.damping_coupling < 1e-6
+
+
+def test_a_dashpot_damps_each_mode_by_its_motion_there() -> None:
+    dashpot = scipy.sparse.csc_array(([2.0], ([18], [18])), shape=(20, 20))
+    at_tip = damped(dashpot).reduce("beam", {"tip": 19}, keep=3, residual=False)
+    for mode in some(at_tip.host.modes):  # a force -2 v at the tip
+        omega = 2.0 * np.pi * (mode.frequency.value or 0.0)
+        assert mode.damping.value == pytest.approx(2.0 * mode.shape["tip"] ** 2 / (2.0 * omega), rel=1e-9)
+    assert at_tip.damping_coupling == pytest.approx(1.0)  # one dashpot moves with every mode
+
+
+@pytest.mark.parametrize(
+    ("damping", "modal_damping", "message"),
+    [
+        (
+            beam(10)[1],
+            0.01,
+            "give a damping matrix, or modal or Rayleigh damping, not both",
+        ),
+        (-1.0 * beam(10)[1], 0.0, "feeds energy into a mode"),
+        (beam(5)[1], 0.0, "the mass matrix has 20 rows and the damping matrix 10"),
+        (1j * beam(10)[1], 0.0, "the damping matrix holds complex128 values"),
+    ],
+)
+def test_damping_that_is_none_is_refused(
+    damping: scipy.sparse.csc_array, modal_damping: float, message: str
+) -> None:
+    with pytest.raises(lw.StructureError, match=message):
+        damped(damping).reduce("beam", {"tip": 19}, modal_damping=modal_damping)

@@ -16,9 +16,15 @@ from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE
 
-_OF_MATRICES = ("keep", "modal_damping", "no_residual")  # options that mean nothing for modes
+_OF_MATRICES = (
+    "keep",
+    "damping",
+    "modal_damping",
+    "rayleigh",
+    "no_residual",
+)  # options that mean nothing for modes
 _NOT_OF_RECORDS = ("points", "mass", "stiffness", *_OF_MATRICES)
-_NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
+_COUPLED = 0.01  # of the damping of each of two modes: coupling that is told
 
 
 @click.command()
@@ -28,14 +34,18 @@ _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
     help="Name of the host; by default that of the first file. With --modes, by default the part of the channel names "
     "before the dot, such as beam in a:beam.tip; if they have one, no other name is accepted.",
 )
-@click.option("--mass", metavar="NAME", help="The mass matrix in FILE, by default M or mass.")
-@click.option("--stiffness", metavar="NAME", help="The stiffness matrix in FILE, by default K or stiffness.")
+@click.option("--mass", metavar="NAME", help="The mass matrix in FILE, by default M, mass or MAA.")
+@click.option(
+    "--stiffness", metavar="NAME", help="The stiffness matrix in FILE, by default K, stiffness or KAA."
+)
+@click.option("--damping", metavar="NAME", help="The matrix of viscous damping in FILE; without it, none.")
 @click.option(
     "--point",
     "points",
     metavar="NAME=ROW",
     multiple=True,
-    help="A point for links, sensors or forces: a row of the matrices, counted from 1. Repeatable.",
+    help="A point for links, sensors or forces: a row of the matrices, counted from 1, or a node and a direction, such as "
+    "1205z, where the files name them. Repeatable.",
 )
 @click.option(
     "--keep",
@@ -51,6 +61,11 @@ _NAMES = {"mass": ("M", "mass"), "stiffness": ("K", "stiffness")}
     type=click.FloatRange(min=0.0),
     default=0.0,
     help="Damping ratio of every mode.",
+)
+@click.option(
+    "--rayleigh",
+    metavar="A,B",
+    help="Damping by a matrix of A times mass and B times stiffness, in 1/s and s, such as 0.5,1e-5.",
 )
 @click.option(
     "--modes",
@@ -83,11 +98,12 @@ def host(
     modes: str | None,
     **options: Any,
 ) -> int:
-    """Write a host from modes (CSV, UFF), matrices (MAT, NPZ, MTX) or records of a modal test.
+    """Write a host from modes (CSV, UFF), matrices (MAT, NPZ, MTX, PCH, OP4) or records of a modal test.
 
     The result is the beginning of a structure file, to which links are added. A CSV file has the columns frequency[Hz],
     damping and the shape at every point, in 1/sqrt(kg). Matrices are reduced to the lowest modes and the residual flexibility
-    of the others at the points. Two MTX files are the mass and the stiffness matrix, in this order.
+    of the others at the points. Two MTX files are the mass and the stiffness matrix, in this order, of MatrixMarket or Abaqus;
+    a third is the damping matrix. Nastran's DMIG entries (PCH, BDF) and OUTPUT4 files (OP4) need linkwise[nastran].
 
     With --modes the files are records of a test at a low level: hits of a hammer, or a shaker, with channels such as
     force:beam.tip, a:beam.tip and a:beam.mid. One response must be where the force acts. Frequencies, damping and shapes are
@@ -97,6 +113,7 @@ def host(
     \b
     Examples:
       linkwise structure host beam.mat --point tip=79 --point root=5 --keep 8 --modal-damping 0.01 -o beam.toml
+      linkwise structure host Job-1_MASS1.mtx Job-1_STIF1.mtx --point tip=1205z --rayleigh 0.5,1e-5 -o beam.toml
       linkwise structure host wing_modes.csv --name wing --shape-sigma 2% -o wing.toml
       linkwise structure host taps.csv --modes auto -o beam.toml
     """
@@ -173,39 +190,59 @@ def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) ->
     twice = next((name for number, name in enumerate(named) if name in named[:number]), None)
     if twice is not None:
         raise click.UsageError(f"--point {twice} is given twice.")
-    matrices = {kind: _matrix(files, kind, options[kind]) for kind in ("mass", "stiffness")}
-    reduced = lw.reduce_host(
+    matrices = _matrices(files, options)
+    reduced = matrices.reduce(
         title,
-        matrices["mass"],
-        matrices["stiffness"],
         dict(map(_point, points)),
         keep=options["keep"],
         modal_damping=options["modal_damping"],
+        rayleigh=_rayleigh(options["rayleigh"]),
         residual=not options["no_residual"],
     )
     tell(
         f"note: {reduced.kept} modes and {len(reduced.host.modes) - reduced.kept} residual ones; at {reduced.band:.4g} Hz the "
         f"receptances at the points are off by {100.0 * reduced.error:.2g} %"
     )
+    if reduced.damping_coupling > _COUPLED:
+        tell(
+            f"note: the damping matrix couples modes by up to {100.0 * reduced.damping_coupling:.3g} % of the damping of "
+            "each; this coupling is left out"
+        )
     return reduced.host
 
 
-def _matrix(files: tuple[Path, ...], kind: str, name: str | None) -> object:
-    """The mass or the stiffness matrix, by its name in the file, or of two files by their order."""
-    if len(files) == 2:
-        return lw.read_matrix(str(files[0 if kind == "mass" else 1]) + (f":{name}" if name else ""))
-    if len(files) > 2:
-        raise click.UsageError("Give one file with both matrices, or two, the mass matrix first.")
-    if name:
-        return lw.read_matrix(f"{files[0]}:{name}")
-    first, second = _NAMES[kind]
+def _matrices(files: tuple[Path, ...], options: Mapping[str, Any]) -> lw.HostMatrices:
+    """The matrices by their names in one file, or of two or three files by their order."""
+    if len(files) > 3:
+        raise click.UsageError(
+            "Give one file with all matrices, or one for each: mass, stiffness and perhaps damping, in this order."
+        )
+    if len(files) > 1:
+        named = [
+            str(file) + (f":{options[kind]}" if options[kind] else "")
+            for file, kind in zip(files, ("mass", "stiffness", "damping"), strict=False)
+        ]
+        if options["damping"] and len(files) == 2:
+            raise click.UsageError("--damping needs a third file, with the damping matrix.")
+        return lw.read_host_matrices(*named)
+    mass, stiffness = (
+        f"{files[0]}:{options[kind]}" if options[kind] else str(files[0]) for kind in ("mass", "stiffness")
+    )
+    return lw.read_host_matrices(
+        mass, stiffness, f"{files[0]}:{options['damping']}" if options["damping"] else None
+    )
+
+
+def _rayleigh(given: str | None) -> tuple[float, float] | None:
+    if given is None:
+        return None
     try:
-        return lw.read_matrix(f"{files[0]}:{first}")
-    except lw.StructureError as error:
-        try:
-            return lw.read_matrix(f"{files[0]}:{second}")
-        except lw.StructureError:
-            raise error from None
+        of_mass, of_stiffness = map(float, given.split(","))
+    except ValueError:
+        raise click.UsageError(
+            f"--rayleigh needs two numbers A,B, such as 0.5,1e-5, got {given!r}."
+        ) from None
+    return of_mass, of_stiffness
 
 
 def _part(given: str | None, quantity: str) -> float:
@@ -218,8 +255,10 @@ def _part(given: str | None, quantity: str) -> float:
     return 0.01 * float(match[1])
 
 
-def _point(given: str) -> tuple[str, int]:
+def _point(given: str) -> tuple[str, str]:
     name, equals, row = given.partition("=")
-    if not equals or not name or not row.strip().isdecimal():
-        raise click.UsageError(f"--point needs NAME=ROW, such as tip=79, got {given!r}.")
-    return name.strip(), int(row)
+    if not equals or not name or re.fullmatch(r"\s*-?\d+[a-z.\d]*\s*", row) is None:
+        raise click.UsageError(
+            f"--point needs NAME=ROW, such as tip=79, or a node and a direction, got {given!r}."
+        )
+    return name.strip(), row.strip()

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -34,7 +35,10 @@ _SHIFT = 1e-8  # of the mean stiffness over mass: makes the stiffness of a free 
 _SLOWEST = (
     1e-2  # 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
 )
+_ROUNDED = 1e-9  # of the largest modal damping: none
 _RESIDUAL = 1e-10  # of the largest: residual flexibility that is none
+
+Matrix: TypeAlias = scipy.sparse.sparray | scipy.sparse.spmatrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,9 @@ class HostReduction:
     error : float
         Relative error of the receptances between the points there, by their Frobenius norm; less at lower frequencies, but
         for antiresonances.
+    damping_coupling : float
+        Largest damping force of one mode on another, as a part of the geometric mean of those of each on itself; this
+        coupling, of a damping matrix that is not diagonal in the modes, is left out.
 
     Examples
     --------
@@ -68,13 +75,14 @@ class HostReduction:
     kept: int
     band: float
     error: float
+    damping_coupling: float = 0.0
 
 
 @checked
 def reduce_host(
     name: str,
-    mass: scipy.sparse.sparray | scipy.sparse.spmatrix,
-    stiffness: scipy.sparse.sparray | scipy.sparse.spmatrix,
+    mass: Matrix,
+    stiffness: Matrix,
     points: Mapping[str, int],
     *,
     keep: int = 10,
@@ -90,7 +98,7 @@ def reduce_host(
         Name of the host.
     mass, stiffness : sparse array or sparse matrix of shape (n, n)
         The matrices in SI units, in any sparse format, constrained as the structure is; symmetric, the mass positive
-        definite.
+        semidefinite: a degree of freedom may be without mass.
     points : mapping of str to int
         Row of the matrices for each point, counted from 1.
     keep : int, optional
@@ -123,9 +131,33 @@ def reduce_host(
     >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
     (4, 5, True)
     """
+    damping = proportional_damping(modal_damping, rayleigh)
+    return reduce_matrices(
+        name,
+        mass,
+        stiffness,
+        points,
+        keep=keep,
+        damping=modal_damping if damping is None else damping,
+        residual=residual,
+    )
+
+
+def reduce_matrices(
+    name: str,
+    mass: Matrix,
+    stiffness: Matrix,
+    points: Mapping[str, int],
+    *,
+    keep: int,
+    damping: float | tuple[float, float] | Matrix,
+    residual: bool,
+) -> HostReduction:
+    """The same with `damping` as the ratio of every mode, factors of a matrix a M + b K, or a damping matrix (n, n)."""
     mass, stiffness = _real_square("mass", mass), _real_square("stiffness", stiffness)
-    rows = _checked(mass, stiffness, points, keep)
-    keep = min(keep, mass.shape[0] - 1)
+    of_damping = None if isinstance(damping, (int, float, tuple)) else _real_square("damping", damping)
+    rows = _checked(mass, stiffness, of_damping, points, keep)
+    keep = min(keep, max(int(np.count_nonzero(mass.diagonal())) - 1, 1))
     squares, shapes = _lowest(mass, stiffness, keep)
     at_points = np.zeros((mass.shape[0], len(rows)))
     at_points[rows, range(len(rows))] = 1.0
@@ -136,9 +168,13 @@ def reduce_host(
         more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
         squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
     frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-    if rayleigh is not None and modal_damping:
-        raise StructureError("give modal damping or Rayleigh damping, not both")
-    zeta = _damping_ratios(frequencies, modal_damping, rayleigh)
+    coupling = 0.0
+    if of_damping is not None:
+        zeta, coupling = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
+    elif isinstance(damping, tuple):
+        zeta = _rayleigh_ratios(frequencies, damping)
+    else:
+        zeta = np.full(len(frequencies), damping)
     local = shapes[rows]
     modes = tuple(
         HostMode(
@@ -152,19 +188,27 @@ def reduce_host(
     exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
     approximate = (local / (squares - square)) @ local.T
     error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
-    return HostReduction(Host(name, modes), retained, float(np.sqrt(square) / (2.0 * np.pi)), error)
+    band = float(np.sqrt(square) / (2.0 * np.pi))
+    return HostReduction(Host(name, modes), retained, band, error, coupling)
 
 
-def _real_square(
-    quantity: str, matrix: scipy.sparse.sparray | scipy.sparse.spmatrix
-) -> scipy.sparse.csc_array:
+def proportional_damping(
+    modal_damping: float, rayleigh: tuple[float, float] | None
+) -> float | tuple[float, float] | None:
+    """The one of both that is given, or None; StructureError where both are."""
+    if rayleigh is not None and modal_damping:
+        raise StructureError("give modal damping or Rayleigh damping, not both")
+    return rayleigh if rayleigh is not None else modal_damping or None
+
+
+def _real_square(quantity: str, matrix: Matrix) -> scipy.sparse.csc_array:
     """The matrix in double precision, by columns; StructureError unless it is square, of finite real numbers."""
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise StructureError(f"the {quantity} matrix must be square, got the shape {matrix.shape}")
     if matrix.dtype.kind not in "fiu":
         raise StructureError(
-            f"the {quantity} matrix holds {matrix.dtype} values, not real numbers; damping is given by modal_damping or "
-            "rayleigh"
+            f"the {quantity} matrix holds {matrix.dtype} values, not real numbers; damping is given by a matrix of its "
+            "own, modal_damping or rayleigh"
         )
     by_columns = scipy.sparse.csc_array(matrix, dtype=float)
     if not np.isfinite(by_columns.data).all():
@@ -173,14 +217,20 @@ def _real_square(
 
 
 def _checked(
-    mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array, points: Mapping[str, int], keep: int
+    mass: scipy.sparse.csc_array,
+    stiffness: scipy.sparse.csc_array,
+    damping: scipy.sparse.csc_array | None,
+    points: Mapping[str, int],
+    keep: int,
 ) -> list[int]:
     """Rows of the points from 0; StructureError for what cannot be reduced."""
     size = mass.shape[0]
-    if mass.shape != stiffness.shape:
-        raise StructureError(
-            f"the mass matrix has {size} rows and the stiffness matrix {stiffness.shape[0]}; they belong to different models"
-        )
+    others = {"stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
+    for quantity, matrix in others.items():
+        if mass.shape != matrix.shape:
+            raise StructureError(
+                f"the mass matrix has {size} rows and the {quantity} matrix {matrix.shape[0]}; they belong to different models"
+            )
     if not points:
         raise StructureError(
             "a host needs at least one point: name a row of the matrices, such as tip = 1205"
@@ -192,7 +242,7 @@ def _checked(
         )
     if keep < 1:
         raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
-    for quantity, matrix in (("mass", mass), ("stiffness", stiffness)):
+    for quantity, matrix in {"mass": mass, **others}.items():
         largest = float(np.abs(matrix.data).max(initial=0.0))
         if float(np.abs((matrix - matrix.T).data).max(initial=0.0)) > 1e-6 * largest:
             raise StructureError(
@@ -205,12 +255,18 @@ def _checked(
 def _require_plausible(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> None:
     """Raise StructureError for matrices that may have been taken for each other."""
     of_mass, of_stiffness = mass.diagonal(), stiffness.diagonal()
-    if not (of_mass > 0.0).all():
+    if (of_mass < 0.0).any() or not of_mass.any():
         raise StructureError(
-            "the mass matrix must be positive definite, and has a degree of freedom without mass: condense that, or check "
-            "that mass and stiffness are not swapped"
+            "the mass matrix must be positive semidefinite, and has a negative mass or none: check that mass and stiffness "
+            "are not swapped"
         )
-    fastest = float(np.max(of_stiffness / of_mass))
+    loose = np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))
+    if len(loose):
+        raise StructureError(
+            f"row {loose[0] + 1} of the matrices has neither mass nor stiffness: leave this degree of freedom out, or "
+            "constrain it"
+        )
+    fastest = _fastest(mass, stiffness)
     if 0.0 < fastest < _SLOWEST:
         raise StructureError(
             f"with these matrices nothing moves faster than about {np.sqrt(fastest) / (2.0 * np.pi):.2g} Hz: mass and "
@@ -218,18 +274,30 @@ def _require_plausible(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc
         )
 
 
+def _fastest(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> float:
+    """The largest stiffness over mass of a degree of freedom with mass."""
+    of_mass = mass.diagonal()
+    return float(np.max(stiffness.diagonal()[of_mass > 0.0] / of_mass[of_mass > 0.0]))
+
+
 def _lowest(
     mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array, keep: int
 ) -> tuple[Floats, Floats]:
     """Squares (k,) of the angular frequencies of the lowest modes and one more, and mass-normalised shapes (n, k)."""
-    count = min(keep + 1, mass.shape[0])
+    size, with_mass = mass.shape[0], int(np.count_nonzero(mass.diagonal()))
+    count = min(keep + 1, with_mass)
+    shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
     try:
-        if mass.shape[0] <= _DENSE:
+        if size <= _DENSE and with_mass == size:
             squares, shapes = scipy.linalg.eigh(
                 stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1)
             )
+        elif size <= _DENSE:  # 1/(w^2 - shift) exists where the mass matrix is singular
+            inverses, shapes = scipy.linalg.eigh(
+                mass.toarray(), (stiffness - shift * mass).toarray(), subset_by_index=(size - count, size - 1)
+            )
+            squares = 1.0 / inverses + shift
         else:
-            shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
             inverse = scipy.sparse.linalg.LinearOperator(mass.shape, _factor(stiffness - shift * mass).solve)
             start = np.ones(mass.shape[0])  # eigsh draws one at random otherwise
             squares, shapes = scipy.sparse.linalg.eigsh(
@@ -242,7 +310,7 @@ def _lowest(
         ) from None
     order = np.argsort(squares)
     squares, shapes = squares[order], shapes[:, order]
-    rounding = _ROUNDING * float(np.max(stiffness.diagonal() / mass.diagonal()))
+    rounding = _ROUNDING * _fastest(mass, stiffness)
     squares = np.where(np.abs(squares) < rounding, 0.0, squares)
     if (squares < 0.0).any():
         raise StructureError(
@@ -290,14 +358,27 @@ def _residual_modes(
     return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
 
 
-def _damping_ratios(
-    frequencies: Floats, modal_damping: float, rayleigh: tuple[float, float] | None
-) -> Floats:
-    if rayleigh is None:
-        return np.full(len(frequencies), modal_damping)
+def _rayleigh_ratios(frequencies: Floats, factors: tuple[float, float]) -> Floats:
     omega = 2.0 * np.pi * frequencies
-    if (omega == 0.0).any() and rayleigh[0] != 0.0:
+    if (omega == 0.0).any() and factors[0] != 0.0:
         raise StructureError(
             "Rayleigh damping of a free structure damps its rigid motion; give modal damping"
         )
-    return np.asarray(0.5 * (rayleigh[0] / np.where(omega > 0.0, omega, 1.0) + rayleigh[1] * omega))
+    return np.asarray(0.5 * (factors[0] / np.where(omega > 0.0, omega, 1.0) + factors[1] * omega))
+
+
+def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float]:
+    """Damping ratios (k,), and the largest coupling, of a damping matrix (k, k) between mass-normalised modes."""
+    omega, own = 2.0 * np.pi * frequencies, modal.diagonal()
+    largest = float(np.abs(modal).max(initial=0.0))
+    if (own < -_ROUNDED * largest).any():
+        raise StructureError("the damping matrix feeds energy into a mode: its sign may be wrong")
+    if ((omega == 0.0) & (own > _ROUNDED * largest)).any():
+        raise StructureError(
+            "the damping matrix damps the rigid motion of a free structure, which a damping ratio cannot; give modal damping"
+        )
+    own = np.maximum(own, 0.0)
+    damped = own > _ROUNDED * largest
+    between = np.abs(modal - np.diag(modal.diagonal()))[np.ix_(damped, damped)]
+    coupling = float((between / np.sqrt(np.outer(own[damped], own[damped]))).max(initial=0.0))
+    return np.asarray(own / (2.0 * np.where(omega > 0.0, omega, 1.0))), coupling

@@ -1,26 +1,216 @@
-"""Matrices of finite-element models from files: MAT, NPZ and MatrixMarket.
+"""Matrices of a finite-element model from files: mass, stiffness and damping of the same degrees of freedom.
 
-A matrix is named "FILE:NAME", or "FILE" where the file holds one. MAT files are read in a process of their own, since the
-library that reads them may crash on a damaged file.
+A matrix is named "FILE:NAME", or "FILE" where the file holds one.
 """
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import scipy
 
-from linkwise.argument_types import checked
+from linkwise.argument_types import checked, checked_class
 from linkwise.errors import StructureError
+from linkwise.model.host_reduction import HostReduction, proportional_damping, reduce_matrices
+from linkwise.model.matrix_files import read_matrices as matrices_of_file
+from linkwise.model.matrix_files.file_matrix import FileMatrix
 from linkwise.text import near_miss
 
-_SECONDS = 600.0  # that a file may take
-_CHILD = "import sys; sys.path[:] = {path!r}; from linkwise.model.matrices import main; main()"
+_USUAL = {
+    "mass": ("M", "mass", "MAAX", "MAA", "MGG"),
+    "stiffness": ("K", "stiffness", "KAAX", "KAA", "KGG"),
+}  # in MAT and NPZ files, and those of Nastran
+_CONSTRAINED = 1e36  # stiffness that Abaqus adds where a boundary condition holds a degree of freedom
+
+
+@checked_class
+@dataclass(frozen=True, eq=False)
+class HostMatrices:
+    """Matrices of a finite-element model, with the names of its degrees of freedom.
+
+    Attributes
+    ----------
+    mass, stiffness : scipy.sparse.csc_array
+        The matrices, of shape (n, n), without the degrees of freedom that the file holds fixed.
+    damping : scipy.sparse.csc_array or None
+        The matrix of viscous damping, if it was asked for.
+    names : tuple of str
+        The degree of freedom of each row: node and direction, such as ``"12z"`` or ``"12rx"``, or, where the files do not say
+        them, the number of the row in the files, counted from 1.
+
+    See Also
+    --------
+    reduce_host : A host from matrices.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from scipy.sparse import eye_array
+    >>> matrices = lw.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
+    >>> round(matrices.reduce("post", {"tip": "7y"}, keep=1).host.modes[0].frequency.value, 3)
+    1.592
+    """
+
+    mass: scipy.sparse.csc_array
+    stiffness: scipy.sparse.csc_array
+    damping: scipy.sparse.csc_array | None
+    names: tuple[str, ...]
+
+    def reduce(
+        self,
+        name: str,
+        points: Mapping[str, int | str],
+        *,
+        keep: int = 10,
+        modal_damping: float = 0.0,
+        rayleigh: tuple[float, float] | None = None,
+        residual: bool = True,
+    ) -> HostReduction:
+        """Reduce the matrices to a host, as `reduce_host` does.
+
+        Parameters
+        ----------
+        name : str
+            Name of the host.
+        points : mapping of str to int or str
+            For each point the name of its degree of freedom, or the number of a row.
+        keep : int, optional
+            Number of the lowest modes that are kept, at most.
+        modal_damping : float, optional
+            Damping of every mode as a part of the critical one, where there is no damping matrix.
+        rayleigh : tuple of float, optional
+            Factors a in 1/s and b in s of a damping matrix a M + b K, instead.
+        residual : bool, optional
+            Whether residual attachment modes stand for the modes that are left out.
+
+        Returns
+        -------
+        HostReduction
+            The host and the error of the reduction.
+
+        Raises
+        ------
+        StructureError
+            If there is no such degree of freedom or it is held fixed, damping is given twice, or `reduce_host` would refuse
+            the matrices.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> from scipy.sparse import eye_array
+        >>> matrices = lw.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
+        >>> matrices.reduce("post", {"tip": "7y"}, keep=1).kept
+        1
+        """
+        damping = proportional_damping(modal_damping, rayleigh)
+        if damping is not None and self.damping is not None:
+            raise StructureError("give a damping matrix, or modal or Rayleigh damping, not both")
+        return reduce_matrices(
+            name,
+            self.mass,
+            self.stiffness,
+            self._rows(points),
+            keep=keep,
+            damping=damping or (0.0 if self.damping is None else self.damping),
+            residual=residual,
+        )
+
+    def _rows(self, points: Mapping[str, int | str]) -> dict[str, int]:
+        """Rows of the matrices for points, counted from 1."""
+        numbers = {name: number for number, name in enumerate(self.names, start=1)}
+        for point, name in points.items():
+            if str(name) not in numbers:
+                raise StructureError(f'the point "{point}" is {name}, but {self._named(str(name))}')
+        return {point: numbers[str(name)] for point, name in points.items()}
+
+    def _named(self, name: str) -> str:
+        """How the degrees of freedom are named, for a name that is none of them."""
+        if self.names[0].isdecimal() and self.names[-1].isdecimal():
+            fixed = "; rows that are held fixed are left out" if int(self.names[-1]) > len(self.names) else ""
+            return f"the matrices have rows {self.names[0]} to {self.names[-1]}, counted from 1{fixed}"
+        near = get_close_matches(name, self.names, n=3) or self.names[:3]
+        return (
+            "its file names points by node and direction, and has none of this name that is not held fixed; nearest are "
+            f"{', '.join(near)}"
+        )
+
+
+@checked
+def read_host_matrices(
+    mass: str, stiffness: str, damping: str | None = None, *, folder: str | Path = "."
+) -> HostMatrices:
+    """Read the matrices of a finite-element model, with their rows in one order.
+
+    Parameters
+    ----------
+    mass, stiffness : str
+        ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix: MAT, NPZ, MatrixMarket and Abaqus files (MTX), or
+        Nastran's DMIG entries (PCH, BDF) and OUTPUT4 files (OP4), for which linkwise[nastran] is installed. Of a file that
+        holds several, ``"FILE"`` is the one with a usual name: M, mass, MAAX, MAA or MGG, and K, stiffness, KAAX, KAA or KGG.
+    damping : str, optional
+        The matrix of viscous damping.
+    folder : str or Path, optional
+        The folder from which relative names count.
+
+    Returns
+    -------
+    HostMatrices
+        The matrices. Where the files name nodes and directions, a degree of freedom that one of them lacks is 0 there; those
+        that Abaqus holds fixed, by a stiffness of 1e36, are left out.
+
+    Raises
+    ------
+    StructureError
+        If a file cannot be read or holds no such matrix, or the matrices belong to different models.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "mass.mtx").write_text("7,1, 7,1, 0.5\\n7,2, 7,2, 0.5\\n")
+    ...     _ = (Path(folder) / "stiff.mtx").write_text("7,1, 7,1, 1e36\\n7,2, 7,2, 200.0\\n")
+    ...     lw.read_host_matrices("mass.mtx", "stiff.mtx", folder=folder).names
+    ('7y',)
+    """
+    sources = {"mass": mass, "stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
+    in_files = {
+        quantity: _read(source, folder, _USUAL.get(quantity, ())) for quantity, source in sources.items()
+    }
+    named = [quantity for quantity, matrix in in_files.items() if matrix.names]
+    if named and len(named) < len(in_files):
+        unnamed = next(quantity for quantity in in_files if quantity not in named)
+        raise StructureError(
+            f"{sources[named[0]]} names nodes and directions and {sources[unnamed]} does not; take all matrices from files "
+            "of one kind"
+        )
+    if named:
+        names = list({name: None for matrix in in_files.values() for name in matrix.names})
+        matrices = {quantity: _spread(matrix, names) for quantity, matrix in in_files.items()}
+    else:
+        matrices = {quantity: matrix.matrix for quantity, matrix in in_files.items()}
+        names = [str(row) for row in range(1, matrices["stiffness"].shape[0] + 1)]
+        for quantity, matrix in matrices.items():
+            if matrix.shape != matrices["stiffness"].shape:
+                raise StructureError(
+                    f"the {quantity} matrix has {matrix.shape[0]} rows and the stiffness matrix {len(names)}; they belong to "
+                    "different models"
+                )
+    free = np.flatnonzero(matrices["stiffness"].diagonal() < _CONSTRAINED)
+    if len(free) == 0:
+        raise StructureError("every degree of freedom is held fixed", sources["stiffness"])
+    if len(free) < len(names):
+        matrices = {
+            quantity: scipy.sparse.csc_array(matrix[free][:, free]) for quantity, matrix in matrices.items()
+        }
+    return HostMatrices(
+        matrices["mass"], matrices["stiffness"], matrices.get("damping"), tuple(names[row] for row in free)
+    )
 
 
 @checked
@@ -30,7 +220,7 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     Parameters
     ----------
     named : str
-        ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix; a MAT, NPZ or MatrixMarket (MTX) file.
+        ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix; of the kinds of files of `read_host_matrices`.
     folder : str or Path, optional
         The folder from which a relative name counts.
 
@@ -44,6 +234,10 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     StructureError
         If the file cannot be read, or holds no such matrix.
 
+    See Also
+    --------
+    read_host_matrices : Matrices of one model, with the names of their rows.
+
     Examples
     --------
     >>> import linkwise as lw
@@ -55,18 +249,17 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     ...     lw.read_matrix("beam.npz:M", folder).shape
     (3, 3)
     """
+    return _read(named, folder).matrix
+
+
+def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> FileMatrix:
+    """A matrix as `read_matrix` gives it, with the names of its rows; without a name, the first of the `usual` ones."""
     file, name = _file_and_name(named)
     path = Path(folder) / file
     source = str(path)
-    if not path.is_file():
-        raise StructureError("there is no such file", source)
-    try:
-        matrices = _read(path)
-    except StructureError:
-        raise
-    except Exception as error:  # format libraries raise all kinds of errors on a damaged file
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise StructureError(f"cannot be read as a {path.suffix} file: {reason[:200]}", source) from None
+    matrices = matrices_of_file(path)
+    if name is None:
+        name = next((usual_name for usual_name in usual if usual_name in matrices), None)
     if name is None and len(matrices) == 1:
         name = next(iter(matrices))
     if name not in matrices:
@@ -74,15 +267,16 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
         raise StructureError(
             f"{problem}; choose from {', '.join(matrices) or 'none'}, as in {file}:NAME", source
         )
-    if matrices[name].dtype.kind not in "fiu":
-        raise StructureError(f"{name} holds {matrices[name].dtype} values, not real numbers", source)
-    matrix = scipy.sparse.csc_array(matrices[name]).astype(float)
+    chosen = matrices[str(name)]
+    if chosen.matrix.dtype.kind not in "fiu":
+        raise StructureError(f"{name} holds {chosen.matrix.dtype} values, not real numbers", source)
+    matrix = scipy.sparse.csc_array(chosen.matrix).astype(float)
     if matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix.data).all():
         raise StructureError(
             f"{name} is not a square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
             source,
         )
-    return matrix
+    return FileMatrix(matrix, chosen.names)
 
 
 def _file_and_name(named: str) -> tuple[str, str | None]:
@@ -91,52 +285,12 @@ def _file_and_name(named: str) -> tuple[str, str | None]:
     return (file, name) if colon and len(file) > 1 else (named, None)
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """All matrices of a file by name."""
-    match path.suffix.lower():
-        case ".npz":
-            return _of_npz(path)
-        case ".mtx":
-            return {path.stem: scipy.io.mmread(path, spmatrix=False)}
-        case ".mat":
-            return _in_a_child(path)
-    raise StructureError("matrices are read from .mat, .npz and .mtx files", str(path))
-
-
-def _of_npz(path: Path) -> dict[str, Any]:
-    with np.load(path, allow_pickle=False) as arrays:
-        if {"format", "data", "indices", "indptr", "shape"} <= set(arrays.files):
-            return {path.stem: scipy.sparse.load_npz(path)}
-        return {name: arrays[name] for name in arrays.files if arrays[name].ndim == 2}
-
-
-def _in_a_child(path: Path) -> dict[str, Any]:
-    """The matrices of a MAT file, read by `main` in another process."""
-    with TemporaryDirectory() as folder:
-        command = [sys.executable, "-c", _CHILD.format(path=sys.path), str(path), folder]
-        try:
-            done = subprocess.run(
-                command,
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                text=True,
-                timeout=_SECONDS,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise StructureError(f"reading did not end after {_SECONDS:g} s", str(path)) from None
-        if done.returncode != 0:
-            last = (done.stderr.strip().splitlines() or ["the library that reads it crashed"])[-1]
-            raise StructureError(f"cannot be read as a MAT file: {last[:200]}", str(path))
-        return {file.stem: scipy.sparse.load_npz(file) for file in sorted(Path(folder).glob("*.npz"))}
-
-
-def main() -> None:
-    """Write every matrix of the MAT file that the command names into the folder that it names."""
-    path, folder = sys.argv[1:]
-    for name, value in scipy.io.loadmat(path, spmatrix=False).items():
-        numeric = scipy.sparse.issparse(value) or (
-            isinstance(value, np.ndarray) and value.dtype.kind in "fiuc"
-        )
-        if numeric and len(value.shape) == 2 and not name.startswith("__"):
-            scipy.sparse.save_npz(Path(folder) / f"{name}.npz", scipy.sparse.csc_array(value))
+def _spread(chosen: FileMatrix, names: list[str]) -> scipy.sparse.csc_array:
+    """The matrix (n, n) with rows in the order of `names`; 0 for those that it lacks."""
+    numbers = {name: number for number, name in enumerate(names)}
+    places = np.array([numbers[name] for name in chosen.names])
+    entries = scipy.sparse.coo_array(chosen.matrix)
+    rows, columns = entries.coords
+    return scipy.sparse.csc_array(
+        (entries.data, (places[rows], places[columns])), shape=(len(names), len(names))
+    )

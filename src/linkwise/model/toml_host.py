@@ -19,8 +19,7 @@ from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.model.host import Host
 from linkwise.model.host_mode import HostMode
-from linkwise.model.host_reduction import reduce_host
-from linkwise.model.matrices import read_matrix
+from linkwise.model.matrices import read_host_matrices
 from linkwise.model.toml_link import coefficient_of
 from linkwise.model.toml_tables import decode, read_toml_text
 from linkwise.model.uff_modes import modes_of_uff
@@ -39,7 +38,7 @@ class HostTable(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     modes: list[Any] | str | None = None
     matrices: dict[str, str] | None = None
-    points: dict[str, int] = {}
+    points: dict[str, int | str] = {}
     keep: int | None = None
     modal_damping: float | None = None
     rayleigh: tuple[float, float] | None = None
@@ -106,19 +105,16 @@ def _of_modes(entry: HostTable, source: str, path: str) -> Host:
 
 def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
     matrices = entry.matrices or {}
-    if set(matrices) != {"mass", "stiffness"}:
+    if not {"mass", "stiffness"} <= set(matrices) <= {"mass", "stiffness", "damping"}:
         raise StructureError(
-            'matrices need the keys mass and stiffness, such as { mass = "beam.mat:M", stiffness = "beam.mat:K" }; got '
-            f"{', '.join(matrices) or 'none'}",
+            'matrices need the keys mass and stiffness, such as { mass = "beam.mat:M", stiffness = "beam.mat:K" }, and may '
+            f"have damping; got {', '.join(matrices) or 'none'}",
             where,
         )
-    folder = Path(source).parent
-    mass, stiffness = (read_matrix(matrices[key], folder) for key in ("mass", "stiffness"))
+    read = read_host_matrices(**matrices, folder=Path(source).parent)
     try:
-        return reduce_host(
+        return read.reduce(
             entry.name,
-            mass,
-            stiffness,
             entry.points,
             keep=_MODES if entry.keep is None else entry.keep,
             modal_damping=entry.modal_damping or 0.0,

@@ -1,0 +1,156 @@
+"""Matrices as finite-element programs write them: Abaqus, and Nastran's DMIG and OUTPUT4."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+import scipy
+from present import some
+
+import linkwise as lw
+from linkwise.arrays import Floats
+
+with np.printoptions():  # which the library changes
+    from pyyeti import nastran
+    from pyyeti.nastran import op4
+
+STEP = 3  # between the labels of nodes
+SIZE = 12  # degrees of freedom: displacement z and rotation ry of six nodes
+
+
+def matrices() -> tuple[Floats, Floats]:
+    """A mass and a stiffness matrix, both full of numbers that are all different."""
+    random = np.random.default_rng(5)
+    first, second = random.normal(size=(2, SIZE, SIZE))
+    return first @ first.T + np.eye(SIZE), 1e4 * (second @ second.T + np.eye(SIZE))
+
+
+def degrees() -> list[tuple[int, int]]:
+    """Node and direction of each row."""
+    return [(10 + STEP * (row // 2), 3 + 2 * (row % 2)) for row in range(SIZE)]
+
+
+def abaqus(path: Path, matrix: Floats, order: Callable[[list[str]], list[str]] = list) -> None:
+    """One triangle, as *MATRIX OUTPUT writes it."""
+    lines = [
+        f"{degrees()[row][0]},{degrees()[row][1]}, {degrees()[column][0]},{degrees()[column][1]},  {matrix[row, column]:.14e}"
+        for row in range(SIZE)
+        for column in range(row + 1)
+    ]
+    path.write_text("** written by a test\n" + "\n".join(order(lines)) + "\n")
+
+
+def test_abaqus_names_nodes_and_directions(tmp_path: Path) -> None:
+    mass, stiffness = matrices()
+    abaqus(tmp_path / "m.mtx", mass, lambda lines: lines[::-1])
+    abaqus(tmp_path / "k.mtx", stiffness)
+    read = lw.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
+    assert read.names[:3] == ("10z", "10ry", "13z")
+    np.testing.assert_allclose(read.mass.toarray(), mass, rtol=1e-12)
+    np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=1e-12)
+    by_name = read.reduce("beam", {"tip": "25ry", "root": "10z"}, keep=3)
+    by_row = lw.reduce_host(
+        "beam",
+        scipy.sparse.csc_array(mass),
+        scipy.sparse.csc_array(stiffness),
+        {"tip": SIZE, "root": 1},
+        keep=3,
+    )
+    assert by_name.host.points == by_row.host.points
+    for mode, other in zip(some(by_name.host.modes), by_row.host.modes, strict=True):
+        assert dict(mode.shape) == pytest.approx(dict(other.shape), rel=1e-6)
+    with pytest.raises(lw.StructureError, match=r'the point "tip" is 25x, .* nearest are 25'):
+        read.reduce("beam", {"tip": "25x"})
+
+
+def test_what_abaqus_holds_fixed_is_left_out(tmp_path: Path) -> None:
+    mass, stiffness = matrices()
+    abaqus(tmp_path / "m.mtx", mass)
+    stiffness[0, 0] += 1e36
+    abaqus(tmp_path / "k.mtx", stiffness)
+    read = lw.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
+    np.testing.assert_allclose(read.mass.toarray(), mass[1:, 1:], rtol=1e-12)
+    np.testing.assert_allclose(read.stiffness.toarray(), stiffness[1:, 1:], rtol=1e-12)
+    with pytest.raises(lw.StructureError, match="not held fixed"):
+        read.reduce("beam", {"root": "10z"})
+
+
+def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
+    mass, stiffness = matrices()
+    stiffness[2, 2] += 1e36
+    for name, matrix in (("m", mass), ("k", stiffness)):
+        entries = [
+            f"{i + 1:6d} {j + 1:6d} {matrix[i, j]:.14e}" for i in range(SIZE) for j in range(SIZE)
+        ]  # both triangles
+        (tmp_path / f"{name}.mtx").write_text("\n".join(entries))
+    read = lw.read_host_matrices("m.mtx", "k.mtx", "m.mtx", folder=tmp_path)
+    np.testing.assert_allclose(read.mass.toarray(), np.delete(np.delete(mass, 2, 0), 2, 1), rtol=1e-12)
+    assert read.damping is not None
+    np.testing.assert_array_equal(read.damping.toarray(), read.mass.toarray())
+    assert read.names == tuple(str(row) for row in range(1, SIZE + 1) if row != 3)
+    with pytest.raises(lw.StructureError, match="rows 1 to 12, counted from 1; rows that are held fixed"):
+        read.reduce("beam", {"mid": 3})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "*MATRIX,TYPE=STIFFNESS\n1.0\n",
+            r"let Abaqus write the matrices of the whole model with \*MATRIX GENERATE",
+        ),
+        ("1, 2\n", "its first line holds 2 values"),
+        ("", "its first line holds 0 values"),
+        ("1,1,1,1,2.0\n1,1,1,one,2.0\n", "cannot be read as a .mtx file"),
+        ("1,1,1,1,2.0\n1,1,1,1,2.0\n", "row 1 and column 1 is given twice"),
+        ("1.5,1,1,1,2.0\n", "not a whole number"),
+        ("0 1 2.0\n", "not a whole number from 1"),
+    ],
+)
+def test_a_file_that_abaqus_did_not_write_is_told(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "k.mtx").write_text(text)
+    with pytest.raises(lw.StructureError, match=message):
+        lw.read_matrix("k.mtx", tmp_path)
+
+
+def test_matrices_with_and_without_names_are_not_mixed(tmp_path: Path) -> None:
+    mass, stiffness = matrices()
+    abaqus(tmp_path / "m.mtx", mass)
+    np.savez(tmp_path / "k.npz", K=stiffness)
+    with pytest.raises(lw.StructureError, match=r"m.mtx names nodes and directions and k.npz:K does not"):
+        lw.read_host_matrices("m.mtx", "k.npz:K", folder=tmp_path)
+    np.savez(tmp_path / "m.npz", M=mass[1:, 1:])
+    with pytest.raises(lw.StructureError, match="the mass matrix has 11 rows and the stiffness matrix 12"):
+        lw.read_host_matrices("m.npz:M", "k.npz:K", folder=tmp_path)
+
+
+def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
+    mass, stiffness = matrices()
+    index = pandas.MultiIndex.from_tuples(degrees(), names=["id", "dof"])
+    frames = {
+        name: pandas.DataFrame(matrix, index=index, columns=index)
+        for name, matrix in (("MAAX", mass), ("KAAX", stiffness))
+    }
+    nastran.wtdmig(str(tmp_path / "beam.pch"), frames)
+    read = lw.read_host_matrices("beam.pch:MAAX", "beam.pch:KAAX", folder=tmp_path)
+    assert read.names[-2:] == ("25z", "25ry")
+    np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=1e-8)  # ten digits are written
+    op4.write(
+        str(tmp_path / "beam.op4"),
+        {"maa": scipy.sparse.csr_array(mass), "kaa": stiffness},
+        sparse="auto",
+    )
+    read = lw.read_host_matrices("beam.op4:MAA", "beam.op4:KAA", folder=tmp_path)
+    np.testing.assert_allclose(read.mass.toarray(), mass, rtol=1e-12)
+    np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["bad.op4", "bad.pch"])
+def test_a_damaged_file_of_nastran_is_told(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"\x00\x01DMIG* no more\xff" * 40)
+    with pytest.raises(lw.StructureError, match=name):
+        lw.read_matrix(f"{name}:KAA", tmp_path)
