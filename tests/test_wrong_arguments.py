@@ -70,7 +70,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lw.write_record(record, folder / "record.csv")
     (folder / "mapping.toml").write_text("rate = 500.0\n")
     (folder / "modes.csv").write_text("frequency[Hz],damping,tip\n5.2,0.01,0.62\n")
-    (folder / "beam.mtx").write_text("%%MatrixMarket matrix coordinate real symmetric\n1 1 1\n1 1 2.0\n")
+    for name in ("beam.mtx", "stiff.mtx"):
+        (folder / name).write_text("%%MatrixMarket matrix coordinate real symmetric\n1 1 1\n1 1 2.0\n")
     return folder
 
 

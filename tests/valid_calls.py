@@ -88,7 +88,7 @@ def structures() -> dict[str, Call]:
         "read_structure": Call(lw.read_structure, {"path": "chain.toml"}),
         "read_partial_structure": Call(lw.read_partial_structure, {"path": "chain.toml"}),
         "read_matrix": Call(lw.read_matrix, {"named": "beam.mtx"}),
-        "read_host_matrices": Call(lw.read_host_matrices, {"mass": "beam.mtx", "stiffness": "beam.mtx"}),
+        "read_host_matrices": Call(lw.read_host_matrices, {"mass": "beam.mtx", "stiffness": "stiff.mtx"}),
         "HostMatrices.reduce": Call(
             lw.HostMatrices(matrix, 100.0 * matrix, None, ("1", "2")).reduce,
             {"name": "beam", "points": {"tip": 1}, "keep": 1},

@@ -112,6 +112,8 @@ def test_abaqus_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixtu
     ):
         assert run([*given, *wrong]) == 2
         assert message in " ".join(capsys.readouterr().err.split())
+    assert run(["structure", "host", "m.mtx", "--point", "mid=15z"]) == 2
+    assert "m is taken for the mass and for the stiffness" in " ".join(capsys.readouterr().err.split())
     (folder / "rod.toml").write_text(
         '[[host]]\nname = "rod"\npoints = { mid = "15z" }\nkeep = 3\n'
         'matrices = { mass = "m.mtx", stiffness = "k.mtx", damping = "c.mtx" }\n'

@@ -179,9 +179,15 @@ def read_host_matrices(
     ('7y',)
     """
     sources = {"mass": mass, "stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
-    in_files = {
-        quantity: _read(source, folder, _USUAL.get(quantity, ())) for quantity, source in sources.items()
-    }
+    read = {quantity: _read(source, folder, _USUAL.get(quantity, ())) for quantity, source in sources.items()}
+    places = [(_file_and_name(source)[0], read[quantity][0]) for quantity, source in sources.items()]
+    if places[0] == places[1]:
+        raise StructureError(
+            f"{places[0][1]} is taken for the mass and for the stiffness; name both matrices, or a file for each, the "
+            "mass first",
+            mass,
+        )
+    in_files = {quantity: matrix for quantity, (_, matrix) in read.items()}
     named = [quantity for quantity, matrix in in_files.items() if matrix.names]
     if named and len(named) < len(in_files):
         unnamed = next(quantity for quantity in in_files if quantity not in named)
@@ -249,11 +255,11 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     ...     lw.read_matrix("beam.npz:M", folder).shape
     (3, 3)
     """
-    return _read(named, folder).matrix
+    return _read(named, folder)[1].matrix
 
 
-def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> FileMatrix:
-    """A matrix as `read_matrix` gives it, with the names of its rows; without a name, the first of the `usual` ones."""
+def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[str, FileMatrix]:
+    """Name and matrix, as `read_matrix` gives it, with the names of its rows; without a name, a `usual` one."""
     file, name = _file_and_name(named)
     path = Path(folder) / file
     source = str(path)
@@ -276,7 +282,7 @@ def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> FileMatr
             f"{name} is not a square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
             source,
         )
-    return FileMatrix(matrix, chosen.names)
+    return str(name), FileMatrix(matrix, chosen.names)
 
 
 def _file_and_name(named: str) -> tuple[str, str | None]:
