@@ -264,6 +264,8 @@ def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[st
     path = Path(folder) / file
     source = str(path)
     matrices = matrices_of_file(path)
+    if not matrices:
+        raise StructureError("holds no matrices", source)
     if name is None:
         name = next((usual_name for usual_name in usual if usual_name in matrices), None)
     if name is None and len(matrices) == 1:

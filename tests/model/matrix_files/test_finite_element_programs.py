@@ -86,7 +86,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
         entries = [
             f"{i + 1:6d} {j + 1:6d} {matrix[i, j]:.14e}" for i in range(SIZE) for j in range(SIZE)
         ]  # both triangles
-        (tmp_path / f"{name}.mtx").write_text("\n".join(entries))
+        (tmp_path / f"{name}.mtx").write_text("\n".join(entries) + "\n")
     read = lw.read_host_matrices("m.mtx", "k.mtx", "m.mtx", folder=tmp_path)
     np.testing.assert_allclose(read.mass.toarray(), np.delete(np.delete(mass, 2, 0), 2, 1), rtol=1e-12)
     assert read.damping is not None
@@ -109,6 +109,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
         ("1,1,1,1,2.0\n1,1,1,1,2.0\n", "row 1 and column 1 is given twice"),
         ("1.5,1,1,1,2.0\n", "not a whole number"),
         ("0 1 2.0\n", "not a whole number from 1"),
+        ("1,1,1,1,2.0\n2,1,2,1,2.1", "ends within a line and may be cut off"),
     ],
 )
 def test_a_file_that_abaqus_did_not_write_is_told(tmp_path: Path, text: str, message: str) -> None:
@@ -154,3 +155,19 @@ def test_a_damaged_file_of_nastran_is_told(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"\x00\x01DMIG* no more\xff" * 40)
     with pytest.raises(lw.StructureError, match=name):
         lw.read_matrix(f"{name}:KAA", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("BEGIN BULK\nGRID,1,,0.,0.,0.\nENDDATA\n", "holds no matrices"),
+        (
+            "DMIG    KAAX           0       6       2       0\nDMIG*   KAAX      ",
+            "ends within a line and may be cut",
+        ),
+    ],
+)
+def test_bulk_data_without_a_whole_matrix_is_told(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "beam.bdf").write_text(text)
+    with pytest.raises(lw.StructureError, match=message):
+        lw.read_host_matrices("beam.bdf", "beam.bdf", folder=tmp_path)

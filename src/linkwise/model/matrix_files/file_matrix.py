@@ -30,6 +30,12 @@ def degree_of_freedom(node: int, direction: int) -> str:
     return f"{node}{_DIRECTIONS.get(direction, f'.{direction}')}"
 
 
+def require_last_line(content: bytes) -> None:
+    """Raise ValueError for text that ends within a line, of which an entry may be lost."""
+    if not content.endswith((b"\n", b"\r")):
+        raise ValueError("it ends within a line and may be cut off; write it again, or end the last line")
+
+
 def of_entries(rows: Floats, columns: Floats, values: Floats) -> FileMatrix:
     """The matrix of entries between degrees of freedom, of one triangle or both.
 

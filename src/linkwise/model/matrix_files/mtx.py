@@ -6,13 +6,14 @@ triangle.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 import scipy
 
 from linkwise.errors import StructureError
-from linkwise.model.matrix_files.file_matrix import FileMatrix, both_triangles, of_entries
+from linkwise.model.matrix_files.file_matrix import FileMatrix, both_triangles, of_entries, require_last_line
 
 _OF_COORDINATES, _OF_NODES = 3, 5  # numbers to a line
 
@@ -35,6 +36,9 @@ def read_matrices(path: Path) -> dict[str, FileMatrix]:
             "and entry, or node, direction, node, direction and entry",
             str(path),
         )
+    with path.open("rb") as content:
+        content.seek(-1, os.SEEK_END)
+        require_last_line(content.read())
     table = np.loadtxt(path, delimiter="," if "," in first else None, comments="**", ndmin=2)
     if columns == _OF_NODES:
         return {path.stem: of_entries(table[:, :2], table[:, 2:4], table[:, 4])}
