@@ -94,17 +94,20 @@ def test_abaqus_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixtu
             for node in range(1, 31)
         )
     )
-    (folder / "c.mtx").write_text("15,3,15,3,2.0\n")
+    (folder / "c.mtx").write_text("15,3,15,3,20.0\n")
     given = ["structure", "host", "m.mtx", "k.mtx", "--point", "mid=15z", "--keep", "3"]
     assert run([*given, "--name", "rod", "--rayleigh", "0.5,1e-5"]) == 0
-    host = lw.parse_structure(capsys.readouterr().out).hosts[0]
+    out, err = capsys.readouterr()
+    assert "the model weighs 3 kg" in err
+    assert "couples" not in err and "0 Hz" not in err
+    host = lw.parse_structure(out).hosts[0]
     frequency = 2.0 * np.pi * np.asarray(host.modes[0].frequency.value)
     assert host.modes[0].damping.value == pytest.approx(0.5 * (0.5 / frequency + 1e-5 * frequency))
     assert run([*given[:4], "c.mtx", *given[4:]]) == 0
     out, err = capsys.readouterr()
     damped = lw.parse_structure(out).hosts[0].modes[0]
-    assert damped.damping.value == pytest.approx(2.0 * damped.shape["mid"] ** 2 / (2.0 * frequency))
-    assert "the damping matrix couples modes by up to 100 %" in err
+    assert damped.damping.value == pytest.approx(20.0 * damped.shape["mid"] ** 2 / (2.0 * frequency))
+    assert "the damping matrix couples modes, which is left out" in err
     for wrong, message in (
         (["--rayleigh", "0.5"], "--rayleigh needs two numbers A,B"),
         (["--point", "tip=31z"], "names points by node and direction"),
@@ -118,7 +121,21 @@ def test_abaqus_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixtu
         '[[host]]\nname = "rod"\npoints = { mid = "15z" }\nkeep = 3\n'
         'matrices = { mass = "m.mtx", stiffness = "k.mtx", damping = "c.mtx" }\n'
     )
-    assert lw.read_structure(folder / "rod.toml").hosts[0].modes[0] == damped
+    with pytest.raises(lw.StructureError, match="the damping matrix couples modes"):
+        lw.read_structure(folder / "rod.toml")
+    (folder / "c.mtx").write_text("".join(f"{node},3, {node},3, 0.2\n" for node in range(1, 31)))
+    proportional = lw.read_structure(folder / "rod.toml").hosts[0].modes[0]
+    assert proportional.damping.value == pytest.approx(0.2 / 0.1 / (2.0 * frequency))
+
+
+def test_a_model_without_its_boundary_conditions_is_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stiffness = 1e4 * (2.0 * np.eye(30) - np.eye(30, k=1) - np.eye(30, k=-1))
+    stiffness[0, 0] = stiffness[-1, -1] = 1e4
+    np.savez(folder / "rod.npz", M=0.1 * np.eye(30), K=stiffness)
+    assert run(["structure", "host", "rod.npz", "--point", "mid=15", "--keep", "4"]) == 0
+    assert "1 mode is at 0 Hz: the model is free to move" in capsys.readouterr().err
 
 
 def test_show_prints_the_modes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -260,7 +260,41 @@ def test_a_dashpot_damps_each_mode_by_its_motion_there() -> None:
     for mode in some(at_tip.host.modes):  # a force -2 v at the tip
         omega = 2.0 * np.pi * (mode.frequency.value or 0.0)
         assert mode.damping.value == pytest.approx(2.0 * mode.shape["tip"] ** 2 / (2.0 * omega), rel=1e-9)
-    assert at_tip.damping_coupling == pytest.approx(1.0)  # one dashpot moves with every mode
+    omegas = [2.0 * np.pi * (mode.frequency.value or 0.0) for mode in at_tip.host.modes]
+    tips = [mode.shape["tip"] for mode in at_tip.host.modes]
+    expected = max(
+        abs(2.0 * tips[r] * tips[s] * omegas[s] / (omegas[r] ** 2 - omegas[s] ** 2))
+        for r in range(3)
+        for s in range(3)
+        if r != s
+    )
+    assert at_tip.damping_coupling == pytest.approx(expected, rel=1e-9)  # rounding
+
+
+def test_a_dashpot_couples_modes_of_one_frequency_without_limit() -> None:
+    """Two equal oscillators joined by a dashpot alone: their own modes are not those of the structure."""
+    matrices = lw.HostMatrices(
+        scipy.sparse.csc_array(np.eye(3)),
+        scipy.sparse.csc_array(np.diag([100.0, 100.0, 900.0])),
+        scipy.sparse.csc_array(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])),
+        ("1", "2", "3"),
+    )
+    reduced = matrices.reduce("pair", {"a": 1}, keep=2)
+    assert reduced.damping_coupling == np.inf
+    assert reduced.couples_modes
+
+
+def test_names_are_one_to_a_row() -> None:
+    mass, stiffness = beam(10)
+    for names in (("1", "2"), ("1",) * 20):
+        with pytest.raises(lw.StructureError, match="different names are given for 20 degrees of freedom"):
+            lw.HostMatrices(mass, stiffness, None, names)
+
+
+def test_what_neither_weighs_nor_holds_is_named() -> None:
+    nothing = scipy.sparse.csc_array(np.diag([1.0, 0.0]))
+    with pytest.raises(lw.StructureError, match="7rz has neither mass nor stiffness"):
+        lw.HostMatrices(nothing, nothing, None, ("7x", "7rz")).reduce("post", {"tip": "7x"})
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,6 @@ _OF_MATRICES = (
     "no_residual",
 )  # options that mean nothing for modes
 _NOT_OF_RECORDS = ("points", "mass", "stiffness", *_OF_MATRICES)
-_COUPLED = 0.01  # of the damping of each of two modes: coupling that is told
 
 
 @click.command()
@@ -101,9 +100,10 @@ def host(
     """Write a host from modes (CSV, UFF), matrices (MAT, NPZ, MTX, PCH, OP4) or records of a modal test.
 
     The result is the beginning of a structure file, to which links are added. A CSV file has the columns frequency[Hz],
-    damping and the shape at every point, in 1/sqrt(kg). Matrices are reduced to the lowest modes and the residual flexibility
-    of the others at the points. Two MTX files are the mass and the stiffness matrix, in this order, of MatrixMarket or Abaqus;
-    a third is the damping matrix. Nastran's DMIG entries (PCH, BDF) and OUTPUT4 files (OP4) need linkwise[nastran].
+    damping and the shape at every point, in 1/sqrt(kg). Matrices, in SI units (kg, N/m), are reduced to the lowest modes and
+    the residual flexibility of the others at the points. Two MTX files are the mass and the stiffness matrix, in this order,
+    of MatrixMarket or Abaqus; a third is the damping matrix. Nastran's DMIG entries (PCH, BDF) and OUTPUT4 files (OP4) need
+    linkwise[nastran].
 
     With --modes the files are records of a test at a low level: hits of a hammer, or a shaker, with channels such as
     force:beam.tip, a:beam.tip and a:beam.mid. One response must be where the force acts. Frequencies, damping and shapes are
@@ -203,11 +203,19 @@ def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) ->
         f"note: {reduced.kept} modes and {len(reduced.host.modes) - reduced.kept} residual ones; at {reduced.band:.4g} Hz the "
         f"receptances at the points are off by {100.0 * reduced.error:.2g} %"
     )
-    if reduced.damping_coupling > _COUPLED:
+    if reduced.couples_modes:
         tell(
-            f"note: the damping matrix couples modes by up to {100.0 * reduced.damping_coupling:.3g} % of the damping of "
-            "each; this coupling is left out"
+            "note: the damping matrix couples modes, which is left out: one would move by up to "
+            f"{100.0 * reduced.damping_coupling:.3g} % of another at resonance"
         )
+    free = sum(mode.frequency.value == 0.0 for mode in reduced.host.modes)
+    if free:
+        tell(
+            f"note: {free} {'mode is' if free == 1 else 'modes are'} at 0 Hz: the model is free to move; if the structure is "
+            "not, take matrices with its boundary conditions"
+        )
+    if matrices.total_mass is not None:
+        tell(f"note: the model weighs {matrices.total_mass:.4g} kg, its matrices being taken in SI units")
     return reduced.host
 
 

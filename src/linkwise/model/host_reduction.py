@@ -36,6 +36,7 @@ _SLOWEST = (
     1e-2  # 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
 )
 _ROUNDED = 1e-9  # of the largest modal damping: none
+_COUPLED = 0.01  # of the motion of one mode at resonance: another that is told, where damping couples both
 _RESIDUAL = 1e-10  # of the largest: residual flexibility that is none
 
 Matrix: TypeAlias = scipy.sparse.sparray | scipy.sparse.spmatrix
@@ -57,8 +58,12 @@ class HostReduction:
         Relative error of the receptances between the points there, by their Frobenius norm; less at lower frequencies, but
         for antiresonances.
     damping_coupling : float
-        Largest damping force of one mode on another, as a part of the geometric mean of those of each on itself; this
-        coupling, of a damping matrix that is not diagonal in the modes, is left out.
+        Largest motion of one mode, as a part of that of another at resonance, that a damping matrix would cause which is not
+        diagonal in the modes [1]_; this coupling is left out. It is infinite between modes of one frequency.
+
+    References
+    ----------
+    .. [1] T. K. Hasselman, AIAA J. 14, 1627 (1976).
 
     Examples
     --------
@@ -76,6 +81,11 @@ class HostReduction:
     band: float
     error: float
     damping_coupling: float = 0.0
+
+    @property
+    def couples_modes(self) -> bool:
+        """Whether a damping matrix couples modes by more than 1 %, which a host leaves out."""
+        return self.damping_coupling > _COUPLED
 
 
 @checked
@@ -377,8 +387,9 @@ def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, floa
         raise StructureError(
             "the damping matrix damps the rigid motion of a free structure, which a damping ratio cannot; give modal damping"
         )
-    own = np.maximum(own, 0.0)
-    damped = own > _ROUNDED * largest
-    between = np.abs(modal - np.diag(modal.diagonal()))[np.ix_(damped, damped)]
-    coupling = float((between / np.sqrt(np.outer(own[damped], own[damped]))).max(initial=0.0))
-    return np.asarray(own / (2.0 * np.where(omega > 0.0, omega, 1.0))), coupling
+    forces = np.abs(modal - np.diag(own)) * omega  # of the columns' modes at resonance, on those of the rows
+    apart = np.abs(np.subtract.outer(omega**2, omega**2))
+    coupled = forces > _ROUNDED * largest * omega.max(initial=0.0)
+    with np.errstate(divide="ignore"):
+        coupling = float((forces[coupled] / apart[coupled]).max(initial=0.0))
+    return np.asarray(np.maximum(own, 0.0) / (2.0 * np.where(omega > 0.0, omega, 1.0))), coupling

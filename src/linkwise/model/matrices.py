@@ -5,6 +5,7 @@ A matrix is named "FILE:NAME", or "FILE" where the file holds one.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -21,9 +22,9 @@ from linkwise.model.matrix_files.file_matrix import FileMatrix
 from linkwise.text import near_miss
 
 _USUAL = {
-    "mass": ("M", "mass", "MAAX", "MAA", "MGG"),
-    "stiffness": ("K", "stiffness", "KAAX", "KAA", "KGG"),
-}  # in MAT and NPZ files, and those of Nastran
+    "mass": ("M", "mass", "MAAX", "MAA"),
+    "stiffness": ("K", "stiffness", "KAAX", "KAA"),
+}  # in MAT and NPZ files, and those of Nastran; not KGG, which no boundary condition constrains
 _CONSTRAINED = 1e36  # stiffness that Abaqus adds where a boundary condition holds a degree of freedom
 
 
@@ -42,6 +43,11 @@ class HostMatrices:
         The degree of freedom of each row: node and direction, such as ``"12z"`` or ``"12rx"``, or, where the files do not say
         them, the number of the row in the files, counted from 1.
 
+    Raises
+    ------
+    StructureError
+        If there is not one name for each row.
+
     See Also
     --------
     reduce_host : A host from matrices.
@@ -59,6 +65,26 @@ class HostMatrices:
     stiffness: scipy.sparse.csc_array
     damping: scipy.sparse.csc_array | None
     names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if len(set(self.names)) != len(self.names) or len(self.names) != self.stiffness.shape[0]:
+            raise StructureError(
+                f"{len(set(self.names))} different names are given for {self.stiffness.shape[0]} degrees of freedom; give "
+                "each row its own"
+            )
+
+    @property
+    def total_mass(self) -> float | None:
+        """Mass in kg that moves when all nodes move alike, in the direction in which it is largest.
+
+        Degrees of freedom that are held fixed have none. None where the files do not name directions.
+        """
+        masses = []
+        for direction in ("x", "y", "z"):
+            moving = np.array([re.fullmatch(rf"-?\d+{direction}", name) is not None for name in self.names])
+            if moving.any():
+                masses.append(float(moving @ (self.mass @ moving.astype(float))))
+        return max(masses, default=None)
 
     def reduce(
         self,
@@ -106,6 +132,11 @@ class HostMatrices:
         >>> matrices.reduce("post", {"tip": "7y"}, keep=1).kept
         1
         """
+        loose = np.flatnonzero((self.mass.diagonal() == 0.0) & (self.stiffness.diagonal() == 0.0))
+        if len(loose):
+            raise StructureError(
+                f"{self.names[loose[0]]} has neither mass nor stiffness: leave this degree of freedom out, or constrain it"
+            )
         damping = proportional_damping(modal_damping, rayleigh)
         if damping is not None and self.damping is not None:
             raise StructureError("give a damping matrix, or modal or Rayleigh damping, not both")
@@ -150,7 +181,7 @@ def read_host_matrices(
     mass, stiffness : str
         ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix: MAT, NPZ, MatrixMarket and Abaqus files (MTX), or
         Nastran's DMIG entries (PCH, BDF) and OUTPUT4 files (OP4), for which linkwise[nastran] is installed. Of a file that
-        holds several, ``"FILE"`` is the one with a usual name: M, mass, MAAX, MAA or MGG, and K, stiffness, KAAX, KAA or KGG.
+        holds several, ``"FILE"`` is the one with a usual name: M, mass, MAAX or MAA, and K, stiffness, KAAX or KAA.
     damping : str, optional
         The matrix of viscous damping.
     folder : str or Path, optional

@@ -113,16 +113,23 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
         )
     read = read_host_matrices(**matrices, folder=Path(source).parent)
     try:
-        return read.reduce(
+        reduced = read.reduce(
             entry.name,
             entry.points,
             keep=_MODES if entry.keep is None else entry.keep,
             modal_damping=entry.modal_damping or 0.0,
             rayleigh=entry.rayleigh,
             residual=entry.residual is not False,
-        ).host
+        )
     except StructureError as error:
         raise StructureError(error.message, where) from None
+    if reduced.couples_modes:
+        raise StructureError(
+            "the damping matrix couples modes, which a host leaves out: give modal_damping instead, or write the modes with "
+            "`linkwise structure host`, which tells by how much",
+            where,
+        )
+    return reduced.host
 
 
 def _mode(given: object, source: str, path: str) -> HostMode:

@@ -19,6 +19,7 @@ with np.printoptions():  # which the library changes
     from pyyeti.nastran import op4
 
 STEP = 3  # between the labels of nodes
+WRITTEN = 1e-12  # a hundred times the rounding of 15 digits, for sums of them
 SIZE = 12  # degrees of freedom: displacement z and rotation ry of six nodes
 
 
@@ -50,8 +51,9 @@ def test_abaqus_names_nodes_and_directions(tmp_path: Path) -> None:
     abaqus(tmp_path / "k.mtx", stiffness)
     read = lw.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
     assert read.names[:3] == ("10z", "10ry", "13z")
-    np.testing.assert_allclose(read.mass.toarray(), mass, rtol=1e-12)
-    np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=1e-12)
+    np.testing.assert_allclose(read.mass.toarray(), mass, rtol=WRITTEN)
+    np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=WRITTEN)
+    assert read.total_mass == pytest.approx(mass[::2, ::2].sum(), rel=WRITTEN)  # all in z
     by_name = read.reduce("beam", {"tip": "25ry", "root": "10z"}, keep=3)
     by_row = lw.reduce_host(
         "beam",
@@ -62,7 +64,9 @@ def test_abaqus_names_nodes_and_directions(tmp_path: Path) -> None:
     )
     assert by_name.host.points == by_row.host.points
     for mode, other in zip(some(by_name.host.modes), by_row.host.modes, strict=True):
-        assert dict(mode.shape) == pytest.approx(dict(other.shape), rel=1e-6)
+        assert dict(mode.shape) == pytest.approx(
+            dict(other.shape), rel=1e-6
+        )  # signs and eigenvectors of one routine: rounding
     with pytest.raises(lw.StructureError, match=r'the point "tip" is 25x, .* nearest are 25'):
         read.reduce("beam", {"tip": "25x"})
 
@@ -73,8 +77,8 @@ def test_what_abaqus_holds_fixed_is_left_out(tmp_path: Path) -> None:
     stiffness[0, 0] += 1e36
     abaqus(tmp_path / "k.mtx", stiffness)
     read = lw.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
-    np.testing.assert_allclose(read.mass.toarray(), mass[1:, 1:], rtol=1e-12)
-    np.testing.assert_allclose(read.stiffness.toarray(), stiffness[1:, 1:], rtol=1e-12)
+    np.testing.assert_allclose(read.mass.toarray(), mass[1:, 1:], rtol=WRITTEN)
+    np.testing.assert_allclose(read.stiffness.toarray(), stiffness[1:, 1:], rtol=WRITTEN)
     with pytest.raises(lw.StructureError, match="not held fixed"):
         read.reduce("beam", {"root": "10z"})
 
@@ -88,7 +92,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
         ]  # both triangles
         (tmp_path / f"{name}.mtx").write_text("\n".join(entries) + "\n")
     read = lw.read_host_matrices("m.mtx", "k.mtx", "m.mtx", folder=tmp_path)
-    np.testing.assert_allclose(read.mass.toarray(), np.delete(np.delete(mass, 2, 0), 2, 1), rtol=1e-12)
+    np.testing.assert_allclose(read.mass.toarray(), np.delete(np.delete(mass, 2, 0), 2, 1), rtol=WRITTEN)
     assert read.damping is not None
     np.testing.assert_array_equal(read.damping.toarray(), read.mass.toarray())
     assert read.names == tuple(str(row) for row in range(1, SIZE + 1) if row != 3)
@@ -146,8 +150,8 @@ def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
         sparse="auto",
     )
     read = lw.read_host_matrices("beam.op4:MAA", "beam.op4:KAA", folder=tmp_path)
-    np.testing.assert_allclose(read.mass.toarray(), mass, rtol=1e-12)
-    np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=1e-12)
+    np.testing.assert_allclose(read.mass.toarray(), mass, rtol=WRITTEN)
+    np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=WRITTEN)
 
 
 @pytest.mark.parametrize("name", ["bad.op4", "bad.pch"])
