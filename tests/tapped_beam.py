@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 from structures import CANTILEVER, CANTILEVER_SHAPES, host, link, structure
 
 import linkwise as lw
@@ -26,6 +27,21 @@ def tapped(point: str = "tip", *, release: float = 0.0, cubic: float = 0.0, leve
         forces={f"beam.{point}": f"{level}*{TAP}"},
         release={"v:beam.mode1": release} if release else {},
         duration=1.5,
+        rate=400.0,
+        sensors=["a:beam.tip", "a:beam.mid"],
+    )
+
+
+@cache
+def shaken(seed: int, *, cubic: float = 0.0, samples: int = 3200) -> lw.Record:
+    """A random force at the tip up to 80 Hz, and two accelerometers; `cubic` is a spring in N/m^3 there."""
+    spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(samples))
+    spectrum[samples // 5 :] = 0.0
+    links = [link("stop", "beam.tip-ground", "k3*d**3", k3=cubic)] if cubic else []
+    return lw.simulate(
+        structure({}, *links, hosts=[beam()]),
+        forces={"beam.tip": lw.Sampled(0.0, 400.0, np.fft.irfft(spectrum), band_limited=True)},
+        duration=(samples - 1) / 400.0,
         rate=400.0,
         sensors=["a:beam.tip", "a:beam.mid"],
     )

@@ -6,7 +6,7 @@ import numpy as np
 from structures import host, structure
 
 import linkwise as lw
-from linkwise.modal.oscillators import SampledForce, free_motion
+from linkwise.modal.oscillators import SampledForce, free_motion, free_motion_derivatives
 
 
 def test_motion_of_a_mode_is_that_of_a_simulation() -> None:
@@ -28,3 +28,19 @@ def test_free_motions_satisfy_the_equation_of_the_mode() -> None:
     w = 2.0 * np.pi * 5.0
     residual = a + 0.2 * w * v + w**2 * x
     assert np.abs(residual).max() < 1e-12 * np.abs(a).max()
+
+
+def test_derivatives_by_frequency_and_damping_are_those_of_differences() -> None:
+    force = SampledForce(np.random.default_rng(1).standard_normal(400), 0.002)
+    step = 1e-5
+    for motion, derivatives in (
+        (force.motion, force.derivatives(21.0, 0.02)),
+        (lambda f, z: free_motion(f, z, 0.002, 400), free_motion_derivatives(21.0, 0.02, 0.002, 400)),
+    ):
+        for number, (df, dz) in enumerate(((step, 0.0), (0.0, step))):
+            ahead, behind = (
+                motion(21.0 * np.exp(sign * df), 0.02 * np.exp(sign * dz)) for sign in (1.0, -1.0)
+            )
+            expected = (ahead - behind) / (2.0 * step)
+            # central differences: of the second order in a step of 1e-5 of 100 radians
+            assert np.abs(derivatives[number] - expected).max() < 1e-5 * np.abs(expected).max()

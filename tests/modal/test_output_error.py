@@ -17,7 +17,7 @@ def test_a_search_that_finds_no_lower_cost_has_not_converged(
     ratio: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem, theta, noise = _problem_beside_the_optimum()
-    cost = problem.equations(theta, noise).cost
+    cost = problem.equations(theta, noise).linear.cost
     monkeypatch.setattr(_OutputError, "cost", lambda *_: ratio * cost)
     searched, converged = _searched(problem, theta, noise)
     assert not converged
@@ -28,7 +28,7 @@ def test_a_search_that_starts_at_the_optimum_has_converged(monkeypatch: pytest.M
     problem, theta, noise = _problem_beside_the_optimum()
     theta, converged = _searched(problem, theta, noise)
     assert converged
-    cost = problem.equations(theta, noise).cost
+    cost = problem.equations(theta, noise).linear.cost
     monkeypatch.setattr(_OutputError, "cost", lambda *_: cost)  # as where only rounding is left to gain
     assert _searched(problem, theta, noise)[1]
 

@@ -9,19 +9,21 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.modal.oscillators import SampledForce, free_motion
+from linkwise.modal.oscillators import SampledForce, free_motion, free_motion_derivatives
 from linkwise.records.channel import Channel
 from linkwise.records.checks import require_complete
 from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
 
 _SHORTEST = 50  # samples
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRun:
-    """One record: `responses` (C, N), NaN where missing, and the `forces` (P), sampled every `step` seconds."""
+    """One record: `responses` (C, N), NaN where missing, their `noise` (C,), and the `forces` (P), every `step` s."""
 
     responses: Floats
+    noise: Floats
     forces: tuple[SampledForce, ...]
     step: float
 
@@ -35,12 +37,18 @@ class MeasuredRun:
         forced = [force.motion(frequency, damping) for force in self.forces]
         return np.concatenate([np.array(forced), free_motion(frequency, damping, self.step, self.count)])
 
+    def motion_derivatives(self, frequency: float, damping: float) -> Floats:
+        """(2, P + 2, 3, N) derivatives of `motions` by the logarithms of frequency and damping."""
+        forced = [force.derivatives(frequency, damping) for force in self.forces]
+        free = free_motion_derivatives(frequency, damping, self.step, self.count)
+        return np.concatenate([np.array(forced).swapaxes(0, 1), free], axis=1)
+
     def shortened(self, count: int) -> MeasuredRun:
         """The first samples."""
         if self.count <= count:
             return self
         forces = tuple(SampledForce(force.samples[:count], self.step) for force in self.forces)
-        return MeasuredRun(self.responses[:, :count], forces, self.step)
+        return MeasuredRun(self.responses[:, :count], self.noise, forces, self.step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +105,7 @@ class ModalMeasurement:
         runs = tuple(
             MeasuredRun(
                 record.select(responses).values.T.copy(),
+                _deviations(record, responses),
                 tuple(SampledForce(record.channel(channel), record.step) for channel in forces),
                 record.step,
             )
@@ -104,6 +113,12 @@ class ModalMeasurement:
         )
         kinds = np.array(["xva".index(Channel.parse(channel).kind) for channel in responses])
         return cls(host, points, kinds, sensed, forced, runs)
+
+
+def _deviations(record: Record, responses: Sequence[str]) -> Floats:
+    """(C,) standard deviations of the noise of responses."""
+    noise = channel_noise(record)
+    return np.array([noise[name] for name in responses])
 
 
 def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> None:

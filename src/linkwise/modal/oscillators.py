@@ -1,6 +1,7 @@
 """Motion of modes of unit modal mass under sampled forces, to the order of a quintic spline through the samples.
 
-With s = -zeta w + i w_d the mode q'' + 2 zeta w q' + w^2 q = f is q = Im(z) / w_d, z' = s z + f: one complex recursion.
+With s = -zeta w + i w_d the mode q'' + 2 zeta w q' + w^2 q = f is q = Im(z) / w_d, z' = s z + f: one complex recursion. Its
+derivative by s obeys the same recursion with z in place of f.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
 
@@ -39,6 +41,10 @@ class SampledForce:
         orders = range(_DEGREE, -1, -1)
         return np.array([spline(time[:-1], order) / math.factorial(order) for order in orders])
 
+    @cached_property
+    def _acts(self) -> bool:
+        return bool(self.samples.any())
+
     def motion(self, frequency: float, damping: float) -> Floats:
         """Displacement, velocity and acceleration of a mode that starts at rest.
 
@@ -54,17 +60,62 @@ class SampledForce:
         array of shape (3, N)
             The motion of its coordinate, in sqrt(kg) m, m/s and m/s2.
         """
-        if not self.samples.any():
+        if not self._acts:
             return np.zeros((3, len(self.samples)))
         s = _pole(frequency, damping)
-        nodes = 0.5 * self.step * (_NODES + 1.0)
-        kernel = np.exp(s * (self.step - nodes)) * 0.5 * self.step * _WEIGHTS
-        of_powers = nodes[None, :] ** np.arange(_DEGREE, -1, -1)[:, None] @ kernel
-        gained = of_powers @ self._pieces
-        z = np.append(0.0, scipy.signal.lfilter([1.0], [1.0, -np.exp(s * self.step)], gained))
+        z = self._recursion(s)
         motion: Floats = np.array([z.imag, (s * z).imag, (s * s * z).imag]) / s.imag
         motion[2] += self.samples
         return motion
+
+    def derivatives(self, frequency: float, damping: float) -> Floats:
+        """Derivatives of the motion by the logarithms of frequency and damping.
+
+        Parameters
+        ----------
+        frequency : float
+            Frequency of the mode in Hz.
+        damping : float
+            Its damping as a part of the critical one, below 1.
+
+        Returns
+        -------
+        array of shape (2, 3, N)
+            Those of displacement, velocity and acceleration.
+        """
+        if not self._acts:
+            return np.zeros((2, 3, len(self.samples)))
+        s = _pole(frequency, damping)
+        z = self._recursion(s)
+        by_pole = self._derivative(s, z)
+        motion = np.array([z, s * z, s * s * z])
+        slopes = np.array([by_pole, z + s * by_pole, s * (2.0 * z + s * by_pole)])
+        return np.array(
+            [
+                (slopes * change).imag / s.imag - motion.imag * (change.imag / s.imag**2)
+                for change in _pole_changes(frequency, damping)
+            ]
+        )
+
+    def _recursion(self, s: complex) -> NDArray[np.complex128]:
+        """(N,) z, from rest."""
+        return self._filtered(s, self._gained(s, np.ones_like(_NODES)))
+
+    def _derivative(self, s: complex, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """(N,) derivative of z by s."""
+        late = self._gained(s, 0.5 * self.step * (1.0 - _NODES))
+        return self._filtered(s, late + self.step * np.exp(s * self.step) * z[:-1])
+
+    def _gained(self, s: complex, factor: Floats) -> NDArray[np.complex128]:
+        """(N - 1,) what the force adds to z in each step, weighted by a `factor` at the nodes of the quadrature."""
+        nodes = 0.5 * self.step * (_NODES + 1.0)
+        kernel = np.exp(s * (self.step - nodes)) * (0.5 * self.step * _WEIGHTS * factor)
+        of_powers = nodes[None, :] ** np.arange(_DEGREE, -1, -1)[:, None] @ kernel
+        return np.asarray(of_powers.real @ self._pieces + 1j * (of_powers.imag @ self._pieces))
+
+    def _filtered(self, s: complex, gained: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        filtered = scipy.signal.lfilter([1.0], [1.0, -np.exp(s * self.step)], gained)
+        return np.concatenate([[0.0], filtered])
 
 
 def free_motion(frequency: float, damping: float, step: float, count: int) -> Floats:
@@ -92,6 +143,39 @@ def free_motion(frequency: float, damping: float, step: float, count: int) -> Fl
     return np.array([parts.real, parts.imag])
 
 
+def free_motion_derivatives(frequency: float, damping: float, step: float, count: int) -> Floats:
+    """Derivatives of the two free decays by the logarithms of frequency and damping.
+
+    Parameters
+    ----------
+    frequency : float
+        Frequency of the mode in Hz.
+    damping : float
+        Its damping as a part of the critical one, below 1.
+    step : float
+        Time between samples in s.
+    count : int
+        Number N of samples.
+
+    Returns
+    -------
+    array of shape (2, 2, 3, N)
+        By each logarithm, of each decay, those of displacement, velocity and acceleration.
+    """
+    s = _pole(frequency, damping)
+    time = step * np.arange(count)
+    decay = np.exp(s * time)
+    by_pole = np.array([(time - 2.0 / s) * decay / s**2, (time - 1.0 / s) * decay / s, time * decay])
+    changes = [by_pole * change for change in _pole_changes(frequency, damping)]
+    return np.array([[change.real, change.imag] for change in changes])
+
+
 def _pole(frequency: float, damping: float) -> complex:
     w = 2.0 * np.pi * frequency
     return complex(-damping * w, w * np.sqrt(1.0 - damping**2))
+
+
+def _pole_changes(frequency: float, damping: float) -> tuple[complex, complex]:
+    """Derivatives of the pole by the logarithms of frequency and damping."""
+    w = 2.0 * np.pi * frequency
+    return _pole(frequency, damping), -damping * w * complex(1.0, damping / np.sqrt(1.0 - damping**2))

@@ -1,9 +1,9 @@
 """Maximum likelihood of the modes of a test: the response that they give against that which was measured.
 
 Residues of a mode are the products of its shape at the points of response and of force, so that one shape at each point is
-found for all of them. Noise is white in each channel, of a level that follows from the residuals. Standard errors come from
-the curvature, or from the scatter of the score between blocks of the records where that is larger, which they are where the
-residuals are more than noise (White 1982).
+found for all of them. Noise is white in each channel, of a level that follows from the residuals. Where these are more than
+noise, what linear modes leave rings down with the modes, and errors are those of the scatter of the score between blocks of
+the records that last longer than that (White 1982).
 
 References
 ----------
@@ -14,20 +14,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
+from linkwise.modal.least_squares import LinearProblem, SearchEnd, least_squares
 from linkwise.modal.measured import MeasuredRun, ModalMeasurement
 from linkwise.modal.pursuit import PursuedModes
 
 _STEPS = 60
 _CONVERGED = 1e-6  # of the cost: a step that gains less ends the search
-_DIFFERENCE = 1e-5  # relative, of frequencies and of damping
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-6, 0.9
-_BLOCKS = 40  # of a record, between which scores scatter
-_FIRST_DAMPING, _MOST_DAMPING = 1e-4, 1e12  # of steps, as a part of the curvature
+_FEWEST, _MOST = 5, 40  # blocks, between which scores scatter
+_LEVEL = 0.975  # of the quantile by which few blocks widen errors
 _ROUNDS = 3  # of levels of noise
 _SINGULAR = 1e-13  # of the scaled curvature: rounding
 
@@ -43,7 +45,9 @@ class ModalFit:
     shapes : array of shape (n, m)
         Mass-normalised, at the points.
     covariance : array of shape (n (2 + m), n (2 + m))
-        Of frequency, damping and shape, mode by mode.
+        Of frequency, damping and shape, mode by mode, where noise explains the residuals.
+    block_ratios : array of shape (n (2 + m),)
+        Standard errors by the scatter between blocks of the records over those of `covariance`, at least 1.
     noise : array of shape (C,)
         Root mean squares of the residuals.
     residuals : tuple of array of shape (C, N)
@@ -56,6 +60,7 @@ class ModalFit:
     damping: Floats
     shapes: Floats
     covariance: Floats
+    block_ratios: Floats
     noise: Floats
     residuals: tuple[Floats, ...]
     converged: bool
@@ -69,7 +74,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
     for _ in range(_ROUNDS):
         theta, converged = _searched(problem, theta, noise)
         noise = problem.levels(theta)
-    covariance = _covariance(problem, theta, noise)
+    covariance, ratios = _errors(problem, theta, noise)
     own = slice(0, problem.modes * problem.width)
     by_mode = theta[own].reshape(problem.modes, problem.width)
     order = np.argsort(by_mode[:, 0])
@@ -82,61 +87,44 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         damping=by_mode[order, 1],
         shapes=by_mode[order, 2:],
         covariance=covariance[np.ix_(numbers, numbers)],
+        block_ratios=ratios[numbers],
         noise=noise,
         residuals=residuals,
         converged=converged,
     )
 
 
-def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, bool]:
-    """Levenberg-Marquardt steps with given levels of noise, and whether they converged.
-
-    Where no step lowers the cost, they did if the first step promised to lower it by less than what ends the search.
-    """
-    equations, damping = problem.equations(theta, noise), _FIRST_DAMPING
-    for _ in range(_STEPS):
-        promised: float | None = None
-        scale = np.maximum(equations.curvature.diagonal(), np.finfo(float).tiny)
-        while True:
-            matrix = equations.curvature + np.diag(damping * scale)
-            size = np.sqrt(np.outer(scale, scale))
-            step = np.linalg.solve(matrix / size, equations.slope / np.sqrt(scale)) / np.sqrt(scale)
-            if promised is None:
-                promised = float(equations.slope @ step)
-            trial = problem.within(theta + step)
-            cost = problem.cost(trial, noise)
-            if cost < equations.cost:
-                break
-            damping *= 10.0
-            if damping > _MOST_DAMPING:
-                return theta, promised < _CONVERGED * equations.cost
-        gained, theta = equations.cost - cost, trial
-        if gained < _CONVERGED * cost:
-            return theta, True
-        equations, damping = problem.equations(theta, noise), max(0.1 * damping, 1e-9)
-    return theta, False
+def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> SearchEnd:
+    """The parameters that are most likely with given levels of noise."""
+    return least_squares(
+        theta,
+        lambda point: problem.equations(point, noise).linear,
+        lambda point: problem.cost(point, noise),
+        problem.within,
+        steps=_STEPS,
+        least_gain=_CONVERGED,
+    )
 
 
-def _covariance(problem: _OutputError, theta: Floats, noise: Floats) -> Floats:
-    """The covariance from the curvature, each variance at least that of the scatter between blocks."""
-    equations = problem.equations(theta, noise)
-    scale = np.sqrt(np.maximum(equations.curvature.diagonal(), np.finfo(float).tiny))
+def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """The covariance (p, p) from the curvature, and ratios (p,) of errors by blocks."""
+    equations = problem.equations(theta, noise, blocks=problem.blocks(theta))
+    curvature = equations.linear.curvature
+    scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     size = np.outer(scale, scale)
-    inverse = np.linalg.pinv(equations.curvature / size, rcond=_SINGULAR, hermitian=True) / size
+    inverse = np.linalg.pinv(curvature / size, rcond=_SINGULAR, hermitian=True) / size
     scores = equations.scores - equations.scores.mean(axis=0)
     blocks = len(scores)
-    scatter = scores.T @ scores * (blocks / max(blocks - 1, 1))
-    robust = inverse @ scatter @ inverse
-    factor = np.sqrt(np.maximum(robust.diagonal() / inverse.diagonal(), 1.0))
-    return np.asarray(inverse * np.outer(factor, factor))
+    scatter = scores.T @ scores * (blocks / (blocks - 1))
+    robust = (inverse @ scatter @ inverse).diagonal()
+    quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
+    return inverse, np.maximum(quantiles * np.sqrt(robust / inverse.diagonal()), 1.0)
 
 
 class _Equations(NamedTuple):
-    """Cost, slope (p,) and curvature (p, p) of half the squares, and the scores (B, p) of blocks."""
+    """The linearised problem, and the scores (B, p) of blocks, which its slope is the sum of."""
 
-    cost: float
-    slope: Floats
-    curvature: Floats
+    linear: LinearProblem
     scores: Floats
 
 
@@ -222,24 +210,33 @@ class _OutputError:
             total += float(np.nansum(((run.responses - self.response(theta, number)) / noise[:, None]) ** 2))
         return total if np.isfinite(total) else np.inf
 
-    def equations(self, theta: Floats, noise: Floats) -> _Equations:
-        """The linearised problem about some parameters."""
+    def blocks(self, theta: Floats) -> int:
+        """Of each record: as many as the slowest mode rings down in it, and no fewer than needed to compare them."""
+        own = theta[: self.modes * self.width].reshape(self.modes, self.width)
+        slowest = float(np.min(2.0 * np.pi * own[:, 0] * own[:, 1]))
+        shortest = min(run.count * run.step for run in self.measured.runs)
+        fewest = max(1, -(-_FEWEST // len(self.measured.runs)))
+        return int(np.clip(shortest * slowest, fewest, _MOST))
+
+    def equations(self, theta: Floats, noise: Floats, *, blocks: int = 1) -> _Equations:
+        """The linearised problem about some parameters, each record in so many blocks."""
         size = len(theta)
-        cost, slope, curvature, scores = 0.0, np.zeros(size), np.zeros((size, size)), []
+        cost, curvature, scores = 0.0, np.zeros((size, size)), []
         for number, run in enumerate(self.measured.runs):
             left = (run.responses - self.response(theta, number)) / noise[:, None]
-            own = np.zeros((_BLOCKS, size))
+            of_blocks = np.zeros((blocks, size))
             for channel, (columns, numbers) in enumerate(self._jacobian(theta, number)):
                 known = np.isfinite(left[channel])
                 rows = np.where(known, columns / noise[channel], 0.0)
                 error = np.where(known, left[channel], 0.0)
                 cost += float(error @ error)
                 curvature[np.ix_(numbers, numbers)] += rows @ rows.T
-                for block, part in enumerate(np.array_split(np.arange(run.count), _BLOCKS)):
-                    own[block, numbers] += rows[:, part] @ error[part]
-            scores.append(own)
-            slope += own.sum(axis=0)
-        return _Equations(cost, slope, curvature, np.concatenate(scores))
+                edges = np.linspace(0, run.count, blocks + 1).astype(int).tolist()
+                for block, (first, end) in enumerate(pairwise(edges)):
+                    of_blocks[block, numbers] += rows[:, first:end] @ error[first:end]
+            scores.append(of_blocks)
+        joined = np.concatenate(scores)
+        return _Equations(LinearProblem(cost, joined.sum(axis=0), curvature), joined)
 
     def _jacobian(self, theta: Floats, run: int) -> Iterator[tuple[Floats, list[int]]]:
         """For each channel the derivatives (k, N) of its response by some parameters, and the numbers of these."""
@@ -250,13 +247,10 @@ class _OutputError:
             frequency, damping, shape, free = self._mode(theta, run, mode)
             motions = record.motions(frequency, damping)
             weights = np.concatenate([shape[measured.forced], free])
+            changes = record.motion_derivatives(frequency, damping)
             by = [
-                (
-                    self._motion(record, frequency + df, damping + dz, shape, free)
-                    - self._motion(record, frequency - df, damping - dz, shape, free)
-                )
-                / (2.0 * (df + dz))
-                for df, dz in ((_DIFFERENCE * frequency, 0.0), (0.0, _DIFFERENCE * damping))
+                np.tensordot(weights, change, axes=1) / value
+                for change, value in zip(changes, (frequency, damping), strict=True)
             ]
             modes.append((shape, motions, np.tensordot(weights, motions, axes=1), by))
         for channel, (kind, point) in enumerate(

@@ -1,23 +1,21 @@
 """First modes of a test, one at a time: the mode that explains most of what the others leave, then all of them again.
 
-For given frequencies and damping the response is linear in residues and in free motions, which are eliminated (variable
-projection). A mode is added as long as the Bayesian information criterion falls.
-
-References
-----------
-G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973).
+Modes are added as long as the Bayesian information criterion falls. Where a structure is not quite linear, or its modes are
+not quite real, it would fall on and on: what true modes leave there stands far above the noise, and narrow modes beside them
+fit it little by little. Once the modes explain the response but for a small part, one more must take most of what they leave
+above the noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats
-from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.least_squares import least_squares
+from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.projection import Projection
 from linkwise.progress import Progress, ProgressReport
 
 _SAMPLES, _RUNS = 16000, 4  # that are looked at
@@ -28,9 +26,11 @@ _GRID, _PEAKS = (
 _DAMPING = (0.002, 0.01, 0.05)  # tried with each frequency
 _BAND = 0.9  # of half the sampling rate: the highest frequency
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-5, 0.7
-_STEP = 1e-4  # of the logarithms of frequencies and damping, for differences
-_EVALUATIONS = 20  # of a search for all of them
+_STEPS = 20  # of a search for all of them
+_LEAST_GAIN = 1e-4  # of the cost: a step that gains less ends such a search; what follows goes on from there
 _MOST = 30  # modes
+_EXPLAINED = 0.1  # of the response, root mean square: modes that leave more than this are not all found
+_MOST_OF_IT = 0.75  # of the power above the noise that such a part has
 _BLOCKS = 40  # of a record, between which scores scatter
 
 
@@ -47,19 +47,17 @@ def pursued_modes(measured: ModalMeasurement, count: int | None, progress: Progr
     """The modes of a test: `count` of them, or as many as the criterion asks for."""
     runs = tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS])
     part = replace(measured, runs=runs)
-    logs: Floats = np.empty((0, 2))
-    cost = _criterion(part, logs)
+    modes = Projection(part, np.empty((0, 2)))
     most = _MOST if count is None else count
-    while len(logs) < most:
-        progress(ProgressReport(len(logs) / (most + 1), f"mode {len(logs) + 1}"))
-        added = _refined(part, np.concatenate([logs, _best_addition(part, logs)]))
-        new_cost = _criterion(part, added)
-        if count is None and new_cost > cost:
+    while len(modes.logs) < most:
+        progress(ProgressReport(len(modes.logs) / (most + 1), f"mode {len(modes.logs) + 1}"))
+        added = _refined(part, np.concatenate([modes.logs, _best_addition(modes)]))
+        if count is None and not (_criterion(added) < _criterion(modes) and _stands_out(modes, added)):
             break
-        logs, cost = added, new_cost
-    logs = logs[np.argsort(logs[:, 0])]
-    frequencies, damping = np.exp(logs).T
-    return PursuedModes(frequencies, damping, _residues(part, logs))
+        modes = added
+    modes = Projection(part, modes.logs[np.argsort(modes.logs[:, 0])])
+    frequencies, damping = np.exp(modes.logs).T
+    return PursuedModes(frequencies, damping, _residues(modes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,36 +81,27 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
     """The modes near some `frequencies` in Hz and `damping` (n,) that leave least of a test."""
     runs = tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS])
     part = replace(measured, runs=runs)
-    logs = _refined(part, np.log(np.stack([frequencies, damping], axis=1)))
-    left = _left(part, logs)
-    levels = _levels(left)
-    base = _whitened(part, logs, levels)
-    columns = []
-    for number in range(logs.size):
-        step = np.zeros(logs.size)
-        step[number] = _STEP
-        columns.append((_whitened(part, logs + step.reshape(logs.shape), levels) - base) / _STEP)
-    jacobian = np.array(columns)
-    inverse = np.linalg.pinv(jacobian @ jacobian.T, hermitian=True)
-    scores = jacobian * base
-    block = np.concatenate(
-        [
-            np.tile(np.arange(run.count) * _BLOCKS // run.count, len(measured.kinds)) + _BLOCKS * number
-            for number, run in enumerate(runs)
-        ]
-    )
-    sums = np.array([np.bincount(block, weights=row, minlength=_BLOCKS * len(runs)) for row in scores])
+    modes = _refined(part, np.log(np.stack([frequencies, damping], axis=1)))
+    levels = modes.levels
+    inverse = np.linalg.pinv(modes.equations(levels).curvature, hermitian=True)
+    scores = []
+    for number, run in enumerate(runs):
+        of_run = np.zeros((_BLOCKS, modes.logs.size))
+        block = np.arange(run.count) * _BLOCKS // run.count
+        for rows, left in modes.derivatives(number, levels):
+            of_run += np.array([np.bincount(block, weights=row * left, minlength=_BLOCKS) for row in rows]).T
+        scores.append(of_run)
+    sums = np.concatenate(scores).T
     robust = inverse @ (sums @ sums.T) @ inverse
     variance = np.maximum(np.maximum(inverse.diagonal(), robust.diagonal()), 0.0)
-    unexplained = sum(np.nansum(residuals**2, axis=1) for residuals in left)
     power = np.sum([np.nansum(run.responses**2, axis=1) for run in runs], axis=0)
     samples = np.sum([np.isfinite(run.responses).sum(axis=1) for run in runs], axis=0)
     return RefinedModes(
-        frequencies=np.exp(logs[:, 0]),
-        damping=np.exp(logs[:, 1]),
-        relative_errors=np.sqrt(variance).reshape(logs.shape),
-        residues=_residues(part, logs),
-        left=float(np.mean(unexplained / np.maximum(power, np.finfo(float).tiny))),
+        frequencies=np.exp(modes.logs[:, 0]),
+        damping=np.exp(modes.logs[:, 1]),
+        relative_errors=np.sqrt(variance).reshape(modes.logs.shape),
+        residues=_residues(modes),
+        left=float(np.mean(modes.power / np.maximum(power, np.finfo(float).tiny))),
         power=power / np.maximum(samples, 1),
     )
 
@@ -122,90 +111,55 @@ def _parameters(measured: ModalMeasurement) -> int:
     return 2 + len(measured.points) + 2 * len(measured.runs)
 
 
-def _criterion(measured: ModalMeasurement, logs: Floats) -> float:
+def _criterion(modes: Projection) -> float:
     """-2 log likelihood of white noise of any level in each channel, and its penalty."""
-    left = _left(measured, logs)
-    cost, samples = 0.0, 0
-    for channel in range(len(measured.kinds)):
-        own = np.concatenate([residuals[channel] for residuals in left])
-        own = own[np.isfinite(own)]
-        samples += len(own)
-        cost += len(own) * float(np.log(max(float(np.mean(own**2)), np.finfo(float).tiny)))
-    return cost + _parameters(measured) * len(logs) * float(np.log(samples))
+    samples = _samples(modes.measured)
+    cost = float(samples @ (2.0 * np.log(modes.levels)))
+    return cost + _parameters(modes.measured) * len(modes.logs) * float(np.log(samples.sum()))
 
 
-def _columns(run: MeasuredRun, logs: Floats) -> Floats:
-    """(n (P + 2), 3, N) motions of modes under each force, and free ones."""
-    if not len(logs):
-        return np.empty((0, 3, run.count))
-    return np.concatenate([run.motions(*np.exp(mode_logs)) for mode_logs in logs])
+def _stands_out(modes: Projection, added: Projection) -> bool:
+    """Whether the modes leave much of the response, or the one `added` takes most of the little that they leave."""
+    power = np.sum([np.nansum(run.responses**2, axis=1) for run in modes.measured.runs], axis=0)
+    noise = np.sum([run.noise**2 for run in modes.measured.runs], axis=0) / len(modes.measured.runs)
+    left, after = modes.power / power, added.power / power
+    above_noise = np.maximum(left - noise * _samples(modes.measured) / power, 0.0)
+    return bool(np.any(left > _EXPLAINED**2) or np.sum(left - after) >= _MOST_OF_IT * np.sum(above_noise))
 
 
-def _fits(measured: ModalMeasurement, run: MeasuredRun, logs: Floats) -> list[tuple[Floats, Floats]]:
-    """Weights of the columns in each channel, and what they leave, NaN where a sample is missing."""
-    columns = _columns(run, logs)
-    ones = np.ones((1, run.count))
-    fits = []
-    for kind, samples in zip(measured.kinds.tolist(), run.responses, strict=True):
-        basis = np.concatenate([columns[:, kind], ones])
-        scale = np.sqrt(np.einsum("ij,ij->i", basis, basis))
-        basis = basis / np.where(scale > 0.0, scale, 1.0)[:, None]
-        known = np.isfinite(samples)
-        shown, target = basis[:, known], samples[known]
-        square = shown @ shown.T
-        square[range(len(square)), range(len(square))] += 1e-12
-        weights = scipy.linalg.solve(square, shown @ target, assume_a="pos")
-        fits.append((weights / np.where(scale > 0.0, scale, 1.0), samples - weights @ basis))
-    return fits
+def _samples(measured: ModalMeasurement) -> Floats:
+    """(C,) numbers of samples."""
+    counts = [np.isfinite(run.responses).sum(axis=1) for run in measured.runs]
+    return np.asarray(np.sum(counts, axis=0, dtype=np.float64))
 
 
-def _left(measured: ModalMeasurement, logs: Floats) -> list[Floats]:
-    """(C, N) of each record that modes leave."""
-    return [np.array([left for _, left in _fits(measured, run, logs)]) for run in measured.runs]
-
-
-def _residues(measured: ModalMeasurement, logs: Floats) -> Floats:
+def _residues(modes: Projection) -> Floats:
     """(n, C, P) means over the records, each weighted by the size of its forces."""
-    forces = len(measured.forced)
-    total, weight = np.zeros((len(logs), len(measured.kinds), forces)), np.zeros(forces)
-    for run in measured.runs:
-        weights = np.array([column_weights[:-1] for column_weights, _ in _fits(measured, run, logs)])
+    total: Floats = np.zeros(1)
+    weight: Floats = np.zeros(1)
+    for number, run in enumerate(modes.measured.runs):
         power = np.array([float(np.sum(force.samples**2)) for force in run.forces])
-        own = weights.reshape(len(measured.kinds), len(logs), forces + 2)[:, :, :forces]
-        total += own.transpose(1, 0, 2) * power
-        weight += power
+        total = total + modes.residues(number) * power
+        weight = weight + power
     return np.asarray(total / np.where(weight > 0.0, weight, 1.0))
 
 
-def _whitened(measured: ModalMeasurement, logs: Floats, levels: Floats) -> Floats:
-    """What modes leave of all samples, in units of `levels` (C,); 0 where a sample is missing."""
-    parts = [residuals / levels[:, None] for residuals in _left(measured, logs)]
-    return np.concatenate([np.where(np.isfinite(whitened), whitened, 0.0).ravel() for whitened in parts])
-
-
-def _levels(left: Sequence[Floats]) -> Floats:
-    """(C,) root mean squares."""
-    powers = np.array([np.nansum(residuals**2, axis=1) for residuals in left]).sum(axis=0)
-    counts = np.array([np.isfinite(residuals).sum(axis=1) for residuals in left]).sum(axis=0)
-    return np.asarray(np.sqrt(np.maximum(powers / np.maximum(counts, 1), np.finfo(float).tiny)))
-
-
-def _best_addition(measured: ModalMeasurement, logs: Floats) -> Floats:
+def _best_addition(modes: Projection) -> Floats:
     """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave."""
-    left = _left(measured, logs)
-    levels = _levels(left)
+    levels = modes.levels
     remaining = replace(
-        measured,
+        modes.measured,
         runs=tuple(
-            MeasuredRun(residuals, run.forces, run.step)
-            for residuals, run in zip(left, measured.runs, strict=True)
+            replace(run, responses=left) for left, run in zip(modes.left, modes.measured.runs, strict=True)
         ),
     )
-    trials = [
-        np.log([[frequency, damping]]) for frequency in _tried(remaining, levels) for damping in _DAMPING
-    ]
-    best = min(trials, key=lambda trial: float(np.sum(_whitened(remaining, trial, levels) ** 2)))
-    return _refined(remaining, best, levels)
+    trials = (
+        Projection(remaining, np.log([[frequency, damping]]))
+        for frequency in _tried(remaining, levels)
+        for damping in _DAMPING
+    )
+    best = min(((trial.cost(levels), trial.logs) for trial in trials), key=lambda pair: pair[0])
+    return _refined(remaining, best[1], levels).logs
 
 
 def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:
@@ -221,20 +175,27 @@ def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:
     return np.concatenate([np.geomspace(lowest, highest, _GRID), frequencies[strongest]])
 
 
-def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = None) -> Floats:
-    """The frequencies and damping that leave least, from a start."""
-    levels = _levels(_left(measured, logs)) if levels is None else levels
-    rate = 1.0 / measured.runs[0].step
-    lower = np.broadcast_to(
-        np.log([1e-3 / (measured.runs[0].count / rate), _LEAST_DAMPING]), logs.shape
-    ).ravel()
-    upper = np.broadcast_to(np.log([0.5 * rate, _LARGEST_DAMPING]), logs.shape).ravel()
-    optimum = scipy.optimize.least_squares(
-        lambda flat_logs: _whitened(measured, flat_logs.reshape(-1, 2), levels),
-        np.clip(logs.ravel(), lower, upper),
-        bounds=(lower, upper),
-        diff_step=_STEP,
-        x_scale=np.tile([0.01, 0.3], len(logs)),
-        max_nfev=_EVALUATIONS,
+def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = None) -> Projection:
+    """The modes that leave least, from the logarithms of frequencies and damping of a start."""
+    duration = measured.runs[0].count * measured.runs[0].step
+    lowest = np.log([1e-3 / duration, _LEAST_DAMPING])
+    highest = np.log([0.5 / measured.runs[0].step, _LARGEST_DAMPING])
+    shape = logs.shape
+
+    def within(point: Floats) -> Floats:
+        return np.clip(point.reshape(shape), lowest, highest).ravel()
+
+    def at(point: Floats) -> Projection:
+        return Projection(measured, point.reshape(shape))
+
+    start = within(logs)
+    fixed = at(start).levels if levels is None else levels
+    search = least_squares(
+        start,
+        lambda point: at(point).equations(fixed),
+        lambda point: at(point).cost(fixed),
+        within,
+        steps=_STEPS,
+        least_gain=_LEAST_GAIN,
     )
-    return np.asarray(optimum.x.reshape(-1, 2))
+    return at(search.point)

@@ -22,7 +22,6 @@ from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
 from linkwise.records.sequence import record_list
 from linkwise.runtime import one_blas_thread
-from linkwise.signals.channel_noise import channel_noise
 from linkwise.verdict import Verdict
 
 _FAINT = 10.0
@@ -34,6 +33,11 @@ _FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (
 )  # bounds to which such a mode is known, relative
 _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
+_LARGEST_ERROR = 0.1
+"""Of the response: what linear modes may leave beside noise, as of the forces beside laws that are not exact."""
+_CONCENTRATED = (
+    0.5  # of the information on a mode in one block of the records: blocks then do not tell its errors
+)
 
 
 @checked
@@ -112,8 +116,11 @@ def identify_host(
         progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
         fit = modal_fit(measured, pursued)
         faint = _powers(measured, fit) < _FAINT
-    chi_square, samples = _chi_square(records, measured, fit)
-    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)).reshape(len(faint), -1)
+    chi_square, samples = _chi_square(measured, fit)
+    white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
+    inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    errors = (errors * fit.block_ratios if inexact else errors).reshape(len(faint), -1)
     host = _host(measured, fit, errors, faint)
     unscaled = _unscaled(fit, errors, faint)
     return HostEstimate(
@@ -121,8 +128,8 @@ def identify_host(
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
         chi_square_per_sample=chi_square,
         samples=samples,
-        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled)),),
-        remarks=_remarks(host, faint, unscaled),
+        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled), white=white),),
+        remarks=_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
         seconds=perf_counter() - started,
     )
 
@@ -139,17 +146,13 @@ def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
     return np.asarray((powers / fit.noise**2).max(axis=1))
 
 
-def _chi_square(records: Sequence[Record], measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
+def _chi_square(measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
     """Power of the residuals over that of the noise in the samples, and the number of samples."""
     total, samples = 0.0, 0
-    names = [name for name in records[0].responses if name.partition(":")[0] in ("x", "v", "a")]
-    for record, left in zip(records, fit.residuals, strict=True):
-        noise = channel_noise(record)
-        for name, row in zip(names, left, strict=True):
-            known = np.isfinite(row)
-            total += float(np.sum((row[known] / noise[name]) ** 2))
-            samples += int(known.sum())
-    free = len(fit.covariance) + len(records) * (2 * len(fit.frequencies) + len(measured.kinds))
+    for run, left in zip(measured.runs, fit.residuals, strict=True):
+        total += float(np.nansum((left / run.noise[:, None]) ** 2))
+        samples += int(np.isfinite(left).sum())
+    free = len(fit.covariance) + len(measured.runs) * (2 * len(fit.frequencies) + len(measured.kinds))
     return total / max(samples - free, 1), samples
 
 
@@ -180,20 +183,41 @@ def _unscaled(fit: ModalFit, errors: Floats, faint: Bools) -> list[int]:
     return [int(number) for number in np.flatnonzero((relative > _UNSCALED) & ~faint)]
 
 
-def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool) -> Verdict:
+def _deviation_by_chance(samples: int) -> float:
+    """By how much chi-square a sample differs from 1 where noise explains the residuals."""
+    return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / samples))
+
+
+def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
+    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
+    noise, power, samples = (np.zeros(len(fit.noise)) for _ in range(3))
+    for run in measured.runs:
+        known = np.isfinite(run.responses).sum(axis=1)
+        noise += run.noise**2 * known
+        power += np.nansum(run.responses**2, axis=1)
+        samples += known
+    beside_noise = np.maximum(fit.noise**2 * samples - noise, 0.0)
+    return float(np.sqrt(np.max(beside_noise / np.maximum(power, np.finfo(float).tiny))))
+
+
+def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool, white: bool) -> Verdict:
     if not fit.converged:
         return Verdict.NOT_CONVERGED
-    if abs(chi_square - 1.0) > _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / samples):
+    if abs(chi_square - 1.0) > _deviation_by_chance(samples):
         return Verdict.NOISE_MISMATCH
     if unscaled:
         return Verdict.HARDLY_DETERMINED
-    if not all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True)):
-        return Verdict.COLOURED_RESIDUALS
-    return Verdict.CONVERGED
+    return Verdict.CONVERGED if white else Verdict.COLOURED_RESIDUALS
 
 
-def _remarks(host: Host, faint: Bools, unscaled: Sequence[int]) -> tuple[str, ...]:
+def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> tuple[str, ...]:
     remarks = []
+    if left > 0.0:
+        remarks.append(
+            f"Linear modes leave {100.0 * left:.2g} % of the response beside noise. If the structure is not quite linear, "
+            "they are those of this level, and may be others at a lower one; standard errors are those of the scatter "
+            "between parts of the records."
+        )
     names = [name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint]
     if names:
         remarks.append(

@@ -1,0 +1,50 @@
+"""First modes of a test: how many are found where the structure is linear, and where it is not quite."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from structures import CANTILEVER
+from tapped_beam import DAMPING, shaken, tapped
+
+import linkwise as lw
+from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.projection import Projection
+from linkwise.modal.pursuit import pursued_modes
+from linkwise.progress import silent
+
+
+def pursued(record: lw.Record) -> np.ndarray:
+    return pursued_modes(ModalMeasurement.of([record]), None, silent).frequencies
+
+
+def test_modes_of_a_linear_structure_are_found() -> None:
+    # within a tenth of the half-power bandwidth
+    assert pursued(tapped().with_noise(40.0, seed=11)) == pytest.approx(CANTILEVER, rel=0.2 * DAMPING)
+
+
+def test_no_modes_are_added_for_what_is_not_linear() -> None:
+    """A cubic spring leaves 20 times the noise, which narrow modes beside the true ones would fit little by little."""
+    frequencies = pursued(shaken(11, cubic=2e3).with_noise(60.0, seed=11))
+    assert frequencies[1:] == pytest.approx(CANTILEVER[1:], rel=0.2 * DAMPING)  # the spring moves the first
+    assert len(frequencies) == len(CANTILEVER)
+
+
+def test_derivatives_of_what_is_left_are_those_of_differences() -> None:
+    record = tapped().with_noise(30.0, seed=12)
+    values = record.values.copy()
+    values[100:130, 0] = np.nan
+    measured = ModalMeasurement.of([lw.Record(record.start, record.rate, record.channels, values)])
+    logs = np.log([[3.6, 0.012], [22.0, 0.009]])
+    levels = np.array([0.3, 0.2])
+    linear = Projection(measured, logs).equations(levels)
+    step = 1e-5
+    for number in range(4):
+        change = np.zeros(4)
+        change[number] = step
+        ahead, behind = (
+            Projection(measured, logs + sign * change.reshape(2, 2)).cost(levels) for sign in (1.0, -1.0)
+        )
+        # half the slope downwards; central differences of the second order
+        expected = -(ahead - behind) / (4.0 * step)
+        assert linear.slope[number] == pytest.approx(expected, rel=1e-5, abs=1e-6 * linear.cost)
