@@ -62,6 +62,7 @@ from linkwise.estimates.random_force import RandomForceEstimate as RandomForceEs
 from linkwise.estimates.sensor_error import SensorErrorEstimate as SensorErrorEstimate
 from linkwise.estimates.uncertainty import Posterior as Posterior
 from linkwise.estimates.uncertainty import read_posterior as read_posterior
+from linkwise.estimates.unseen_term import UnseenTerm as UnseenTerm
 from linkwise.export.answer import export_answer as export_answer
 from linkwise.expression.tree import Expression as Expression
 from linkwise.files import read_record as read_record

@@ -159,6 +159,7 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
         "message",
         "seconds",
         "sensor_errors",
+        "unseen_terms",
         "noise",
         "fit",
         "findings",

@@ -236,6 +236,9 @@ def test_a_record_too_short_for_blocks_is_not_trusted_with_a_missing_term(chain:
     fit = lw.identify(short, chain.unknown("nes"))
     assert 0.0 < fit.diagnosis[0].share < 0.05  # a longer record would be trusted with such a term
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
+    assert fit.message.startswith(
+        "The structure explains the record to within 0.11 % of its forces, but what is left follows"
+    )
 
 
 def test_a_small_missing_term_is_told_where_chi_square_is_near_one() -> None:

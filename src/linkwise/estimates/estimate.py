@@ -24,6 +24,7 @@ from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.estimates.sensor_error import SensorErrorEstimate
+from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.inspect import inspect
@@ -75,10 +76,10 @@ class Estimate(JudgedView):
         What would explain what the laws leave, in sensors, masses, applied forces and terms, the largest gain first.
     more_records : tuple of Record
         The records that were fitted together with `record`.
-    random_forces : tuple of RandomForceEstimate
-        Ambient forces and noise of applied forces.
-    sensor_errors : tuple of SensorErrorEstimate
-        Offsets, gains and delays of sensors that were found with the coefficients.
+    random_forces, sensor_errors : tuple of RandomForceEstimate, tuple of SensorErrorEstimate
+        Ambient forces and noise of applied forces; offsets, gains and delays of sensors that were found with the coefficients.
+    unseen_terms : tuple of UnseenTerm
+        Terms that exact laws may lack without a sign in the records, though they would move a coefficient, the farthest first.
     links_in_doubt : frozenset of str
         Links of a discovery that others may stand for; their coefficients have no intervals.
     for_dropped_terms : array of shape (p, p) or None
@@ -121,6 +122,7 @@ class Estimate(JudgedView):
     more_records: tuple[Record, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+    unseen_terms: tuple[UnseenTerm, ...] = ()
     links_in_doubt: frozenset[str] = frozenset()
     for_dropped_terms: Floats | None = None
 
@@ -213,9 +215,7 @@ class Estimate(JudgedView):
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """Sentences on what is wrong with the records or cannot be determined; empty where there is nothing to say."""
-        stopped = [
-            parameter.name for parameter, free in zip(self.parameters, self.free, strict=True) if not free
-        ]
+        stopped = [p.name for p, free in zip(self.parameters, self.free, strict=True) if not free]
         bounds = tuple(
             f"{name} was stopped by its bound and has no interval; widen the bound if it is not physical."
             for name in stopped
@@ -324,6 +324,7 @@ class Estimate(JudgedView):
             "diagnosis": [cause.to_dict() for cause in self.diagnosis],
             "random_forces": [force.to_dict() for force in self.random_forces],
             "sensor_errors": [error.to_dict() for error in self.sensor_errors],
+            "unseen_terms": [term.to_dict() for term in self.unseen_terms],
             "alerts": [alert.to_dict() for alert in self.alerts],
             "findings": list(self.findings),
             "notes": list(self.notes),

@@ -43,6 +43,7 @@ from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import equivalent_values, starting_values
+from linkwise.likelihood.unseen_terms import unseen_remark, unseen_terms
 from linkwise.likelihood.unstated_forces import with_limits
 from linkwise.likelihood.valleys import fit_from_valleys, fit_or_another
 from linkwise.model.structure import Structure
@@ -324,7 +325,10 @@ def estimate_of(
     missing = judgement.for_missing_terms
     additions = (missing, judgement.for_blocks, judgement.for_input_noise)
     added = [addition for addition in additions if addition is not None]
+    covariance = sum(added, covariance)
     of_sensors = sensor_errors(fit, delays or {})
+    stated = judgement.tested if not searched else None  # a search says what else it would find
+    unseen = () if stated is None else unseen_terms(fit, identified, stated, covariance)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),
@@ -333,7 +337,7 @@ def estimate_of(
         given_structure=structure,
         parameters=structure.parameters,
         values=fit.values,
-        covariance=sum(added, covariance),
+        covariance=covariance,
         free=fit.free,
         noise={
             name: NoiseEstimate.of(records[0], name, sigma, channel_unit(records[0], name, structure))
@@ -344,11 +348,12 @@ def estimate_of(
         compute_motion=partial(motion_of_links, fit, identified, records),
         record=records[0],
         more_records=tuple(records[1:]),
-        remarks=fit_remarks(fit, of_sensors, faint),
+        remarks=(*fit_remarks(fit, of_sensors, faint), *unseen_remark(unseen)),
         profile=None if added else partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
+        unseen_terms=unseen,
         for_dropped_terms=missing,
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.diagnosis import diagnose, likeliest_first
+from linkwise.likelihood.diagnosis import TestedCauses, diagnose, likeliest_first
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
@@ -70,7 +70,7 @@ class Judgement:
 
     To be added to the covariance (p, p) of the fit are `for_missing_terms`, where a model error is trusted that terms explain
     a part of or residuals hint at terms, `for_blocks`, where blocks doubt laws that leave hardly more than noise, and
-    `for_input_noise`, where the residuals hint at noise of an input.
+    `for_input_noise`, where the residuals hint at noise of an input. `tested` is what was tested where nothing is significant.
     """
 
     verdict: Verdict
@@ -80,6 +80,7 @@ class Judgement:
     for_missing_terms: Floats | None = None
     for_blocks: Floats | None = None
     for_input_noise: Floats | None = None
+    tested: TestedCauses | None = None
 
 
 def assess(
@@ -144,6 +145,7 @@ def assess(
         for_missing_terms=None if missing is None or verdict.forbids else missing.covariance,
         for_blocks=None if verdict.forbids else by_blocks,
         for_input_noise=None if noise is None else noise[1],
+        tested=diagnosis.tested if verdict is Verdict.CONVERGED and not causes else None,
     )
 
 
@@ -348,7 +350,7 @@ def _systematic(cause: Cause) -> str:
     if cause.overturned:
         overturned = f", and {', '.join(cause.overturned)} would have no certain sign, or another one"
     return (
-        f", but what they leave follows the motion: {_would_explain(cause)}{overturned}. Intervals would count that as noise, "
+        f", but what is left follows the motion: {_would_explain(cause)}{overturned}. Intervals would count that as noise, "
         "so none is given; a term or a link is missing, or a sensor has an error."
     )
 

@@ -42,8 +42,8 @@ class SensorUncertainty:
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> record = replace(record, uncertainty={"x:m1": lw.SensorUncertainty(gain=0.01, offset=1e-4)})
     >>> fit = lw.identify(record, lw.bnes_chain(2).unknown("nes"))
-    >>> [finding[:14] for finding in fit.findings]
-    ['x:m1 is off by', 'x:m1 shows 1.0']
+    >>> [(error.channel, error.kind) for error in fit.sensor_errors]
+    [('x:m1', 'offset'), ('x:m1', 'gain')]
     """
 
     gain: float = 0.0

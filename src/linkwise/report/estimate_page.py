@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
+UNSEEN_HEAD = ("link", "term", "up to, % of its force", "would change", "by %", "standard errors")
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
 
@@ -46,7 +47,24 @@ def _record(reported: Reported[Estimate]) -> Section:
     )
 
 
-SECTIONS: Registry[Build[Estimate]] = Registry("section", {"histories": _record})
+def _unseen(reported: Reported[Estimate]) -> Section | None:
+    """Terms that the record does not rule out, where there are some."""
+    terms = reported.result.unseen_terms
+    rows = [
+        (
+            term.link,
+            term.term,
+            f"{100.0 * term.share:.2g}",
+            term.coefficient,
+            f"{100.0 * term.relative_change:.2g}",
+            f"{term.standard_errors:.2g}",
+        )
+        for term in terms
+    ]
+    return Section("Terms that the record does not rule out", rows=[UNSEEN_HEAD, *rows]) if terms else None
+
+
+SECTIONS: Registry[Build[Estimate]] = Registry("section", {"unseen": _unseen, "histories": _record})
 """What follows the links, in order; the name of a section is that of its figure's files."""
 
 

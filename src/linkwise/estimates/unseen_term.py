@@ -1,0 +1,71 @@
+"""A term that a law may lack without a sign in the records, and what it would make of a coefficient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class UnseenTerm:
+    """A term that records of exact laws bound so loosely that it could move a coefficient out of its interval.
+
+    Attributes
+    ----------
+    link : str
+        The link whose law may lack it.
+    term : str
+        Its form, such as ``"d**5"``.
+    share : float
+        The largest part of the force in the link, by root mean squares, that it could make: the end of its 95 % interval that
+        is farther from zero.
+    coefficient : str
+        The coefficient that a term of this size would change most, counted in standard errors.
+    change : float
+        That change if the term is added to the law, in the unit of the coefficient, to first order.
+    standard_errors : float
+        Its size in standard errors of the coefficient.
+    relative_change : float
+        Its size relative to the coefficient.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> term = lw.UnseenTerm("s", "d**5", 0.004, "s.k3", change=-1.2e4, standard_errors=6.1, relative_change=0.03)
+    >>> print(term.description)
+    a force like d**5 in s of up to 0.4 % of the force there, which would change s.k3 by 3 % or 6.1 of its standard errors
+    """
+
+    link: str
+    term: str
+    share: float
+    coefficient: str
+    change: float
+    standard_errors: float
+    relative_change: float
+
+    @property
+    def description(self) -> str:
+        """In words, with its sizes."""
+        return (
+            f"a force like {self.term} in {self.link} of up to {100.0 * self.share:.2g} % of the force there, which would "
+            f"change {self.coefficient} by {100.0 * self.relative_change:.2g} % or {self.standard_errors:.2g} of its standard "
+            "errors"
+        )
+
+    def to_dict(self) -> dict[str, str | float]:
+        """What result.json holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of result.json.
+        """
+        return {
+            "link": self.link,
+            "term": self.term,
+            "share_percent": 100.0 * self.share,
+            "coefficient": self.coefficient,
+            "change": self.change,
+            "standard_errors": self.standard_errors,
+            "message": self.description,
+        }

@@ -1,0 +1,96 @@
+"""Terms that exact laws may lack without a sign in the records, though they would move coefficients out of their intervals.
+
+The score test of a term bounds its size. A term that resembles those of the law moves their coefficients by many standard
+errors before its own score is significant, so that intervals hold for the law as stated only. No interval of reasonable width
+could hold what no test of the records sees; it is reported instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.estimates.unseen_term import UnseenTerm
+from linkwise.likelihood.diagnosis import TestedCauses, link_forces
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.held_errors import LARGEST_SHIFT
+from linkwise.likelihood.hypotheses import which_usual
+from linkwise.likelihood.single_tests import single_tests
+from linkwise.model.structure import Structure
+
+_NEGLIGIBLE = 0.01
+"""Of a coefficient: what the calibration of sensors leaves open anyway, and intervals do not hold unless it is stated. The
+gain of an accelerometer is known to 1 % as a rule."""
+
+_TOLD = 3  # coefficients; the others are listed
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
+def unseen_terms(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, covariance: Floats
+) -> tuple[UnseenTerm, ...]:
+    """The usual terms that the records do not bound well enough, that which moves a coefficient farthest first.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit that leaves only noise, without a significant cause.
+    identified : Structure
+        The structure with the values of the fit.
+    tested : TestedCauses
+        What was tested at the fit, usual terms among it.
+    covariance : array of shape (p, p)
+        That of the coefficients as it is reported.
+
+    Returns
+    -------
+    tuple of UnseenTerm
+        Those which, as large as the records let them be, would change a coefficient by more than an interval can hold, and
+        by more than is negligible; of each term the coefficient that it would change most.
+    """
+    optimum, p = fit.optimum, len(fit.values)
+    tests = single_tests(tested.curvature, tested.slope, tested.scatter, p)
+    deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    forces = dict(
+        zip((link.name for link in identified.links), link_forces(optimum, tested.misfit), strict=False)
+    )
+    terms = []
+    for number in which_usual(tested.hypotheses, identified):
+        hypothesis, size = tested.hypotheses[number], float(tests.sizes[number])
+        limit = abs(size) + NORMAL_95 * optimum.noise * float(tests.deviations[number])
+        change = tests.changes[:, number] * optimum.scales.theta[:p] * np.divide(limit, abs(size))
+        shifts, relative = np.abs(change) / deviations, np.abs(change / fit.values)
+        beyond = fit.free & np.isfinite(shifts) & (shifts > LARGEST_SHIFT) & (relative > _NEGLIGIBLE)
+        if not (beyond.any() and tests.gains[number] > 0.0 and forces[hypothesis.where] > 0.0):
+            continue
+        farthest = int(np.argmax(np.where(beyond, shifts, 0.0)))
+        terms.append(
+            UnseenTerm(
+                link=hypothesis.where,
+                term=hypothesis.term,
+                share=limit / float(forces[hypothesis.where]),
+                coefficient=fit.segments.system.parameters.names[farthest],
+                change=float(change[farthest]),
+                standard_errors=float(shifts[farthest]),
+                relative_change=float(relative[farthest]),
+            )
+        )
+    return tuple(sorted(terms, key=lambda term: -term.standard_errors))
+
+
+def unseen_remark(terms: Sequence[UnseenTerm]) -> tuple[str, ...]:
+    """What is told of `unseen_terms` in a sentence: the first ones that move different coefficients; nothing without any."""
+    of_each: dict[str, UnseenTerm] = {}
+    for term in terms:
+        of_each.setdefault(term.coefficient, term)
+    if not terms:
+        return ()
+    first = list(of_each.values())[:_TOLD]
+    more = f" In all, {len(terms)} such terms are listed in the result." if len(terms) > len(first) else ""
+    return (
+        f"The records do not rule out {'; '.join(term.description for term in first)}. The intervals hold for the laws as "
+        f"stated: larger amplitudes, a longer record or less noise tell whether they lack such a term.{more}",
+    )
