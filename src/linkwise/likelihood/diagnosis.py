@@ -163,6 +163,13 @@ def tested_causes(
         )
     ]
     columns = TestedColumns.separate(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
+    cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.startswith("f:")}
+    measured = [
+        k for k, lacking in enumerate(hypotheses) if lacking.kind == "term" and lacking.where in cells
+    ]
+    if measured:
+        channels_of_cells = [cells[hypotheses[k].where] for k in measured]
+        columns = columns.with_load_cells(measured, channels_of_cells, optimum.segments.tangent_refine)
     hypotheses.append(Hypothesis("filter", "all channels"))
     filtered = common_filter(optimum.segments, misfit)
     columns = columns.with_sum(filtered)

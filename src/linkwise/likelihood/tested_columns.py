@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -43,6 +44,24 @@ class TestedColumns:
             self.forces.middles[:, :0],
         )
         return self._with(nobody, errors, np.ones((len(errors.kind), 1)), np.ones(1))
+
+    def with_load_cells(self, forces: Sequence[int], channels: Sequence[int], refine: int) -> TestedColumns:
+        """These, where load cells show the `forces`, by number, in `channels`, with `refine` steps between their samples."""
+        values = self.forces.starts[::refine, list(forces)]
+        added = len(forces)
+        shown = np.zeros((added, self.weights.shape[1]))
+        shown[np.arange(added), list(forces)] = 1.0
+        errors = self.errors
+        return replace(
+            self,
+            errors=SensorErrors(
+                np.append(errors.channel, np.array(channels, dtype=int)),
+                (*errors.kind, *("load cell",) * added),
+                np.append(errors.source, np.full(added, -1)),
+                np.concatenate([errors.values, values[: len(errors.values)]], axis=1),
+            ),
+            weights=np.concatenate([self.weights, shown]),
+        )
 
     def with_base(self, base: BaseErrors) -> TestedColumns:
         """These and the errors of the base, each of which acts on all masses and in all channels."""
