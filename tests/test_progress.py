@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 
 import linkwise as lw
-from linkwise.progress import part, silent
+from linkwise.progress import part, rising, silent
 
 
 def _parameters(thing: object) -> list[str]:
@@ -21,6 +21,17 @@ def test_a_part_is_a_piece_of_the_whole() -> None:
     for fraction in (0.0, 0.5, 1.0):
         within(lw.ProgressReport(fraction, "looking", 7))
     assert reports == [lw.ProgressReport(fraction, "looking", 7) for fraction in (0.5, 0.625, 0.75)]
+
+
+def test_what_starts_again_does_not_take_back_what_was_done() -> None:
+    reports: list[lw.ProgressReport] = []
+    again = rising(reports.append)
+    for fraction in (0.1, 0.7, 0.2, 0.8):
+        again(lw.ProgressReport(fraction, f"at {fraction}", 7))
+    assert reports == [
+        lw.ProgressReport(fraction, activity, 7)
+        for fraction, activity in ((0.1, "at 0.1"), (0.7, "at 0.7"), (0.7, "at 0.2"), (0.8, "at 0.8"))
+    ]
 
 
 def test_all_long_work_takes_the_same_and_is_silent_without() -> None:

@@ -60,6 +60,18 @@ def silent(report: ProgressReport, /) -> None:
     """Take no note of a report: what long work does where nobody waits."""
 
 
+def rising(progress: Progress) -> Progress:
+    """The same progress with fractions that do not fall, where work starts again within what was taken for done."""
+    highest = 0.0
+
+    def risen(report: ProgressReport, /) -> None:
+        nonlocal highest
+        highest = max(highest, report.fraction)
+        progress(replace(report, fraction=highest))
+
+    return risen
+
+
 def part(progress: Progress, start: float, stop: float) -> Progress:
     """The progress of a part of the work, whose own fractions from 0 to 1 are those from `start` to `stop` of the whole."""
 

@@ -37,7 +37,7 @@ from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
-from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.progress import Progress, ProgressReport, part, rising, silent
 from linkwise.records.channel import BASE, Channel, of_links
 from linkwise.records.record import Record
 from linkwise.records.repetition import joined_notes
@@ -124,6 +124,7 @@ def discover(
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
     records = [_channels_of(record, candidates.places) for record in records]
+    progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     sensors = LikelihoodOptions(
         **errors_to_find(
