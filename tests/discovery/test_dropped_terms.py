@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from structures import link, structure
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
 from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.dropped_terms import DroppedTerms
+from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark
 from linkwise.discovery.quadratic_model import QuadraticModel
 
 NAMES = ("m1-ground.k", "m2-m1.k", "m1-ground.c", "m2-m1.c", "m2-ground.k")  # the first two are kept
@@ -81,6 +83,21 @@ def test_columns_that_repeat_those_kept_are_left_out(model: tuple[QuadraticModel
 
 def test_nothing_dropped_adds_nothing(model: tuple[QuadraticModel, Penalty]) -> None:
     assert not DroppedTerms.of(*model, 5).covariance.any()
+
+
+def test_errors_that_a_form_beyond_the_offer_widens_are_not_laid_to_dropped_terms() -> None:
+    """Of tanh damping with all terms on offer kept: the search for the dropped term to name was an internal error."""
+    estimate: Any = SimpleNamespace(
+        parameters=(SimpleNamespace(name="m1-ground.c"),),
+        covariance=np.array([[1.0]]),
+        coefficient=lambda name: SimpleNamespace(standard_error=1.0),
+    )
+    alone = np.array([0.1])
+    nothing = DroppedTerms((), np.zeros((1, 1)), np.zeros((1, 0)))
+    assert dropped_terms_remark(nothing, estimate, alone) == ()
+    something = DroppedTerms(("m1-ground.c3",), np.array([[0.99]]), np.array([[0.99]]))
+    (remark,) = dropped_terms_remark(something, estimate, alone)
+    assert "m1-ground.c (10 times as wide, mostly by m1-ground.c3)" in remark
 
 
 def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from present import present
 from random_force import random_force
 from structures import oscillator
 
@@ -62,6 +63,29 @@ def test_terms_that_are_there_stay_certain_beside_other_forms() -> None:
     discovery = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
     assert discovery.trusted and not [remark for remark in discovery.remarks if "offer it" in remark]
     assert {term.term for term in discovery.kept if term.certain} == {"d", "d**3", "v", "v**3"}
+
+
+def test_a_term_whose_interval_holds_zero_for_a_hint_of_another_one_is_not_certain() -> None:
+    """Residuals hint at v*abs(v), which was not offered, with which v**3 would hardly be there; its margin alone is large."""
+    given = record("k*d + k3*d**3 + c*v + q*v*abs(v)", 4202, c=6.0, k3=4e5, q=-2.0)
+    discovery = lw.discover(given, {"m1": 1.0}, terms=OFFERED)
+    assert "The residuals hint at" in discovery.estimate.message
+    low, high = present(discovery.estimate.coefficient("m1-ground.c3").interval)
+    assert low < 0.0 < high
+    assert {term.term for term in discovery.kept if term.certain} == {"d", "d**3", "v"}
+
+
+@pytest.mark.parametrize(("term", "q"), [("v*d**2", -4e3), ("v**3", -2.0)])
+def test_damping_that_falls_with_the_motion_and_stays_damping_is_no_stand_in(term: str, q: float) -> None:
+    """Each was refused for the sign of its term alone, though the law takes energy throughout the motion."""
+    given = record(f"k*d + k3*d**3 + c*v + q*{term}", 43, c=6.0, k3=4e5, q=q)
+    discovery = lw.discover(given, {"m1": 1.0}, terms=f"d, d**3, v, {term}")
+    assert discovery.trusted
+    assert {term.term for term in discovery.kept if term.certain} == {"d", "d**3", "v", term}
+    fallen = next(kept for kept in discovery.kept if kept.term == term)
+    assert (
+        fallen.value < 0.0 and abs(fallen.value - q) < 4.0 * fallen.standard_error
+    )  # 1e-4 of normal errors are larger
 
 
 @pytest.mark.parametrize(("k3", "q", "certain"), [(0.0, 150.0, {"d", "v"}), (4e4, 0.0, {"d", "v", "d**3"})])

@@ -91,8 +91,8 @@ def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Float
 
     Those of links in doubt have no errors.
     """
-    errors = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
-    wider = np.where(alone > 0.0, errors / np.where(alone > 0.0, alone, 1.0), 1.0)
+    added = np.maximum(dropped.covariance.diagonal(), 0.0)
+    wider = np.sqrt(1.0 + np.where(alone > 0.0, added / np.where(alone > 0.0, alone, 1.0) ** 2, 0.0))
     worst = [
         number
         for number in np.argsort(-wider).tolist()

@@ -22,6 +22,7 @@ _LARGER = 8  # terms more than were selected, to show that the criterion rises a
 _RUNNERS_UP = 10
 _NAMED = 6  # exchanges that remarks name
 _NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
+_ROUNDING = 1e-9  # of a force that is linear in the rate: friction grows less than that
 _OF_THE_TIME = (
     0.01  # that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
 )
@@ -93,8 +94,9 @@ def term_evidence(
 def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, ...]:
     """The links with terms of damping of which one gives energy: together they stand in for another form of damping.
 
-    Beside a model error, whose intervals include the effect of another form on them, only where they give energy together,
-    somewhere on the motion. A negative term that makes damping smaller at larger elongations or rates does not.
+    A negative term that makes damping smaller at larger elongations or rates does not, where all of them together take energy
+    throughout the motion. Negative friction, which would give most at the smallest rates, does, except beside a model error,
+    whose intervals include the effect of another form on it.
     """
     inside = list(range(len(selection.structure.parameters)))
     solution = selection.quadratic.solve(inside)
@@ -108,19 +110,27 @@ def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, 
         for pair, terms in damping.items()
         if len(terms) > 1 and min(solution.z[terms]) < -_NEGATIVE
     }
-    if selection.is_exact or not opposed:
-        return tuple(candidates.pairs[pair].name for pair in opposed)
+    if not opposed:
+        return ()
     motion = link_motions(selection)
     links = {frozenset(link.between): link.name for link in selection.structure.links}
     covariance = inverse_of(selection.quadratic.h[np.ix_(inside, inside)])
     feeding = []
     for pair, terms in opposed.items():
         d, v = (part.ravel() for part in motion[links[frozenset(candidates.pairs[pair].between)]])
-        entries = [candidates.by_name[selection.quadratic.names[k]] for k in terms]
-        power = v * np.stack([np.broadcast_to(entry.term.law.force(d, v, {}), v.shape) for entry in entries])
+        laws = [candidates.by_name[selection.quadratic.names[k]].term.law for k in terms]
+        forces, at_half = (
+            np.stack([np.broadcast_to(law.force(d, rate, {}), v.shape) for law in laws])
+            for rate in (v, 0.5 * v)
+        )
+        power = v * forces
         error = np.sqrt(np.einsum("it,ij,jt->t", power, covariance[np.ix_(terms, terms)], power))
         given = solution.values[terms] @ power < -_NEGATIVE * error
-        if np.mean(given) > _OF_THE_TIME:
+        of_friction = 2.0 * np.sum(np.abs(at_half), axis=1) > (1.0 + _ROUNDING) * np.sum(
+            np.abs(forces), axis=1
+        )
+        negative_friction = selection.is_exact and np.any(of_friction & (solution.z[terms] < -_NEGATIVE))
+        if negative_friction or np.mean(given) > _OF_THE_TIME:
             feeding.append(candidates.pairs[pair].name)
     return tuple(feeding)
 

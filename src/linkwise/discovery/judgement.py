@@ -82,7 +82,7 @@ def judged_discovery(
     fit = selection.fit
     estimate = estimate_of(selection.structure, fit, records, delays, searched=True)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
-    alone = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
+    alone = _errors(estimate)
     estimate = widened(estimate, dropped.covariance)
     firm = estimate.trusted and selection.settled
     rivals = rival_errors(selection, estimate.structure) if firm and not fit.random_forces else ()
@@ -107,7 +107,7 @@ def judged_discovery(
             trusted=trusted,
             collinear=checks.collinear,
             in_proportion=checks.in_proportion,
-            replaceable=_replaceable(selection, estimate, (*rivals, *moved, *forms, *origins)),
+            replaceable=_replaceable(selection, estimate, alone, (*rivals, *moved, *forms, *origins)),
             shares=unit_shares(selection, screened.candidates) if trusted else {},
             added=np.asarray(estimate.for_dropped_terms).diagonal(),
         ),
@@ -139,19 +139,25 @@ class _Rival(Protocol):
     def terms(self) -> tuple[int, ...]: ...
 
 
-def _replaceable(selection: Selection, estimate: Estimate, rivals: Sequence[_Rival]) -> set[int]:
-    """The numbers of the terms that something else, or nothing, may replace."""
-    absent = () if selection.is_exact else _held_at_zero(estimate)
+def _replaceable(
+    selection: Selection, estimate: Estimate, alone: Floats, rivals: Sequence[_Rival]
+) -> set[int]:
+    """The numbers of the terms that something else, or nothing, may replace; `alone` (p,) are errors beside the terms kept."""
+    absent = _held_at_zero(estimate.values, alone if selection.is_exact else _errors(estimate))
     return {*absent, *(term for rival in rivals for term in rival.terms)}
 
 
-def _held_at_zero(estimate: Estimate) -> list[int]:
+def _held_at_zero(values: Floats, errors: Floats) -> list[int]:
     """The coefficients, by number, whose intervals hold zero: blocks of the records, or missing terms, say more than chance.
 
-    The criterion may keep such a term beside a model error; it is not certain.
+    The criterion may keep such a term beside a model error, or where residuals hint at another one; it is not certain.
     """
-    errors = np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
-    return np.flatnonzero(np.abs(estimate.values) <= NORMAL_95 * errors).tolist()
+    return np.flatnonzero(np.abs(values) <= NORMAL_95 * errors).tolist()
+
+
+def _errors(estimate: Estimate) -> Floats:
+    """(p,) the standard errors of all coefficients."""
+    return np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
 
 
 def _doubts_of_search(
