@@ -64,6 +64,46 @@ def test_a_wrong_mass_takes_trust_away(chain: lw.Structure) -> None:
     assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
 
 
+def long_record(chain: lw.Structure) -> lw.Record:
+    return lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
+
+
+def second_mass(factor: float, structure: lw.Structure) -> lw.Structure:
+    """The structure with its second mass stated `factor` times too large."""
+    first, second = structure.masses
+    return replace(structure, masses=(first, replace(second, mass=lw.Coefficient.number(0.01 * factor))))
+
+
+@pytest.mark.parametrize(("factor", "snr_db"), [(1.1, 20.0), (1.01, 40.0)])
+def test_a_light_mass_that_is_wrong_shows_under_wide_test_functions(
+    factor: float, snr_db: float, chain: lw.Structure
+) -> None:
+    """Under those of the fit the inertia of the heavy mass hides it, and the coefficients are 14 standard errors off."""
+    record = long_record(chain).with_noise(snr_db, seed=41)
+    wrong = second_mass(factor, chain).unknown("all")
+    fit = lw.identify(record, wrong, method="weak")
+    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
+    assert lw.identify(record, chain.unknown("all"), method="weak").trusted
+
+
+def test_a_gain_of_one_percent_takes_trust_away(chain: lw.Structure) -> None:
+    clean = long_record(chain)
+    gained = clean.values * np.where(np.array(clean.channels) == "x:m2", 1.01, 1.0)
+    record = replace(clean, values=gained, simulated=None).with_noise(40.0, seed=41)
+    assert (
+        lw.identify(record, chain.unknown("all"), method="weak").verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
+    )
+
+
+def test_rates_under_wide_test_functions_are_not_smoothed_more() -> None:
+    """A law that is nonlinear in the rate, of a motion that the wide ones would flatten, stays trusted."""
+    rough = oscillator("k*d + c*v + q*v*abs(v)", k=900.0, c=1.5, q=3.0)
+    clean = lw.simulate(rough, release={"v:m1": 0.5}, duration=6.0, rate=500.0)
+    for seed in range(3):
+        fit = lw.identify(clean.with_noise(40.0, seed=seed), rough.unknown("all"), method="weak")
+        assert fit.trusted, fit.message
+
+
 def test_a_missing_term_is_named(chain: lw.Structure) -> None:
     """A quintic sink identified as a cubic one."""
     text = lw.format_structure(chain).replace("beta*d**3", "beta*d**3 + q*d**5")

@@ -99,8 +99,10 @@ def weak_equations(
     motion: MeasuredDisplacements,
     *,
     window: Window | None = None,
+    rate_window: Window | None = None,
     values: dict[str, float] | None = None,
     max_masses: int = _PATCH,
+    max_thinning: int = _MAX_THINNING,
 ) -> WeakEquations:
     """Weak equations of a structure on a record.
 
@@ -114,10 +116,14 @@ def weak_equations(
         Displacements of the record, from `read_displacements`.
     window : Window, optional
         The test functions; chosen from the bandwidth by default.
+    rate_window : Window, optional
+        What smooths the rates that laws act by; the test functions by default.
     values : dict of str to float, optional
         Present values of parameters that enter a law nonlinearly; their starts by default.
     max_masses : int, optional
         Largest number of masses in a patch.
+    max_thinning : int, optional
+        Largest stride in windows of the sums that give the covariance.
 
     Returns
     -------
@@ -136,7 +142,7 @@ def weak_equations(
             f"the record is too short: its {len(record)} samples give {windows} windows of {window.length} samples, and "
             f"{_MIN_WINDOWS} are needed; record for longer"
         )
-    thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING)
+    thinning = min(max(1, windows // _DENSE_WINDOWS), max_thinning)
     applied = {
         mass: at_samples(
             record.channel(f"force:{name}"), record.interpolation.get(f"force:{name}", BAND_LIMITED)
@@ -151,6 +157,7 @@ def weak_equations(
         values=layout.values(values or {}),
         motion=motion,
         window=window,
+        rate_window=rate_window or window,
         filtered=smooth,
         forces={
             mass: -window.filter(np.nan_to_num(force)[None], window.kernels[:1])[0, 0]
@@ -233,7 +240,7 @@ def _missing_rate(missing: Bools | None, context: PatchContext) -> Bools:
     if missing is None:
         missing = np.zeros(context.motion.displacements.shape[1], dtype=bool)
     window_samples = np.lib.stride_tricks.sliding_window_view(
-        np.pad(missing, context.window.half, constant_values=True), context.window.length
+        np.pad(missing, context.rate_window.half, constant_values=True), context.rate_window.length
     )
     return np.asarray(window_samples.any(axis=1))
 

@@ -13,7 +13,7 @@ of masses needs one set of products.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -134,6 +134,8 @@ class PatchContext:
         Displacements and their noise.
     window : Window
         The test functions.
+    rate_window : Window
+        What smooths the rates that laws act by.
     filtered : array of shape (3, n + 2, R)
         Displacements of masses, base and ground under the three kernels.
     forces : mapping of int to array of shape (R,)
@@ -146,6 +148,7 @@ class PatchContext:
     values: Floats
     motion: MeasuredDisplacements
     window: Window
+    rate_window: Window
     filtered: Floats
     forces: Mapping[int, Floats]
     slope_stride: int
@@ -196,9 +199,9 @@ class PatchContext:
 
     def _rates(self, d: Floats) -> Floats:
         """(m, N) v from d (m, N), held at the edges."""
-        single = Window(self.window.half, 1, self.window.step)
+        single = replace(self.rate_window, stride=1)
         inner = single.filter(d, single.slope)[0]
-        return np.pad(inner, ((0, 0), (self.window.half, self.window.half)), mode="edge")
+        return np.pad(inner, ((0, 0), (single.half, single.half)), mode="edge")
 
     def _rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floats:
         """(q, R): the terms in all windows."""

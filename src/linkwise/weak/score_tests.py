@@ -5,6 +5,10 @@ the bias due to noise and beside the coefficients of the laws (Rao 1948); its va
 noise (`scatter`). Terms of a link act on both of its masses. One on a single mass stands for an error of a sensor, of a stated
 mass or of an applied force, which action and reaction do not excuse.
 
+The test functions of the fit are as short as the fastest motion. In the equation of a mass that moves more slowly most of what
+they leave is noise of its inertia, which falls with the fifth power of their width, so every term is tested under wider ones
+too. They see an error of a sensor or of a stated mass of a tenth the size.
+
 The equations of each patch of masses are tested alone, so that the cost grows with the structure and not with its square.
 
 References
@@ -43,7 +47,9 @@ _LARGEST = 48  # masses of a structure whose equations are tested
 _COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
 _NOISE_POWER = 0.03  # relative error of the power of noise that is found; of stated noise, what its residuals say is added
 _CANCELLED = 0.1  # of what white noise would give: a smaller variance is the difference of large ones that are not exact
-_CHANCE = 12.0  # with twice the logarithm of the number of scores: chance gives one in 2 000 fits
+_CHANCE = 8.0  # with twice the logarithm of the number of scores: normal scores give one in 300 fits
+_WIDTHS = (1.0, 3.0)  # of the test functions of the fit: the wider ones hold a period of the fastest motion
+_FEWEST = 50  # windows, of which scores are about normal
 
 
 @dataclass(frozen=True)
@@ -103,20 +109,56 @@ def significant_score(
     known = dict(zip(equations.parameters, map(float, values), strict=True))
     fine = record.rate > _FIFTH_SAMPLES * equations.motion.bandwidth
     wide = _with_terms(structure, (*_TERMS, _FIFTH) if fine else _TERMS)
+    uncertain = _NOISE_POWER + (abs(excess - 1.0) if record.noise else 0.0)
     try:
-        system = weak_equations(record, wide, equations.motion, window=equations.window, values=known)
-        tests = [_Tests.of(patch, system, known) for patch in system.patches]
-        uncertain = _NOISE_POWER + (abs(excess - 1.0) if record.noise else 0.0)
-        scores = [(test.scores(excess, uncertain), test) for test in tests]
+        for width in _WIDTHS:  # wider ones only where those of the fit see nothing
+            system = _under_wider(record, wide, equations, known, width)
+            score = None if system is None else _largest_score(system, known, excess, uncertain)
+            if score is not None:
+                return score
     except (IdentificationError, np.linalg.LinAlgError):  # a term may not be finite along the motion
-        return None
+        pass
+    return None
+
+
+def _largest_score(
+    system: WeakEquations, known: dict[str, float], excess: float, uncertain: float
+) -> SignificantScore | None:
+    """The largest score in a system if it is beyond chance."""
+    tests = [_Tests.of(patch, system, known) for patch in system.patches]
+    scores = [(test.scores(excess, uncertain), test) for test in tests]
     largest = max(scores, key=lambda pair: float(np.max(np.abs(pair[0]), initial=0.0)), default=None)
     if largest is None or not len(largest[0]):
         return None
     number = int(np.argmax(np.abs(largest[0])))
     z = float(largest[0][number])
-    count = sum(len(z_scores) for z_scores, _ in scores)
+    count = len(_WIDTHS) * sum(len(z_scores) for z_scores, _ in scores)
     return largest[1].named(number, z) if z**2 > _CHANCE + 2.0 * np.log(count) else None
+
+
+def _under_wider(
+    record: Record, structure: Structure, equations: WeakEquations, known: dict[str, float], width: float
+) -> WeakEquations | None:
+    """The equations of a structure under test functions `width` times as wide as of `equations`; None where they are too few.
+
+    Slopes of laws, which say what noise does, and rates that laws act by are those of the motion under the given ones.
+    """
+    window = equations.window if width == 1.0 else equations.window.widened(width)
+    if width > 1.0 and window.rows(len(record)) < _FEWEST:
+        return None
+    system = weak_equations(
+        record,
+        structure,
+        equations.motion,
+        window=window,
+        rate_window=equations.window,
+        values=known,
+        max_thinning=1,
+    )
+    centres = window.half + window.stride * np.arange(system.windows)
+    nearest = np.rint((centres - equations.window.half) / equations.window.stride).astype(int)
+    nearest = np.minimum(nearest, equations.windows - 1)
+    return replace(system, d=equations.d[:, nearest], v=equations.v[:, nearest])
 
 
 def _with_terms(structure: Structure, terms: Sequence[str]) -> Structure:
@@ -242,7 +284,8 @@ class _Tests:
         tested &= variance > _CANCELLED * white
         added = uncertain * (across.T @ (slope_biased - slope))
         variance = max(excess, 1.0) * np.maximum(variance, white) + added**2
-        tested &= significance(np.where(tested, left, 1.0), bias, self.system.windows) > SIGNIFICANT
+        windows = round(self.system.windows / self.system.window.overlap)
+        tested &= significance(np.where(tested, left, 1.0), bias, windows) > SIGNIFICANT
         return np.where(tested, across.T @ slope, 0.0) / np.sqrt(np.where(tested, variance, 1.0))
 
     def named(self, number: int, z: float) -> SignificantScore:

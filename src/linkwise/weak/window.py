@@ -19,6 +19,7 @@ ORDER = 8
 _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower phi exceeds noise at 40 dB
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
+_DISTANCE = 1.6  # standard deviations from one window to the next
 _AT_ONCE = 2**17  # samples that `strided_filter` processes together: they fit in the cache
 _BLOCK = 8  # outputs in one row of the blocked product in `strided_filter`
 
@@ -57,7 +58,7 @@ class Window:
         Window
             The window.
         """
-        return _window(ceil(deviation * sqrt(2 * ORDER + 3)), max(1, round(1.6 * deviation)), step)
+        return _window(ceil(deviation * sqrt(2 * ORDER + 3)), max(1, round(_DISTANCE * deviation)), step)
 
     @classmethod
     def for_band(cls, highest: float, rate: float, noise_free: bool) -> Window:
@@ -82,6 +83,27 @@ class Window:
         """
         narrowest = _NARROWEST_EXACT if noise_free else _NARROWEST
         return cls.of_deviation(min(max(rate / (2.0 * pi * highest), narrowest), _WIDEST), 1.0 / rate)
+
+    def widened(self, factor: float) -> Window:
+        """Test functions of `factor` times the width, neighbours twice as close for their width.
+
+        Parameters
+        ----------
+        factor : float
+            Ratio of the widths.
+
+        Returns
+        -------
+        Window
+            The wider window.
+        """
+        wider = Window.of_deviation(factor * self.half / sqrt(2 * ORDER + 3), self.step)
+        return _window(wider.half, max(1, wider.stride // 2), self.step)
+
+    @property
+    def overlap(self) -> float:
+        """How many times as many windows there are as with the usual distance of neighbours."""
+        return max(1.0, _DISTANCE * self.half / sqrt(2 * ORDER + 3)) / self.stride
 
     @property
     def length(self) -> int:
