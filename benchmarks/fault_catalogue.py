@@ -359,7 +359,12 @@ FAULTS = (
     ),
     Fault("random walk", one(walk), ("drift", "offset"), ("drift", "coloured")),
     *(
-        Fault(f"clipped at {share:.0%}", one(clipped(share), after_noise=True), ("gain",), ("clipped",))
+        Fault(
+            f"clipped at {share:.0%}",
+            one(clipped(share), after_noise=True),
+            ("clipped", "gain"),
+            ("clipped",),
+        )
         for share in (0.95, 0.8, 0.5)
     ),
     Fault("hum -25 dB", one(sine(-25.0)), (), ("hum",)),
@@ -385,13 +390,13 @@ FAULTS = (
     ),
     Fault("low pass at 100 Hz", one(low_pass), ("delay", "gain"), ("coloured", "delay")),
     Fault("low pass in all", everywhere(low_pass), ("filter", "delay", "gain"), ("coloured", "delay")),
-    Fault("high pass at 0.5 Hz", one(high_pass), ("drift", "offset", "delay"), ("drift",)),
+    Fault("high pass at 0.5 Hz", one(high_pass), ("high pass", "drift", "offset", "delay"), ("drift",)),
     Fault("aliased by decimation", decimated, alerts=("aliasing", "few-samples", "coloured")),
     Fault("8 bits", one(eight_bits, after_noise=True), alerts=("quantised",)),
     Fault("jitter 10 %", jittered(0.1)),
     Fault("jitter 30 %", jittered(0.3)),
-    Fault("mm for m", one(lambda x, test: 1e3 * x, after_noise=True), ("gain",), ("unit", "gain")),
-    Fault("channels swapped", swapped, _ANY_SENSOR),
+    Fault("mm for m", one(lambda x, test: 1e3 * x, after_noise=True), ("unit", "gain"), ("unit", "gain")),
+    Fault("channels swapped", swapped, ("swapped", *_ANY_SENSOR)),
     Fault("samples held", one(held), ("delay",), ("doubled", "coloured", "delay")),
     Fault("smoothed without phase", one(smoothed, after_noise=True), (), ("coloured",)),
     Fault(
@@ -421,7 +426,7 @@ FAULTS = (
         for decibel in (40.0, 20.0)
     ),
     Fault("force held", on_force(late(0.5)), ("force delay",), drive="force"),
-    Fault("force of wrong sign", on_force(lambda f, test: -f), ("force gain",), drive="force"),
+    Fault("force of wrong sign", on_force(lambda f, test: -f), ("sign", "force gain"), drive="force"),
     Fault("force not recorded", without_force, drive="force"),
     Fault("small force not recorded", pushed("0.05*sin(90*t)")),
     Fault("white force not recorded", shaken),

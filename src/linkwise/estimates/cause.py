@@ -18,26 +18,28 @@ class Cause:
     ----------
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
-        share, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, ``"force gain"`` or ``"force
-        delay"`` of an applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, a
-        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``,
-        that the records contradict.
+        share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``, a
+        ``"high pass"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a
+        point, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel or that of the base,
+        an ``"ambient"`` force on a mass, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the
+        ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
         The error, in `unit`: relative for gains, masses and frequencies, the root mean square of the force for a term or a
-        link, half the square of the time constant for a filter, the standard deviation of noise, the spectral density of an
-        ambient force.
+        link, half the square of the time constant for a filter, how many times too large values in another unit are, the
+        corner of a high pass, the number of clipped samples, 0 for a sign and for channels that are swapped, the standard
+        deviation of noise, the spectral density of an ambient force.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
         What it would take off -2 log likelihood.
     standard_error : float
-        Of `size`.
+        Of `size`; 0 for errors of a whole channel, whose size is no small one.
     term : str
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
-        The channel that crosstalk comes from, or the mode of a shape, else empty.
+        The channel that crosstalk comes from, the other one of two that are swapped, or the mode of a shape, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares.
     remark : str
@@ -144,6 +146,13 @@ def _low_pass(cause: Cause) -> str:
     return f"a filter of {cause.where}, as a low pass of first order at {corner:.3g} Hz"
 
 
+def _in_other_unit(cause: Cause) -> str:
+    large = cause.size >= 1.0
+    times, side = f"{cause.size if large else 1.0 / cause.size:g}", "large" if large else "small"
+    example = ", as mm taken for m" if cause.size == 1000.0 and cause.where.startswith("x:") else ""
+    return f"another unit of {cause.where}, values {times} times too {side}{example}"
+
+
 def _in_channel(error: str) -> CauseKind:
     """What is added to a channel, in its unit."""
     return CauseKind(lambda cause: f"{error} of {cause.size:.3g} {cause.unit} in {cause.where}")
@@ -168,6 +177,15 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             lambda cause: f"{_percent(cause)} of {cause.source} in {cause.where}", unit="1", relative=True
         ),
         "filter": CauseKind(_low_pass, unit="s^2"),
+        "sign": CauseKind(lambda cause: f"the wrong sign of {cause.where}", unit="1"),
+        "unit": CauseKind(_in_other_unit, unit="1"),
+        "swapped": CauseKind(
+            lambda cause: f"{cause.where} and {cause.source} in each other's place", unit="1"
+        ),
+        "high pass": CauseKind(
+            lambda cause: f"a high pass of {cause.where} at {cause.size:.3g} Hz, as AC coupling is", unit="Hz"
+        ),
+        "clipped": CauseKind(lambda cause: f"{cause.size:.0f} clipped samples of {cause.where}", unit="1"),
         "mass": _off("a mass of "),
         "coefficient": _off("", relative=False),
         "frequency": _off("a frequency of ", relative=False),

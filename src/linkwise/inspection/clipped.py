@@ -44,16 +44,20 @@ def clipped_samples(signal: ChannelSignal) -> Bools:
     Were those beside a clipped one kept that only their noise has held inside of the range, the noise of the samples that are
     left would no longer have a mean of zero.
     """
-    values = [value for _, value in _clipped_ends(signal)]
-    clipped = np.isin(signal.values, values)
-    if not values:
+    ends = rails(signal)
+    clipped = np.isin(signal.values, [value for value, _ in ends])
+    if not ends:
         return clipped
     motion = smoothing_spline(signal.filled, signal.rate).value()[:, 0]
     reach = _REACH * float(np.nan_to_num(signal.sigma))
-    for value in values:
-        side = 1.0 if value == signal.levels[-1] else -1.0
+    for value, side in ends:
         clipped |= side * (motion - value) > -reach
     return clipped & signal.present
+
+
+def rails(signal: ChannelSignal) -> tuple[tuple[float, float], ...]:
+    """The values at which samples are clipped, each with the side of it that the motion was beyond, 1 above and -1 below."""
+    return tuple((value, 1.0 if value == signal.levels[-1] else -1.0) for _, value in _clipped_ends(signal))
 
 
 def _clipped_ends(signal: ChannelSignal) -> list[tuple[int, float]]:

@@ -19,7 +19,6 @@ from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.fit_remarks import fit_remarks, sensor_errors
 from linkwise.likelihood.fitted_motion import motion_of_links
-from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
@@ -30,6 +29,7 @@ from linkwise.likelihood.random_forces import (
     random_forces,
     refuse_beside_random_forces,
 )
+from linkwise.likelihood.record_judgement import judge
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, require_known_kinds
@@ -320,7 +320,7 @@ def estimate_of(
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
     fit = with_limits(fit)
-    judgement = assess(fit, identified, records[0].channels, searched=searched)
+    judgement = judge(fit, identified, structure, records, searched=searched)
     covariance, faint = with_faint_modes(fit, identified)
     missing = judgement.for_missing_terms
     additions = (missing, judgement.for_blocks, judgement.for_input_noise)

@@ -124,31 +124,47 @@ def residual_excess(
     float
         The ratio; 1 for laws and noise that fit.
     """
-    gram = system.window.kernels @ system.window.kernels.T
-    by_slope, variance = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
     total = count = 0.0
     for patch, statistics in noisy:
-        mean, square, own = (
-            statistics.mean[..., : statistics.inside],
-            statistics.square[..., : statistics.inside],
-            statistics.own[..., : statistics.inside],
-        )
-        masses, incidence = statistics.masses[:, None], np.abs(patch.layout.link_incidence)
-        passed = by_slope[0] * square[0] + by_slope[1] * square[1]
-        curved = passed - by_slope[0] * mean[0] ** 2 - by_slope[1] * mean[1] ** 2
-        near = by_slope[0] * own[0] ** 2 + by_slope[1] * own[1] ** 2
-        near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
-        near += incidence @ curved
-        expected = (
-            variance[patch.masses, None] * near + (incidence * variance[patch.layout.far_ends]) @ passed
-        )
-        expected += FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
         windows = statistics.windows[: statistics.inside]
-        residual = patch.residual(values)[:, windows]
-        valid = patch.valid[windows]
-        total += float((residual**2 / expected).sum(axis=0) @ valid)
+        residual, valid = patch.residual(values)[:, windows], patch.valid[windows]
+        total += float((residual**2 / noise_power(patch, statistics, system)).sum(axis=0) @ valid)
         count += len(patch.masses) * float(valid.sum())
     return total / max(count, 1.0)
+
+
+def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations) -> Floats:
+    """Power of the residuals that noise explains.
+
+    Parameters
+    ----------
+    patch : Patch
+        The equations.
+    statistics : SlopeStatistics
+        Their slopes.
+    system : WeakEquations
+        All equations of the record.
+
+    Returns
+    -------
+    array of shape (m, I)
+        Mean squares at the windows of `statistics` that are in the interior of the record.
+    """
+    gram = system.window.kernels @ system.window.kernels.T
+    by_slope, variance = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
+    mean, square, own = (
+        statistics.mean[..., : statistics.inside],
+        statistics.square[..., : statistics.inside],
+        statistics.own[..., : statistics.inside],
+    )
+    masses, incidence = statistics.masses[:, None], np.abs(patch.layout.link_incidence)
+    passed = by_slope[0] * square[0] + by_slope[1] * square[1]
+    curved = passed - by_slope[0] * mean[0] ** 2 - by_slope[1] * mean[1] ** 2
+    near = by_slope[0] * own[0] ** 2 + by_slope[1] * own[1] ** 2
+    near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
+    near += incidence @ curved
+    expected = variance[patch.masses, None] * near + (incidence * variance[patch.layout.far_ends]) @ passed
+    return np.asarray(expected + FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny)
 
 
 def score_blocks(

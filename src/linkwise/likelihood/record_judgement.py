@@ -1,0 +1,72 @@
+"""The judgement on a fit, with errors of the records that are no small ones: clipped samples and whole channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.clipped_samples import clipped_samples
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.judgement import Judgement, assess
+from linkwise.likelihood.recording_errors import recording_errors
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.verdict import Verdict
+
+
+def judge(
+    fit: LikelihoodFit,
+    identified: Structure,
+    structure: Structure,
+    records: Sequence[Record],
+    *,
+    searched: bool = False,
+) -> Judgement:
+    """The judgement of `assess`, and where the laws leave more than noise, errors of the records before all other causes.
+
+    `structure` has its unknowns, of which `identified` has the values found. Without such an error the records are explained
+    to within their noise, or the record itself shows it, so that no answer with it is trusted, and no other cause is likelier.
+    """
+    judgement = assess(fit, identified, records[0].channels, searched=searched)
+    if fit.random_forces or not (judgement.verdict.forbids or judgement.diagnosis):
+        return judgement
+    clipped = tuple(clipped_samples(fit, records))
+    errors = (*clipped, *(recording_errors(records, structure) if judgement.verdict.forbids else ()))
+    if not errors:
+        return judgement
+    unsettled = judgement.verdict is Verdict.NOT_CONVERGED
+    return Judgement(
+        Verdict.NOT_CONVERGED if unsettled else Verdict.MEASUREMENT_ERROR,
+        (f"{judgement.message} " if unsettled else "") + _explanation(errors, is_clipped=bool(clipped)),
+        judgement.model_error,
+        (*errors, *judgement.diagnosis),
+    )
+
+
+def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
+    """What the first of the errors means, and what mends it; the others look like it."""
+    first, others = errors[0], errors[1:]
+    advice = _ADVICE[first.kind].format(where=first.where, source=first.source, factor=_factor(first))
+    if is_clipped:
+        return (
+            f"The motion goes on beyond the range of {first.where}: {first.description} would lower -2 log likelihood by "
+            f"{first.gain:.3g}. Intervals would not include that, so none is given: {advice}."
+        )
+    alike = f" ({' or '.join(error.description for error in others)} would do the same)" if others else ""
+    return (
+        f"The laws do not explain the record as it stands, and explain it to within its noise but for one error: "
+        f"{first.description}{alike}. No interval is given: {advice}, and identify again."
+    )
+
+
+def _factor(cause: Cause) -> str:
+    return f"{1.0 / cause.size:g}" if cause.kind == "unit" else ""
+
+
+_ADVICE = {
+    "sign": "change the sign of {where}",
+    "unit": "multiply {where} by {factor}, or state its unit",
+    "swapped": "exchange {where} and {source}",
+    "high pass": "couple the sensor of {where} directly (DC), or integrate what it took off",
+    "clipped": "mark these samples as missing (mark_missing), or measure with a larger range",
+}

@@ -1,0 +1,47 @@
+"""Samples at the end of a sensor's range are the first cause where the fitted motion goes on beyond it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import chain_record
+
+import linkwise as lw
+
+CHAIN = lw.bnes_chain(2)
+
+
+def clipped(share: float, snr_db: float, seed: int) -> lw.Record:
+    """The record with the displacement of the sink clipped at a share of its peak, after noise was added."""
+    record = chain_record(2).with_noise(snr_db, seed=seed)
+    x = record.channel("x:m2")
+    values = record.values.copy()
+    values[:, record.channels.index("x:m2")] = np.clip(x, -share * np.abs(x).max(), share * np.abs(x).max())
+    return replace(record, values=values, simulated=None)
+
+
+@pytest.mark.parametrize("snr_db", [20.0, 40.0])
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_clipped_samples_are_the_first_cause(share: float, snr_db: float) -> None:
+    record = clipped(share, snr_db, seed=81)
+    fit = lw.identify(record, CHAIN.unknown("all"), method="ml")
+    first = fit.diagnosis[0]
+    assert (first.kind, first.where) == ("clipped", "x:m2") and not fit.trusted
+    assert "goes on beyond the range of x:m2" in fit.message and "mark_missing" in fit.message
+    at_ends = np.abs(record.channel("x:m2")) == np.abs(record.channel("x:m2")).max()
+    assert first.size == at_ends.sum()
+
+
+def test_marked_as_missing_they_are_no_cause() -> None:
+    fit = lw.identify(lw.mark_missing(clipped(0.8, 40.0, seed=81)), CHAIN.unknown("all"), method="ml")
+    assert fit.trusted and fit.diagnosis == ()
+
+
+def test_the_largest_samples_of_a_record_with_another_fault_are_none() -> None:
+    record = chain_record(2).with_noise(40.0, seed=82)
+    values = record.values.copy()
+    values[:, record.channels.index("x:m2")] *= 1.05
+    fit = lw.identify(replace(record, values=values, simulated=None), CHAIN.unknown("all"), method="ml")
+    assert fit.diagnosis and "clipped" not in {cause.kind for cause in fit.diagnosis}
