@@ -109,7 +109,6 @@ from linkwise.model.excitation import Excitation as Excitation
 from linkwise.model.excitation import Impulse as Impulse
 from linkwise.model.host import Host as Host
 from linkwise.model.host_mode import HostMode as HostMode
-from linkwise.model.host_reduction import HostReduction as HostReduction
 from linkwise.model.host_reduction import reduce_host as reduce_host
 from linkwise.model.input_signal import PiecewisePolynomial as PiecewisePolynomial
 from linkwise.model.input_signal import Sampled as Sampled
@@ -126,6 +125,7 @@ from linkwise.model.named_law import NamedLaw as NamedLaw
 from linkwise.model.named_laws import NAMED_LAWS as NAMED_LAWS
 from linkwise.model.named_laws import named_law as named_law
 from linkwise.model.parameters import Parameter as Parameter
+from linkwise.model.reduced_host import HostReduction as HostReduction
 from linkwise.model.structure import BASE as BASE
 from linkwise.model.structure import GROUND as GROUND
 from linkwise.model.structure import Coefficient as Coefficient

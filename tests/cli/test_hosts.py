@@ -73,7 +73,11 @@ def test_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixture[str]
     assert "4 modes and 1 residual ones" in err
     for wrong, message in (
         (["rod.npz"], "at least one point"),
-        (["rod.npz", "--point", "mid=fifteen"], "--point needs NAME=ROW"),
+        (["rod.npz", "--point", "mid15"], "--point needs NAME=ROW"),
+        (
+            ["rod.npz", "--point", "mid=fifteen"],
+            'the point "mid" is fifteen, but the matrices have rows 1 to 30',
+        ),
         (["rod.npz", "--mass", "Q", "--point", "mid=15"], "holds no matrix 'Q'"),
         (["modes.csv", "--point", "mid=15"], "A file of modes has its own points"),
         (["modes.csv", "--keep", "1"], "--keep is for matrices"),
@@ -126,6 +130,25 @@ def test_abaqus_matrices_become_a_host(folder: Path, capsys: pytest.CaptureFixtu
     (folder / "c.mtx").write_text("".join(f"{node},3, {node},3, 0.2\n" for node in range(1, 31)))
     proportional = lw.read_structure(folder / "rod.toml").hosts[0].modes[0]
     assert proportional.damping.value == pytest.approx(0.2 / 0.1 / (2.0 * frequency))
+
+
+def test_a_structure_file_with_matrices_tells_the_error_of_its_reduction(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stiffness = 1e4 * (2.0 * np.eye(30) - np.eye(30, k=1) - np.eye(30, k=-1))
+    np.savez(folder / "rod.npz", M=0.1 * np.eye(30), K=stiffness)
+    (folder / "rod.toml").write_text(
+        '[[host]]\nname = "rod"\npoints = { mid = 15, between = "0.5*20 + 0.5*21" }\nkeep = 4\n'
+        'matrices = { mass = "rod.npz:M", stiffness = "rod.npz:K" }\n'
+    )
+    drive = ["--release", "v:rod.mode1=0.1", "--duration", "0.1", "--rate", "400", "-o", "rod.csv"]
+    assert run(["simulate", "rod.toml", *drive]) == 0
+    assert "note: rod: 4 modes and 2 residual ones; at " in capsys.readouterr().err
+    assert run(["structure", "show", "rod.toml"]) == 0
+    assert "note: 4 modes and 2 residual ones; at " in capsys.readouterr().out
+    assert run(["discover", "rod.csv", "--structure", "rod.toml", "--terms", "d"]) == 1
+    refused = capsys.readouterr().err
+    assert "note: rod: 4 modes" in refused and "it needs at least 50" in refused
 
 
 def test_a_model_without_its_boundary_conditions_is_told(

@@ -315,3 +315,92 @@ def test_damping_that_is_none_is_refused(
 ) -> None:
     with pytest.raises(lw.StructureError, match=message):
         damped(damping).reduce("beam", {"tip": 19}, modal_damping=modal_damping)
+
+
+def two_and_two() -> Matrices:
+    """Two directions of one node with the same frequency, and one of another with twice that."""
+    return scipy.sparse.eye_array(3).tocsc(), scipy.sparse.diags_array([100.0, 100.0, 400.0]).tocsc()
+
+
+def test_a_kept_mode_in_resonance_moves_the_frequency_of_the_error() -> None:
+    """The error is taken at half the frequency that follows, where a mode that is kept has no finite receptance."""
+    matrices = lw.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
+    reduced = matrices.reduce("post", {"tip": "7y", "end": "8x"}, keep=2, residual=False)
+    half = 10.0 / (2.0 * np.pi)
+    assert 0.899 * half < reduced.band < 0.99 * half
+    # all the flexibility of 8x is left out, at a frequency where that of 7y is 1/(100 - w^2)
+    square = (2.0 * np.pi * reduced.band) ** 2
+    left_out, kept = 1.0 / (400.0 - square), 1.0 / (100.0 - square)
+    assert reduced.error == pytest.approx(left_out / np.hypot(left_out, kept), rel=1e-9)
+    assert lw.reduce_host("beam", *beam(), {"tip": 79}, keep=3).band == pytest.approx(
+        0.5 * (lw.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host.modes[3].frequency.value or 0.0)
+    )
+
+
+def test_an_oblique_direction_is_a_point() -> None:
+    """A force along (0.6, 0.8) moves the node by 0.36/100 + 0.64/400 along it; against a coordinate system turned by that."""
+    mass, stiffness = scipy.sparse.eye_array(2).tocsc(), scipy.sparse.diags_array([100.0, 400.0]).tocsc()
+    matrices = lw.HostMatrices(mass, stiffness, None, ("7x", "7y"))
+    points = {"along": "0.6*7x + 0.8*7y", "across": "-0.8*7x+0.6*7y", "x": "7x", "against": "-7x"}
+    reduced = matrices.reduce("post", points, keep=2)
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    turned = lw.HostMatrices(
+        scipy.sparse.csc_array(turn.T @ mass @ turn),
+        scipy.sparse.csc_array(turn.T @ stiffness @ turn),
+        None,
+        ("7x", "7y"),
+    ).reduce("post", {"along": "7x", "across": "7y"}, keep=2)
+    for mode, other in zip(some(reduced.host.modes), turned.host.modes, strict=True):
+        assert mode.frequency.value == pytest.approx(other.frequency.value, rel=1e-12)
+        products = [
+            shape["along"] * shape["across"] for shape in (mode.shape, other.shape)
+        ]  # whatever the sign of the mode
+        assert products[0] == pytest.approx(products[1], rel=1e-12)
+    assert receptance(reduced.host, 0.0) == pytest.approx(0.36 / 100.0 + 0.64 / 400.0, rel=1e-12)
+    for mode in some(reduced.host.modes):
+        assert mode.shape["against"] == -mode.shape["x"]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("7x + 7y", r"squares add up to 2, not 1; write \"\+0.7071\*7x \+0.7071\*7y\""),
+        ("7x - 7x", "does not move"),
+        ("0.6*7x + 0.8*7w", r"is 0.6\*7x \+ 0.8\*7w, but its file names points"),
+        ("0.6 7x", "is 0.6 7x, but its file names points"),
+    ],
+)
+def test_a_point_that_is_no_direction_is_refused(given: str, message: str) -> None:
+    matrices = lw.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
+    with pytest.raises(lw.StructureError, match=message):
+        matrices.reduce("post", {"tip": given}, keep=1)
+    moved = matrices.reduce(
+        "post", {"tip": "0.5*7x + 0.5*8x"}, keep=3
+    )  # the mean of two nodes is no direction
+    assert sum(mode.shape["tip"] ** 2 for mode in moved.host.modes) == pytest.approx(0.5)
+
+
+def test_a_host_of_a_structure_file_tells_what_its_reduction_leaves_out(tmp_path: Path) -> None:
+    mass, stiffness = beam()
+    np.savez(tmp_path / "beam.npz", M=mass.toarray(), K=stiffness.toarray())
+    text = (
+        '[[host]]\nname = "beam"\npoints = { tip = "79", rotated = "-1*80" }\nkeep = 3\nshape_sigma = "1 %"\n'
+        'matrices = { mass = "beam.npz:M", stiffness = "beam.npz:K" }\n'
+    )
+    (tmp_path / "beam.toml").write_text(text)
+    host = lw.read_structure(tmp_path / "beam.toml").hosts[0]
+    reduced = lw.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=3)
+    assert host.notes == reduced.notes
+    assert f"{100.0 * reduced.error:.2g} %" in host.notes[0] and len(host.notes) == 1
+    (tmp_path / "beam.toml").write_text(text.replace("keep = 3", "keep = 1"))
+    coarse = lw.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=1)
+    assert lw.read_structure(tmp_path / "beam.toml").hosts[0].notes == coarse.notes != reduced.notes
+
+
+def test_what_has_no_mass_is_counted() -> None:
+    """A mass matrix that was cut off leaves degrees of freedom without mass, and they follow statically in silence."""
+    stiffness = scipy.sparse.csc_array(1e4 * (2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1)))
+    whole, cut = (scipy.sparse.diags_array([0.1] * 4 + [last] * 2).tocsc() for last in (0.1, 0.0))
+    assert len(lw.reduce_host("rod", whole, stiffness, {"mid": 3}, keep=2).notes) == 1
+    reduced = lw.reduce_host("rod", cut, stiffness, {"mid": 3}, keep=2)
+    assert reduced.massless == 2 and "2 degrees of freedom have no mass" in reduced.notes[1]

@@ -25,6 +25,7 @@ from linkwise.cli.options import (
 from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.cli.sensor_options import sensor_options
+from linkwise.cli.structure_file import tell_of_hosts
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -58,7 +59,9 @@ class PriorOptions:
                 "The file of --structure states the masses: give either --mass or --structure."
             )
         if self.structure is not None:
-            return lw.read_partial_structure(self.structure)
+            known = lw.read_partial_structure(self.structure)
+            tell_of_hosts(known.hosts)
+            return known
         if not self.mass and not mapping.masses:
             raise click.UsageError(
                 f'Give every mass by name, as in --mass {EXAMPLE} --mass "m2=10 g" (ratios will do for forces in '

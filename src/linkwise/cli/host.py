@@ -44,7 +44,7 @@ _NOT_OF_RECORDS = ("points", "mass", "stiffness", *_OF_MATRICES)
     metavar="NAME=ROW",
     multiple=True,
     help="A point for links, sensors or forces: a row of the matrices, counted from 1, or a node and a direction, such as "
-    "1205z, where the files name them. Repeatable.",
+    "1205z, where the files name them; or a sum with factors, such as 0.6*1205x+0.8*1205z, an oblique direction. Repeatable.",
 )
 @click.option(
     "--keep",
@@ -199,23 +199,8 @@ def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) ->
         rayleigh=_rayleigh(options["rayleigh"]),
         residual=not options["no_residual"],
     )
-    tell(
-        f"note: {reduced.kept} modes and {len(reduced.host.modes) - reduced.kept} residual ones; at {reduced.band:.4g} Hz the "
-        f"receptances at the points are off by {100.0 * reduced.error:.2g} %"
-    )
-    if reduced.couples_modes:
-        tell(
-            "note: the damping matrix couples modes, which is left out: one would move by up to "
-            f"{100.0 * reduced.damping_coupling:.3g} % of another at resonance"
-        )
-    free = sum(mode.frequency.value == 0.0 for mode in reduced.host.modes)
-    if free:
-        tell(
-            f"note: {free} {'mode is' if free == 1 else 'modes are'} at 0 Hz: the model is free to move; if the structure is "
-            "not, take matrices with its boundary conditions"
-        )
-    if matrices.total_mass is not None:
-        tell(f"note: the model weighs {matrices.total_mass:.4g} kg, its matrices being taken in SI units")
+    for note in reduced.notes:
+        tell(f"note: {note}")
     return reduced.host
 
 
@@ -264,9 +249,9 @@ def _part(given: str | None, quantity: str) -> float:
 
 
 def _point(given: str) -> tuple[str, str]:
-    name, equals, row = given.partition("=")
-    if not equals or not name or re.fullmatch(r"\s*-?\d+[a-z.\d]*\s*", row) is None:
+    name, equals, place = (part.strip() for part in given.partition("="))
+    if not (name and equals and place):
         raise click.UsageError(
             f"--point needs NAME=ROW, such as tip=79, or a node and a direction, got {given!r}."
         )
-    return name.strip(), row.strip()
+    return name, place

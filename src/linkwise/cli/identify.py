@@ -25,6 +25,7 @@ from linkwise.cli.options import (
 from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.cli.sensor_options import sensor_options
+from linkwise.cli.structure_file import read_told
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
 from linkwise.sindy.regression import REGRESSORS
@@ -156,7 +157,7 @@ def identify(
         raise click.UsageError(f"{source.errors_to_find[0]} is for --method ml, not for {chosen.method}.")
     estimator = _estimator(chosen, ml, sindy)
     process = drawing_beside(output, "linkwise.report.estimate_folder:ESTIMATE_FOLDER")
-    subject = lw.read_structure(structure)
+    subject = read_told(structure)
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
         memory_support.refuse_memory(true.links, memory_support.COMPARISON)

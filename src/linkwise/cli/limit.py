@@ -17,6 +17,7 @@ from linkwise.cli.excitation_options import (
 )
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE, POSITIVE, number, pairs
+from linkwise.cli.structure_file import read_told
 
 
 @click.command()
@@ -69,9 +70,10 @@ def limit(
     keywords = {**sampling.keywords(), **drive.keywords()}
     if segment is not None:
         keywords["segment"] = segment
+    subject = read_told(structure)
     with progress("simulating the test") as step, unstarted_is_usage():
         result = lw.limit(
-            lw.read_structure(structure),
+            subject,
             noise=_noise(noise, noise_of),
             unknown=unknown,
             progress=step,

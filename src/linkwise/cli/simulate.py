@@ -18,6 +18,7 @@ from linkwise.cli.excitation_options import (
 )
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE
+from linkwise.cli.structure_file import read_told
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def simulate(
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
     """
     files.check_record_file(output)  # before the work, so that nobody waits for a refusal
-    subject = lw.read_structure(structure)
+    subject = read_told(structure)
     keywords = {**sampling.keywords(), **drive.keywords()}
     with progress("simulating") as step:
         with unstarted_is_usage():

@@ -169,7 +169,7 @@ def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
             for point, value in mode.shape.items()
         )
         lines.append(f"    {name:12} {_shown(frequency)} Hz, damping {_shown(damping)}; {shape}")
-    return lines
+    return lines + [f"    note: {note}" for note in host.notes]
 
 
 def _shown(coefficient: lw.Coefficient) -> str:

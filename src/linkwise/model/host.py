@@ -8,7 +8,7 @@ to the ground with the law `MODE_LAW`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from linkwise.argument_types import checked_class
 from linkwise.errors import StructureError
@@ -41,6 +41,8 @@ class Host:
         Name of the host.
     modes : tuple of HostMode
         Its modes, with shapes at the same points.
+    notes : tuple of str, optional
+        What to know of where it comes from, such as the error that the reduction of matrices leaves.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Host:
 
     name: str
     modes: tuple[HostMode, ...]
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         check_name(self.name, "host")

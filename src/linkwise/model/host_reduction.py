@@ -12,7 +12,6 @@ R. H. MacNeal, Comput. Struct. 1, 581 (1971); S. Rubin, AIAA J. 13, 995 (1975).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -23,6 +22,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.host import Host
 from linkwise.model.host_mode import HostMode
+from linkwise.model.reduced_host import HostReduction
 
 _DENSE = 400  # degrees of freedom up to which all eigenvalues are computed
 _ROUNDING = 100.0 * float(
@@ -36,56 +36,11 @@ _SLOWEST = (
     1e-2  # 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
 )
 _ROUNDED = 1e-9  # of the largest modal damping: none
-_COUPLED = 0.01  # of the motion of one mode at resonance: another that is told, where damping couples both
 _RESIDUAL = 1e-10  # of the largest: residual flexibility that is none
+_NEAR = 0.01  # of a frequency: a mode so close to that of the error is in resonance there
+_BELOW = np.linspace(0.99, 0.9, 10)  # frequencies that are tried then
 
 Matrix: TypeAlias = scipy.sparse.sparray | scipy.sparse.spmatrix
-
-
-@dataclass(frozen=True, eq=False)
-class HostReduction:
-    """A host from matrices, and what the reduction leaves out.
-
-    Attributes
-    ----------
-    host : Host
-        The kept modes and the residual attachment modes.
-    kept : int
-        The number of modes that are natural modes of the matrices.
-    band : float
-        Frequency in Hz at which `error` is computed: half that of the first mode that was left out.
-    error : float
-        Relative error of the receptances between the points there, by their Frobenius norm; less at lower frequencies, but
-        for antiresonances.
-    damping_coupling : float
-        Largest motion of one mode, as a part of that of another at resonance, that a damping matrix would cause which is not
-        diagonal in the modes [1]_; this coupling is left out. It is infinite between modes of one frequency.
-
-    References
-    ----------
-    .. [1] T. K. Hasselman, AIAA J. 14, 1627 (1976).
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> import numpy as np
-    >>> from scipy.sparse import csc_array
-    >>> stiffness = csc_array(1e4 * (2.0 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)))
-    >>> reduced = lw.reduce_host("rod", csc_array(0.1 * np.eye(9)), stiffness, {"mid": 5}, keep=2)
-    >>> round(reduced.band, 1)
-    22.8
-    """
-
-    host: Host
-    kept: int
-    band: float
-    error: float
-    damping_coupling: float = 0.0
-
-    @property
-    def couples_modes(self) -> bool:
-        """Whether a damping matrix couples modes by more than 1 %, which a host leaves out."""
-        return self.damping_coupling > _COUPLED
 
 
 @checked
@@ -146,7 +101,7 @@ def reduce_host(
         name,
         mass,
         stiffness,
-        points,
+        {point: {row: 1.0} for point, row in points.items()},
         keep=keep,
         damping=modal_damping if damping is None else damping,
         residual=residual,
@@ -157,20 +112,21 @@ def reduce_matrices(
     name: str,
     mass: Matrix,
     stiffness: Matrix,
-    points: Mapping[str, int],
+    points: Mapping[str, Mapping[int, float]],
     *,
     keep: int,
     damping: float | tuple[float, float] | Matrix,
     residual: bool,
 ) -> HostReduction:
-    """The same with `damping` as the ratio of every mode, factors of a matrix a M + b K, or a damping matrix (n, n)."""
+    """The same with `points` by the weights of rows, counted from 1, and `damping` as the ratio of every mode, factors of a
+    matrix a M + b K, or a damping matrix (n, n).
+    """
     mass, stiffness = _real_square("mass", mass), _real_square("stiffness", stiffness)
     of_damping = None if isinstance(damping, (int, float, tuple)) else _real_square("damping", damping)
-    rows = _checked(mass, stiffness, of_damping, points, keep)
-    keep = min(keep, max(int(np.count_nonzero(mass.diagonal())) - 1, 1))
+    at_points = _checked(mass, stiffness, of_damping, points, keep)
+    massless = int(np.count_nonzero(mass.diagonal() == 0.0))
+    keep = min(keep, max(mass.shape[0] - massless - 1, 1))
     squares, shapes = _lowest(mass, stiffness, keep)
-    at_points = np.zeros((mass.shape[0], len(rows)))
-    at_points[rows, range(len(rows))] = 1.0
     following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
     squares, shapes = squares[:keep], shapes[:, :keep]
     retained = len(squares)
@@ -185,7 +141,7 @@ def reduce_matrices(
         zeta = _rayleigh_ratios(frequencies, damping)
     else:
         zeta = np.full(len(frequencies), damping)
-    local = shapes[rows]
+    local = at_points.T @ shapes
     modes = tuple(
         HostMode(
             float(frequency),
@@ -194,12 +150,19 @@ def reduce_matrices(
         )
         for frequency, ratio, column in zip(frequencies, zeta, local.T, strict=True)
     )
-    square = 0.25 * following  # half of that frequency
+    square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
     exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
     approximate = (local / (squares - square)) @ local.T
     error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
     band = float(np.sqrt(square) / (2.0 * np.pi))
-    return HostReduction(Host(name, modes), retained, band, error, coupling)
+    return HostReduction(Host(name, modes), retained, band, error, coupling, massless=massless)
+
+
+def _apart(omega: float, modes: Floats) -> float:
+    """The angular frequency `omega`, or one somewhat below it that is farther from all `modes` (k,) in resonance."""
+    trials = omega * np.append(1.0, _BELOW)
+    distances = np.abs(trials[:, None] / modes[modes > 0.0] - 1.0).min(axis=1, initial=np.inf)
+    return float(trials[0 if distances[0] > _NEAR else np.argmax(distances)])
 
 
 def proportional_damping(
@@ -230,10 +193,10 @@ def _checked(
     mass: scipy.sparse.csc_array,
     stiffness: scipy.sparse.csc_array,
     damping: scipy.sparse.csc_array | None,
-    points: Mapping[str, int],
+    points: Mapping[str, Mapping[int, float]],
     keep: int,
-) -> list[int]:
-    """Rows of the points from 0; StructureError for what cannot be reduced."""
+) -> Floats:
+    """(n, p) the points as combinations of rows; StructureError for what cannot be reduced."""
     size = mass.shape[0]
     others = {"stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
     for quantity, matrix in others.items():
@@ -245,11 +208,14 @@ def _checked(
         raise StructureError(
             "a host needs at least one point: name a row of the matrices, such as tip = 1205"
         )
-    wrong = next((point for point, row in points.items() if not 1 <= row <= size), None)
-    if wrong is not None:
-        raise StructureError(
-            f'the point "{wrong}" is row {points[wrong]}, but the matrices have rows 1 to {size}, counted from 1'
-        )
+    at_points = np.zeros((size, len(points)))
+    for column, (point, weights) in enumerate(points.items()):
+        for row, weight in weights.items():
+            if not 1 <= row <= size:
+                raise StructureError(
+                    f'the point "{point}" is row {row}, but the matrices have rows 1 to {size}, counted from 1'
+                )
+            at_points[row - 1, column] = weight
     if keep < 1:
         raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
     for quantity, matrix in {"mass": mass, **others}.items():
@@ -259,7 +225,7 @@ def _checked(
                 f"the {quantity} matrix is not symmetric; a host is a linear structure that conserves energy"
             )
     _require_plausible(mass, stiffness)
-    return [row - 1 for row in points.values()]
+    return at_points
 
 
 def _require_plausible(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -16,9 +16,11 @@ import scipy
 
 from linkwise.argument_types import checked, checked_class
 from linkwise.errors import StructureError
-from linkwise.model.host_reduction import HostReduction, proportional_damping, reduce_matrices
+from linkwise.model.host_reduction import proportional_damping, reduce_matrices
 from linkwise.model.matrix_files import read_matrices as matrices_of_file
 from linkwise.model.matrix_files.file_matrix import FileMatrix
+from linkwise.model.reduced_host import HostReduction
+from linkwise.model.row_weights import require_direction, row_weights
 from linkwise.text import near_miss
 
 _USUAL = {
@@ -103,7 +105,8 @@ class HostMatrices:
         name : str
             Name of the host.
         points : mapping of str to int or str
-            For each point the name of its degree of freedom, or the number of a row.
+            For each point the name of its degree of freedom, the number of a row, or a sum of such with factors: a direction
+            oblique to the axes is ``"0.6*12x + 0.8*12z"``, with the cosines of its angles.
         keep : int, optional
             Number of the lowest modes that are kept, at most.
         modal_damping : float, optional
@@ -140,23 +143,26 @@ class HostMatrices:
         damping = proportional_damping(modal_damping, rayleigh)
         if damping is not None and self.damping is not None:
             raise StructureError("give a damping matrix, or modal or Rayleigh damping, not both")
-        return reduce_matrices(
+        reduced = reduce_matrices(
             name,
             self.mass,
             self.stiffness,
-            self._rows(points),
+            {point: self._weights(point, str(given)) for point, given in points.items()},
             keep=keep,
             damping=damping or (0.0 if self.damping is None else self.damping),
             residual=residual,
         )
+        return replace(reduced, total_mass=self.total_mass)
 
-    def _rows(self, points: Mapping[str, int | str]) -> dict[str, int]:
-        """Rows of the matrices for points, counted from 1."""
+    def _weights(self, point: str, given: str) -> dict[int, float]:
+        """Factors of rows, counted from 1, of which a point is the sum."""
         numbers = {name: number for number, name in enumerate(self.names, start=1)}
-        for point, name in points.items():
-            if str(name) not in numbers:
-                raise StructureError(f'the point "{point}" is {name}, but {self._named(str(name))}')
-        return {point: numbers[str(name)] for point, name in points.items()}
+        weights = {given: 1.0} if given in numbers else row_weights(given)
+        missing = next((name for name in weights if name not in numbers), None)
+        if missing is not None:
+            raise StructureError(f'the point "{point}" is {given}, but {self._named(missing)}')
+        require_direction(point, weights)
+        return {numbers[name]: weight for name, weight in weights.items()}
 
     def _named(self, name: str) -> str:
         """How the degrees of freedom are named, for a name that is none of them."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -129,7 +130,7 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
             "`linkwise structure host`, which tells by how much",
             where,
         )
-    return reduced.host
+    return replace(reduced.host, notes=reduced.notes)
 
 
 def _mode(given: object, source: str, path: str) -> HostMode:
