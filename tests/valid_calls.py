@@ -312,6 +312,8 @@ def figures(record: lw.Record, fitted: lw.Estimate, discovered: lw.Discovery) ->
         "force_comparison": compared,
         "force_errors": compared,
         "force_comparison_figure": compared,
+        "shapes": {"host": BEAM},
+        "shapes_figure": {"structure": lw.Structure("beam", (), (), (BEAM,))},
         "study": {"result": rows},
         "accuracy_figure": {"result": rows},
     }

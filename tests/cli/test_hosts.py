@@ -169,6 +169,18 @@ def test_show_prints_the_modes(folder: Path, capsys: pytest.CaptureFixture[str])
     assert "modes.mode2  21 Hz" in out
 
 
+def test_show_draws_the_shapes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "wing.toml"]) == 0
+    assert run(["structure", "show", "wing.toml", "--shapes", "wing.png"]) == 0
+    assert "note: wing.svg is written" in capsys.readouterr().err
+    assert (folder / "wing.png").read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in (folder / "wing.svg").read_text()
+    assert run(["structure", "bnes", "--dof", "2", "-o", "chain.toml"]) == 0
+    assert run(["structure", "show", "chain.toml", "--shapes", "chain"]) == 2
+    assert "has no host, whose shapes could be drawn" in capsys.readouterr().err
+    assert not (folder / "chain.png").exists()
+
+
 def test_values_of_a_host_known_to_within(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sigmas = ["--frequency-sigma", "1%", "--damping-sigma", "20 %", "--shape-sigma", "2%"]
     assert run(["structure", "host", "modes.csv", *sigmas, "-o", "host.toml"]) == 0

@@ -26,7 +26,8 @@ Draw = Callable[..., Axes]
 PICTURES = (
     "absorption", "crossings", "departures", "displacement", "distortion", "energy", "evidence", "force", "force_comparison",
     "force_errors", "graph", "histories", "level_modes", "level_response", "loop", "map", "path", "prediction",
-    "prediction_error", "prediction_profile", "prediction_spectrum", "ring_down", "runners_up", "spectrum", "study", "surface",
+    "prediction_error", "prediction_profile", "prediction_spectrum", "ring_down", "runners_up", "shapes", "spectrum", "study",
+    "surface",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -76,7 +77,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
         "map": (swept, "sinks_share"),
         "prediction": (validated, "x:m1"), "prediction_error": (validated, "x:m1"),
         "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),
-        "path": (discovered,), "runners_up": (discovered,),
+        "path": (discovered,), "runners_up": (discovered,), "shapes": (beam_of_one_mode().hosts[0],),
         "spectrum": (fitted.record, "x:m1", 1e-4), "study": (rows(),),
     }  # fmt: skip
     assert set(results) == set(PICTURES)

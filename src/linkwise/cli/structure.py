@@ -11,6 +11,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import atomic_file, to_json
+from linkwise.cli.console import tell
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
 
@@ -56,15 +57,25 @@ def bnes(dof: int, unknown: str | None, output: Path | None, as_json: bool) -> N
 
 @structure.command()
 @click.argument("file", type=FILE)
+@click.option(
+    "--shapes",
+    metavar="PICTURE",
+    type=FILE,
+    help="Draw the shapes of hosts at their points into PICTURE.png and PICTURE.svg.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
-def show(file: Path, as_json: bool) -> None:
-    """Show the masses and links of FILE, and where it can rest and how it vibrates there.
+def show(file: Path, shapes: Path | None, as_json: bool) -> None:
+    """Show the masses, hosts and links of FILE, and where it can rest and how it vibrates there.
 
     \b
-    Example:
+    Examples:
       linkwise structure show chain.toml
+      linkwise structure show wing.toml --shapes wing
     """
     subject = lw.read_structure(file)
+    if shapes is not None:
+        for path in lw.plot.save(lw.plot.shapes_figure(subject), _without_suffix(shapes)):
+            tell(f"note: {path} is written")
     rests = _rests(subject)
     if as_json:
         text = to_json({**tomllib.loads(lw.format_structure(subject)), "equilibria": rests})
@@ -111,6 +122,11 @@ def laws(name: str | None, as_json: bool) -> None:
         click.echo(_link_text(name, chosen[name]))
     else:
         click.echo("\n\n".join(_law_lines(key, law) for key, law in chosen.items()))
+
+
+def _without_suffix(picture: Path) -> Path:
+    """The path without .png or .svg, both of which are written."""
+    return picture.with_suffix("") if picture.suffix.lower() in (".png", ".svg") else picture
 
 
 def _law_document(law: lw.NamedLaw) -> dict[str, Any]:

@@ -24,6 +24,8 @@ from linkwise.plot.displacements import displacements_figure as displacements_fi
 from linkwise.plot.force_comparisons import force_comparison as force_comparison
 from linkwise.plot.force_comparisons import force_comparison_figure as force_comparison_figure
 from linkwise.plot.force_comparisons import force_errors as force_errors
+from linkwise.plot.host_shapes import shapes as shapes
+from linkwise.plot.host_shapes import shapes_figure as shapes_figure
 from linkwise.plot.level_distortion import distortion as distortion
 from linkwise.plot.level_distortion import distortion_figure as distortion_figure
 from linkwise.plot.level_frequencies import level_modes as level_modes
