@@ -18,7 +18,7 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.discovery.term_families import FAMILIES
-from linkwise.likelihood.shooting import anneal, damped_step
+from linkwise.likelihood.shooting import curved_step, damped_step
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -191,7 +191,7 @@ def test_ctrl_c_ends_with_the_best_so_far(
             raise KeyboardInterrupt
         return step(*nouns)
 
-    monkeypatch.setattr(anneal, "damped_step", interrupted)
+    monkeypatch.setattr(curved_step, "damped_step", interrupted)
     assert run(arguments(files, "-o", str(tmp_path / "found"))) == 3
     out = capsys.readouterr().out
     assert "NOT to be trusted" in out and "Not converged: interrupted." in out and "m2-m1" in out

@@ -19,7 +19,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.likelihood.shooting import anneal, damped_step
+from linkwise.likelihood.shooting import curved_step, damped_step
 
 command = import_module("linkwise.cli.identify")  # the package holds the command under that name
 OFFSET = 5e-4
@@ -256,7 +256,7 @@ def test_ctrl_c_returns_the_best_so_far(
             raise KeyboardInterrupt
         return step(*nouns)
 
-    monkeypatch.setattr(anneal, "damped_step", interrupted)
+    monkeypatch.setattr(curved_step, "damped_step", interrupted)
     assert run(arguments(files)) == 3
     out = capsys.readouterr().out
     assert "not converged, NOT to be trusted" in out and "interrupted" in out and "alpha" in out

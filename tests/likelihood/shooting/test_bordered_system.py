@@ -76,6 +76,17 @@ def test_solves_as_a_dense_matrix_does(equations: BorderedSystem) -> None:
     assert equations.drop(nodes, border) == pytest.approx(gradient @ expected, rel=1e-8)
 
 
+def test_a_factor_takes_another_gradient(equations: BorderedSystem) -> None:
+    random, shape = np.random.default_rng(6), equations.diagonal.shape[:2]
+    of_nodes, of_border = random.normal(size=shape), random.normal(size=P)
+    right = equations.right.copy()
+    right[-1] += of_nodes
+    changed = replace(equations, right=right, corner_gradient=equations.corner_gradient + of_border)
+    moved = present(present(equations.factor()).moved(of_nodes, of_border).solve(np.ones(P, bool)))
+    for part, expected in zip(moved, present(present(changed.factor()).solve(np.ones(P, bool))), strict=True):
+        np.testing.assert_allclose(part, expected, rtol=1e-8, atol=1e-10)  # same numerics
+
+
 def test_damping_stands_on_the_diagonal(equations: BorderedSystem) -> None:
     matrix, gradient = dense(equations)
     random = np.random.default_rng(6)

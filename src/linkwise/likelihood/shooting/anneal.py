@@ -22,7 +22,8 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.damped_step import DampedEquations, bounds, damped_step, freedom
+from linkwise.likelihood.shooting.curved_step import curved_step
+from linkwise.likelihood.shooting.damped_step import SLIGHT, DampedEquations, bounds, freedom, full_reduction
 from linkwise.likelihood.shooting.linear_model import Factor, covariance, linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
@@ -140,11 +141,9 @@ class AnnealingStep:
     @property
     def remaining(self) -> float:
         """Estimate of the reduction of the cost that is left at this q."""
-        return (
-            abs(self.predicted_reduction - self.reduction)
-            if self.damping == 0
-            else max(self.predicted_reduction, self.reduction)
-        )
+        if self.damping == 0:
+            return abs(self.predicted_reduction - self.reduction)
+        return max(self.predicted_reduction, self.reduction)
 
     @property
     def best_length(self) -> float:
@@ -250,7 +249,7 @@ class _SearchState:
             settled, q = q, max(schedule.final_q, q * schedule.factor(step.remaining / samples))
         elif step.reduction < 0.01 * step.cost:
             q = max(schedule.final_q, q * schedule.largest_factor)
-        return _SearchState(q, settled, damping if damping >= 1e-3 else 0.0, 2.0, stride)
+        return _SearchState(q, settled, damping if damping >= SLIGHT else 0.0, 2.0, stride)
 
 
 def anneal(
@@ -312,12 +311,12 @@ def anneal(
             if damped is None or (damped.q, damped.damping) != (control.q, control.damping):
                 damped = None  # whose memory the next ones take
                 damped = DampedEquations.of(linear, control.q, control.damping)
-            attempt = damped_step(segments, damped, misfit, scales, control.stride)
+            attempt = curved_step(segments, linear, damped, misfit, scales, loss, control.stride)
             if attempt is None:
                 control = control.firmer()
                 continue
-            trial = evaluate(segments, attempt[0], scales, loss)
-            step = control.evaluated_step(len(path), misfit, trial, attempt[1], samples)
+            trial, predicted, unclear = attempt
+            step = control.evaluated_step(len(path), misfit, trial, predicted, samples)
             path.append(step)
             progress(step.report)
             if step.reduction > 0.0:
@@ -326,7 +325,9 @@ def anneal(
                 if schedule.exceeded(step):
                     status = AnnealingStatus.COSTLY
                     break
-            if control.q <= schedule.final_q and step.remaining < schedule.tolerance + _ROUNDING * step.cost:
+            left = schedule.tolerance + _ROUNDING * step.cost
+            small = control.q <= schedule.final_q and max(step.remaining, unclear) < left
+            if small and full_reduction(segments, linear, misfit, scales, damped) < left:
                 status = AnnealingStatus.CONVERGED
                 break
             control = control.after(step, schedule, samples)
@@ -350,10 +351,8 @@ def _fit(
     status: AnnealingStatus,
     path: tuple[AnnealingStep, ...],
 ) -> AnnealingFit:
-    theta = misfit.point.border
-    lower, upper = bounds(segments)
+    theta, (lower, upper) = misfit.point.border, bounds(segments)
     free = (theta > lower) & (theta < upper)
-    samples = int(segments.observed.sum())
     return AnnealingFit(
         misfit.point,
         misfit,
@@ -362,7 +361,7 @@ def _fit(
         covariance(factor, scales, free),
         ~free,
         misfit.cost(q) / (freedom(segments) * loss.expected),
-        samples,
+        int(segments.observed.sum()),
         status,
         path,
     )

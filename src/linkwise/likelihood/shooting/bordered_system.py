@@ -8,7 +8,7 @@ Flops and memory are linear in K.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, lapack
@@ -91,6 +91,13 @@ class BorderedFactor:
         right = self.forward[-1] - border @ self.forward[:-1]
         nodes, _ = lapack.dtbtrs(self.chol, right[:, None], uplo="L", trans="T")
         return nodes.reshape(self.shape), border
+
+    def moved(self, nodes: Floats, border: Floats) -> BorderedFactor:
+        """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
+        change, _ = lapack.dtbtrs(self.chol, nodes.reshape(-1, 1), uplo="L")
+        forward = self.forward.copy()
+        forward[-1] += change[:, 0]
+        return replace(self, forward=forward, reduced=self.reduced + border - forward[:-1] @ change[:, 0])
 
     def excess(self, border: Floats, free: Bools) -> float:
         """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `BorderedSystem.drop` takes for zero."""

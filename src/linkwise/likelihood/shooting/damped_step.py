@@ -14,6 +14,8 @@ from linkwise.likelihood.shooting.local_equations import LocalSystem
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
+SLIGHT = 1e-3  # damping that changes no step
+
 
 @dataclass(frozen=True, eq=False)
 class DampedEquations:
@@ -131,3 +133,28 @@ def freedom(segments: Segments) -> float:
     known = 0 if segments.prior is None else segments.prior.count
     states = segments.chains * int(segments.continuous.sum())  # a random force is known as a residual is
     return float(int(segments.observed.sum()) + known - states - segments.parameters)
+
+
+def full_reduction(
+    segments: Segments, linear: GaussNewtonModel, misfit: Misfit, scales: Scales, damped: DampedEquations
+) -> float:
+    """What a full step is predicted to take off the cost, where a damped one, which is short, takes off little anywhere.
+
+    Parameters
+    ----------
+    segments, misfit, scales
+        As of `damped_step`.
+    linear : GaussNewtonModel
+        The linearised problem.
+    damped : DampedEquations
+        The equations of the last step.
+
+    Returns
+    -------
+    float
+        The predicted reduction; 0 where the last step was a full one, infinite where the equations are not positive definite.
+    """
+    if damped.damping < SLIGHT:
+        return 0.0
+    attempt = damped_step(segments, DampedEquations.of(linear, damped.q, 0.0), misfit, scales, 1.0)
+    return float("inf") if attempt is None else attempt[1]
