@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Annotated, ClassVar, TypedDict, final
@@ -41,6 +41,7 @@ from linkwise.likelihood.starts.host_memory import host_memory_starts
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
+from linkwise.likelihood.starts.memory_by_links import memory_starts_by_links
 from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import equivalent_values, starting_values
 from linkwise.likelihood.unseen_terms import unseen_remark, unseen_terms
@@ -254,9 +255,8 @@ class MaximumLikelihood(Estimator):
     def _search(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        valleys = self._valleys(records, structure)
-        if valleys:
-            return fit_from_valleys(partial(likelihood_fit, records, structure, options=options), valleys)
+        if structure.topology.states:
+            return self._with_memory(structure, records, options)
         theta, spread = starting_values(records, structure, self.starts)
         search = partial(likelihood_fit, records, structure)
         if structure.hosts:
@@ -277,20 +277,33 @@ class MaximumLikelihood(Estimator):
         theta = equivalent_values(records, structure, self.starts)
         return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
 
-    def _valleys(self, records: Sequence[Record], structure: Structure) -> tuple[Valley, ...]:
-        """Starts of a structure with memory; none without memory."""
+    def _with_memory(
+        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
+    ) -> LikelihoodFit:
+        """A fit of a structure with memory, from the starts that the records show of it."""
         given = dict(self.starts or {})
-        if not structure.topology.states:
-            return ()
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure)
         known = given if shows_every_mass(framed_ones[0], structure) and not structure.hosts else stated
+        fit = partial(_fit_from, partial(likelihood_fit, records, structure, options=options))
         if all(p.name in known for p in structure.parameters):
-            return (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),)
-        with one_blas_thread():
-            if structure.hosts:
-                return host_memory_starts(framed_ones[0], structure, given)
-            return memory_starts(framed_ones, structure, given)
+            return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
+        if structure.hosts:
+            return fit(lambda: host_memory_starts(framed_ones[0], structure, given))
+        if not needs_integration(framed_ones[0], structure):
+            return fit(lambda: memory_starts(framed_ones, structure, given))
+        return fit_or_another(
+            fit(lambda: memory_starts_by_links(framed_ones[0], structure, given)),
+            lambda: fit(lambda: memory_starts(framed_ones, structure, given)),
+        )
+
+
+def _fit_from(
+    search: Callable[[Floats], LikelihoodFit], starts: Callable[[], tuple[Valley, ...]]
+) -> LikelihoodFit:
+    with one_blas_thread():
+        valleys = starts()
+    return fit_from_valleys(search, valleys)
 
 
 def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:

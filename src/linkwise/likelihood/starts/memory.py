@@ -33,6 +33,7 @@ _SEARCH = 40  # steps of a refinement, at most
 _FLAT = 1e-5  # relative change of the cost at which it ends
 _WINDOW = 0.2  # half width of a test function over the period of the motion
 _DISTINCT = 0.05  # relative distance of the forces' coefficients beyond which two valleys are different
+_MARGIN = 0.05  # of the room between two bounds, next to them
 _SEED = 12
 
 
@@ -59,11 +60,7 @@ def rough_memory_start(records: Sequence[Record], structure: Structure) -> Valle
 
     Raises IdentificationError as `memory_starts` does.
     """
-    search = MemorySearch.of(records[0][:_ROUGH_SAMPLES], structure, {})
-    rng = np.random.default_rng(_SEED)
-    trials = np.stack([search.trial(rng, first=False) for _ in range(_ROUGH_TRIALS)])
-    costs = [float(np.mean(left**2)) for _, left in search.regressed(trials)]
-    return Valley(*search.solved(trials[int(np.argmin(costs))]))
+    return MemorySearch.of(records[0][:_ROUGH_SAMPLES], structure, {}).rough()
 
 
 def _distinct(valleys: Sequence[Valley]) -> tuple[Valley, ...]:
@@ -94,7 +91,7 @@ class MemorySearch:
     """The regression along a motion: elongations and rates (N, L), projected equations, and what is unknown.
 
     The equations are those of the `balances` of masses, and of the forces and states (N,) of links that are `shown`, by
-    channel.
+    channel. What forces have of the first `slow` cosines over the record is left out, where elongations are known up to drift.
     """
 
     structure: Structure
@@ -104,6 +101,7 @@ class MemorySearch:
     balances: tuple[Balance, ...]
     shown: Mapping[str, Floats]
     given: Mapping[str, float]
+    slow: int = 0
 
     @classmethod
     def of(cls, record: Record, structure: Structure, given: Mapping[str, float]) -> MemorySearch:
@@ -129,12 +127,22 @@ class MemorySearch:
         """The minima that are found, the lowest first."""
         if not self.curved:
             return (Valley(*self.solved(np.zeros(0))),)
-        rng = np.random.default_rng(_SEED)
-        trials = np.stack([self.trial(rng, first=number == 0) for number in range(_TRIALS)])
-        costs = [float(np.mean(left**2)) for _, left in self.regressed(trials)]
-        refined = self.refined(trials[np.argsort(costs, kind="stable")[:_REFINED]])
+        refined = self.refined(self._trials(_TRIALS)[:_REFINED])
         valleys = [Valley(*self.solved(curved)) for curved in refined]
         return _distinct(sorted(valleys, key=lambda valley: valley.misfit))
+
+    def rough(self) -> Valley:
+        """The best of random starts: quick, to rank structures or motions before any search."""
+        if not self.curved:
+            return Valley(*self.solved(np.zeros(0)))
+        return Valley(*self.solved(self._trials(_ROUGH_TRIALS)[0]))
+
+    def _trials(self, count: int) -> Floats:
+        """Starts (B, q) of the curved parameters, those that leave least first."""
+        rng = np.random.default_rng(_SEED)
+        trials = np.stack([self.trial(rng, first=number == 0) for number in range(count)])
+        costs = [float(np.mean(left**2)) for _, left in self.regressed(trials)]
+        return np.asarray(trials[np.argsort(costs, kind="stable")])
 
     @cached_property
     def project(self) -> Callable[[Floats, int], Floats]:
@@ -173,8 +181,10 @@ class MemorySearch:
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Bounds of the curved parameters."""
-        return np.array([p.lower for p in self.curved]), np.array([p.upper for p in self.curved])
+        """Bounds of the curved parameters; those between two stay off both, where a state may run away."""
+        low, high = np.array([[p.lower, p.upper] for p in self.curved]).T
+        margin = np.where(np.isfinite(high - low), _MARGIN * (high - low), 0.0)
+        return low + margin, high - margin
 
     def trial(self, rng: np.random.Generator, *, first: bool) -> Floats:
         """Values of the curved parameters to start from."""
@@ -271,7 +281,24 @@ class MemorySearch:
     @cached_property
     def _sizes_of_shown(self) -> dict[str, float]:
         """The size of what each channel of a link shows among the equations."""
-        return {name: float(np.std(self.project(values, 0))) for name, values in self.shown.items()}
+        return {
+            name: float(
+                np.std(self._projected_force(values) if name.startswith("f:") else self.project(values, 0))
+            )
+            for name, values in self.shown.items()
+        }
+
+    @cached_property
+    def _slow_part(self) -> Floats:
+        """Orthonormal columns: the slow cosines, projected."""
+        time = (np.arange(len(self.d)) + 0.5) / len(self.d)
+        cosines = np.cos(np.pi * time[:, None] * np.arange(self.slow))
+        return np.asarray(np.linalg.qr(self.project(cosines, 0))[0])
+
+    def _projected_force(self, force: Floats) -> Floats:
+        """Integrals of a force (N, ...) against test functions, without its slow part."""
+        projected = self.project(force, 0)
+        return projected - self._slow_part @ (self._slow_part.T @ projected) if self.slow else projected
 
     @cached_property
     def _inertia(self) -> list[tuple[Floats, float, float]]:
@@ -315,8 +342,8 @@ class MemorySearch:
             channel = f"f:{link.name}"
             if channel in self.shown:
                 shown, scale = self.shown[channel], self._sizes_of_shown[channel]
-                blocks.append(self.project(force[:, number] - shown, 0) / scale)
-                sides.append(self.project(slopes[:, :, number].copy(), 0) / scale)
+                blocks.append(self._projected_force(force[:, number] - shown) / scale)
+                sides.append(self._projected_force(slopes[:, :, number].copy()) / scale)
         for balance, (inertia, value, scale) in zip(self.balances, self._inertia, strict=True):
             block = self.project(force @ balance.incidence - balance.applied, 0) + value * inertia
             side = self.project(np.tensordot(slopes, balance.incidence, 1), 0)
