@@ -70,7 +70,7 @@ def test_the_slope_is_the_costs_where_samples_are_few(chain: lw.Structure) -> No
                 )
                 slope = -(ahead.cost(q) - behind.cost(q)) / (4.0 * eps)
                 slopes.append(slope)
-                errors.append(equations.right[-1][node, row] - slope)
+                errors.append(equations.right[node, row, -1] - slope)
         return float(np.abs(errors).max() / np.abs(slopes).max())
 
     # halved until a sensitivity over a segment stays the same to 0.002, of which order 4 leaves a sixteenth

@@ -230,17 +230,18 @@ def _noise(optimum: Optimum, misfit: Misfit) -> Callable[[slice], Floats]:
 def steps_of(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
     """Solutions (K, m, d) and (P, d) of the equations for right-hand sides of the same shapes, zero where not `free`."""
     P, d = border.shape
+    columns = factor.forward[..., :P].reshape(-1, P)
     forward, _ = lapack.dtbtrs(factor.chol, nodes.reshape(-1, d), uplo="L")
     solved = np.zeros_like(border)
     if free.any():
-        right = border - factor.forward[:P] @ forward
+        right = border - columns.T @ forward
         solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
-    back, _ = lapack.dtbtrs(factor.chol, forward - factor.forward[:P].T @ solved, uplo="L", trans="T")
+    back, _ = lapack.dtbtrs(factor.chol, forward - columns @ solved, uplo="L", trans="T")
     return back.reshape(nodes.shape), solved
 
 
 def changes_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
     """(K - 1, m, d) of the defects by steps of the nodes (K, m, d) and the border (P, d)."""
     ends = np.einsum("kij,kjd->kid", linear.state_ends, nodes[:-1])
-    ends += np.einsum("pki,pd->kid", linear.right_ends[: len(border)], border)
+    ends += linear.right_ends[..., : len(border)] @ border
     return np.asarray((nodes[1:] - ends) * linear.joined[:, :, None])

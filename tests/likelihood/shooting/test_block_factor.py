@@ -14,18 +14,18 @@ def system(nodes: int, m: int, p: int) -> BorderedSystem:
     """Normal equations J'J of a Jacobian whose rows touch two neighbouring nodes and the border."""
     random = np.random.default_rng(5)
     diagonal, coupling = np.zeros((nodes, m, m)), np.zeros((nodes - 1, m, m))
-    right, corner = np.zeros((p + 1, nodes, m)), np.zeros((p, p))
+    right, corner = np.zeros((nodes, m, p + 1)), np.zeros((p, p))
     for k in range(nodes):
         rows = random.normal(size=(3 * m + p, 2 * m + p))
         own, later, border = np.split(rows, [m, 2 * m], axis=1)
         diagonal[k] += own.T @ own
-        right[:p, k] += border.T @ own
+        right[k, :, :p] += own.T @ border
         corner += border.T @ border
         if k + 1 < nodes:
             diagonal[k + 1] += later.T @ later
             coupling[k] = later.T @ own
-            right[:p, k + 1] += border.T @ later
-    right[p] = random.normal(size=(nodes, m))
+            right[k + 1, :, :p] += later.T @ border
+    right[..., p] = random.normal(size=(nodes, m))
     return BorderedSystem(diagonal, coupling, right, corner, random.normal(size=p))
 
 
@@ -34,14 +34,14 @@ def blocks(banded: BorderedSystem) -> BlockEquations:
     coupling = np.concatenate([banded.coupling, np.zeros((1, m, m))])
 
     def some(first: int, last: int) -> NodeBlocks:
-        right = banded.right[:, first:last].transpose(1, 0, 2)
+        right = banded.right[first:last].transpose(0, 2, 1)
         own = banded.diagonal[first:last].copy(), right.copy(), coupling[first:last].copy()
         return NodeBlocks(*own)
 
     return BlockEquations(
         (nodes, m),
         some,
-        lambda border: banded.right[-1] - np.tensordot(border, banded.right[:-1], 1),
+        lambda border: banded.right[..., -1] - banded.right[..., :-1] @ border,
         lambda first, last: coupling[first:last],
         banded.corner,
         banded.corner_gradient,

@@ -27,10 +27,10 @@ def dense(equations: BorderedSystem) -> tuple[np.ndarray, np.ndarray]:
             after = slice(m * (k + 1), m * (k + 2))
             matrix[after, own] = equations.coupling[k]
             matrix[own, after] = equations.coupling[k].T
-    matrix[size:, :size] = equations.right[:-1].reshape(P, size)
-    matrix[:size, size:] = matrix[size:, :size].T
+    matrix[:size, size:] = equations.right[..., :-1].reshape(size, P)
+    matrix[size:, :size] = matrix[:size, size:].T
     matrix[size:, size:] = equations.corner
-    return matrix, np.concatenate([equations.right[-1].ravel(), equations.corner_gradient])
+    return matrix, np.concatenate([equations.right[..., -1].ravel(), equations.corner_gradient])
 
 
 @pytest.fixture(params=[1, 2, 7], ids="{} nodes".format)
@@ -51,7 +51,7 @@ def equations(request: pytest.FixtureRequest) -> BorderedSystem:
     return BorderedSystem(
         diagonal=np.stack([cut[k, :, k] for k in range(nodes)]),
         coupling=np.stack([cut[k + 1, :, k] for k in range(nodes - 1)]) if nodes > 1 else np.empty((0, M, M)),
-        right=np.concatenate([matrix[size:, :size], gradient[None, :size]]).reshape(P + 1, nodes, M),
+        right=np.column_stack([matrix[:size, size:], gradient[:size]]).reshape(nodes, M, P + 1),
         corner=matrix[size:, size:],
         corner_gradient=gradient[size:],
     )
@@ -80,7 +80,7 @@ def test_a_factor_takes_another_gradient(equations: BorderedSystem) -> None:
     random, shape = np.random.default_rng(6), equations.diagonal.shape[:2]
     of_nodes, of_border = random.normal(size=shape), random.normal(size=P)
     right = equations.right.copy()
-    right[-1] += of_nodes
+    right[..., -1] += of_nodes
     changed = replace(equations, right=right, corner_gradient=equations.corner_gradient + of_border)
     moved = present(present(equations.factor()).moved(of_nodes, of_border).solve(np.ones(P, bool)))
     for part, expected in zip(moved, present(present(changed.factor()).solve(np.ones(P, bool))), strict=True):
@@ -171,3 +171,23 @@ def test_a_border_that_ran_away_has_no_factor(equations: BorderedSystem) -> None
     corner = equations.corner.copy()
     corner[0, 0] = np.inf
     assert replace(equations, corner=corner).factor() is None
+
+
+def test_a_wide_border_is_that_of_single_columns(equations: BorderedSystem) -> None:
+    """Node by node, by products of blocks, against the band alone; of each column of the border as of a narrow one."""
+    random, wide = np.random.default_rng(7), 600 // M
+    nodes = len(equations.diagonal)
+    right = random.normal(size=(nodes, M, wide + 1))
+    corner, slope = 1e3 * np.eye(wide), random.normal(size=wide)
+    whole = present(replace(equations, right=right, corner=corner, corner_gradient=slope).factor())
+    schur, reduced = np.empty((wide, wide)), np.empty(wide)
+    for column in range(wide):
+        narrow = replace(
+            equations, right=right[..., [column, -1]], corner=np.eye(1), corner_gradient=np.zeros(1)
+        )
+        forward = present(narrow.factor()).forward.reshape(-1, 2)
+        np.testing.assert_allclose(whole.forward.reshape(-1, wide + 1)[:, [column, -1]], forward, rtol=1e-8)
+        reduced[column] = slope[column] - forward[:, 0] @ forward[:, 1]
+        schur[column] = corner[column] - forward[:, 0] @ whole.forward.reshape(-1, wide + 1)[:, :-1]
+    np.testing.assert_allclose(whole.reduced, reduced, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(whole.schur, schur, rtol=1e-8, atol=1e-8)

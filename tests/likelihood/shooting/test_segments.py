@@ -14,7 +14,7 @@ import linkwise as lw
 from linkwise.likelihood.shooting import normal_equations as module
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.shooting.normal_equations import NormalBlocks, linearise
+from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
@@ -84,7 +84,7 @@ def point(
 
 
 def gradient(equations: BorderedSystem) -> np.ndarray:
-    return np.concatenate([equations.right[-1].ravel(), equations.corner_gradient])
+    return np.concatenate([equations.right[..., -1].ravel(), equations.corner_gradient])
 
 
 def moved(point: Iterate, scales: Scales, step: np.ndarray) -> Iterate:
@@ -145,7 +145,7 @@ def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, 
     loss, q = Gaussian(), 0.1
     misfit = evaluate(segments, point, scales, loss)
     equations = linearise(segments, misfit, scales, loss).equations(q)
-    size, eps = equations.right[0].size, 1e-4
+    size, eps = equations.right[..., 0].size, 1e-4
 
     def rows(at: Iterate) -> np.ndarray:
         misfit = evaluate(segments, at, scales, loss)
@@ -170,7 +170,7 @@ def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, 
     for k in some(range(segments.count)):
         own, after = slice(m * k, m * (k + 1)), slice(m * (k + 1), m * (k + 2))
         close(equations.diagonal[k], own, own)
-        close(equations.right[:-1, k], border, own)
+        close(equations.right[k, :, :-1], own, border)
         if k + 1 < segments.count:
             close(equations.coupling[k], after, own)
         far = hessian[own, m * (k + 2) : size]
@@ -284,19 +284,3 @@ def test_losses_cost_what_their_densities_say() -> None:
     assert Huber(1.5).total(np.array([10.0])) == pytest.approx(2 * 1.5 * 10 - 1.5**2, rel=1e-12)
     many = Student(1e6)  # many degrees of freedom are a Gaussian
     assert many.total(np.array([3.0])) == pytest.approx(9.0, rel=1e-5)  # (r^2/2 - 1)/1e6 = 3.5e-6 less
-
-
-def test_blocks_of_a_wide_border_are_those_of_each_segment() -> None:
-    """One product of all rows, or the sum of one for each segment."""
-    segments, m, p, samples = 7, 4, 60, 10
-    rows = np.random.default_rng(5).normal(size=(segments, samples, m + p + 1))
-    by_segment, by_chunk = NormalBlocks.empty(segments, m, p), NormalBlocks.empty(segments, m, p)
-    pieces = [slice(0, 3), slice(3, 7)]
-    corners = by_segment.put(slice(None), rows.transpose(0, 2, 1) @ rows, pieces)
-    wide_corners = by_chunk.put_wide(slice(None), rows, pieces)
-    for expected, computed in (
-        (corners, wide_corners),
-        (by_segment.state, by_chunk.state),
-        (by_segment.right, by_chunk.right),
-    ):
-        np.testing.assert_allclose(computed, expected, rtol=1e-12, atol=1e-12)

@@ -35,32 +35,29 @@ def _dense(linear: Linearization, q: float) -> tuple[Floats, Floats] | None:
     if factor is None:
         return None
     weight, follow = 1.0 / q**2, followed_states(factor)
-    p, K, _ = follow.shape
-    own = linear.defects.right * weight
-    own += linear.data.right
+    K, _, p = follow.shape
     gradient, corner = _corners(linear, weight)
     ends = block_ends(K, len(corner))
     for block, (first, last) in enumerate(pairwise(ends)):
         inner = slice(first, min(last, K - 1))  # segments that another follows
-        later = slice(first + 1, inner.stop + 1)
-        along = own[:, first:last].reshape(p + 1, -1) @ follow[:, first:last].reshape(p, -1).T
-        passed = linear.right_ends[:, inner].reshape(p + 1, -1) @ follow[:, later].reshape(p, -1).T
-        along -= weight * passed
+        own = weight * linear.defects.right[first:last] + linear.data.right[first:last]
+        along = _product(own, follow[first:last])
+        along -= weight * _product(linear.right_ends[inner], follow[first + 1 : inner.stop + 1])
         corner[block] -= along[:p]
         gradient[block] -= along[p]
     for block, node in enumerate(ends[1:-1]):
-        link = linear.joined[node - 1] * follow[:, node] + linear.right_ends[:p, node - 1]
-        link -= follow[:, node - 1] @ linear.state_ends[node - 1].T
-        _transmit(corner, block, weight * follow[:, node] @ link.T)
+        link = linear.joined[node - 1, :, None] * follow[node] + linear.right_ends[node - 1, :, :p]
+        link -= linear.state_ends[node - 1] @ follow[node - 1]
+        _transmit(corner, block, weight * follow[node].T @ link)
     return gradient, 0.5 * (corner + corner.transpose(0, 2, 1))
 
 
 def followed_states(factor: BorderedFactor) -> Floats:
-    """(p, K, m): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
-    K, m = factor.shape
-    p = len(factor.schur)
-    follow, _ = lapack.dtbtrs(factor.chol, factor.forward[:p].T, uplo="L", trans="T")
-    return np.ascontiguousarray(follow.T).reshape(p, K, m)
+    """(K, m, p): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
+    (K, m), p = factor.shape, len(factor.schur)
+    forward = factor.forward[..., :p].reshape(K * m, p)
+    follow, _ = lapack.dtbtrs(factor.chol, forward, uplo="L", trans="T")
+    return np.ascontiguousarray(follow).reshape(K, m, p)
 
 
 def _corners(linear: GaussNewtonModel, weight: float) -> tuple[Floats, Floats]:

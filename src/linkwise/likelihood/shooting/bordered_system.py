@@ -3,7 +3,7 @@
     | H  E | |s|   |g|      H: an (m, m) block per node and one per neighbouring pair of nodes
     | E' C | |t| = |c|      E: (K m, p) border, C: (p, p) corner
 
-Flops and memory are linear in K.
+Flops and memory are linear in K. A wide border goes through the factor node by node, by products of blocks.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, lapack
+from scipy.linalg import blas, cho_solve, cholesky, lapack
 
 from linkwise.arrays import Bools, Floats
+
+_WIDE = 600  # numbers in the right-hand sides of a node, from which products of blocks are faster than single columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +28,11 @@ class Damping:
 
 @dataclass(frozen=True, eq=False)
 class BorderedSystem:
-    """The equations; `right` holds the columns of the border and, last, the gradient, each as (K, m)."""
+    """The equations; `right` holds for each node the columns of the border and, last, the gradient."""
 
     diagonal: Floats  # (K, m, m) symmetric
     coupling: Floats  # (K - 1, m, m), rows: the later node
-    right: Floats  # (p + 1, K, m)
+    right: Floats  # (K, m, p + 1)
     corner: Floats  # (p, p)
     corner_gradient: Floats  # (p,)
 
@@ -49,31 +51,36 @@ class BorderedSystem:
         chol, info = lapack.dpbtrf(band.reshape(K * m, 2 * m).T, lower=1, overwrite_ab=1)
         if info:
             return None
-        forward, _ = lapack.dtbtrs(chol, self.right.reshape(p + 1, K * m).T, uplo="L")
-        forward = forward.T
-        moment = forward @ forward.T
+        forward = _forward(chol, self.right)
+        rows = forward.reshape(K * m, p + 1)
+        moment = rows.T @ rows
         corner = self.corner if damping is None else self.corner + np.diag(damping.border)
         schur = corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
-        return BorderedFactor(chol, forward, schur, self.corner_gradient - moment[p, :p], (K, m))
+        return BorderedFactor(chol, forward, schur, self.corner_gradient - moment[p, :p])
 
     def drop(self, nodes: Floats, border: Floats) -> float:
         """g's: the reduction of the cost that a full Gauss-Newton step s = (nodes, border) predicts."""
-        return float(np.vdot(self.right[-1], nodes) + self.corner_gradient @ border)
+        return float(np.vdot(self.right[..., -1], nodes) + self.corner_gradient @ border)
 
 
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
-    """Factor of the nodes, `chol` (banded) and `forward` (p + 1, K m); equations of the border, `schur` (p, p) and `reduced`
-    (p,).
+    """Factor of the nodes, `chol` (banded) and `forward` (K, m, p + 1); equations of the border, `schur` (p, p) and
+    `reduced` (p,).
     """
 
     chol: Floats
     forward: Floats
     schur: Floats
     reduced: Floats
-    shape: tuple[int, int]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """K and m."""
+        K, m, _ = self.forward.shape
+        return K, m
 
     def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
         """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
@@ -88,16 +95,17 @@ class BorderedFactor:
                 return None
             right = self.reduced[free] - self.schur[np.ix_(free, ~free)] @ border[~free]
             border[free] = cho_solve((root, True), right)
-        right = self.forward[-1] - border @ self.forward[:-1]
-        nodes, _ = lapack.dtbtrs(self.chol, right[:, None], uplo="L", trans="T")
+        right = self.forward[..., -1] - self.forward[..., :-1] @ border
+        nodes, _ = lapack.dtbtrs(self.chol, right.reshape(-1, 1), uplo="L", trans="T")
         return nodes.reshape(self.shape), border
 
     def moved(self, nodes: Floats, border: Floats) -> BorderedFactor:
         """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
         change, _ = lapack.dtbtrs(self.chol, nodes.reshape(-1, 1), uplo="L")
         forward = self.forward.copy()
-        forward[-1] += change[:, 0]
-        return replace(self, forward=forward, reduced=self.reduced + border - forward[:-1] @ change[:, 0])
+        forward[..., -1] += change.reshape(self.shape)
+        moment = np.tensordot(change.reshape(self.shape), forward[..., :-1], 2)
+        return replace(self, forward=forward, reduced=self.reduced + border - moment)
 
     def excess(self, border: Floats, free: Bools) -> float:
         """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `BorderedSystem.drop` takes for zero."""
@@ -106,11 +114,7 @@ class BorderedFactor:
     def inverse_blocks(self) -> Floats:
         """(K, m, m) diagonal blocks of H^-1, from the last node to the first (Takahashi, Fagan and Chen 1973)."""
         K, m = self.shape
-        root, below = np.zeros((K, m, m)), np.empty((K - 1, m, m))
-        for column in range(m):
-            band = self.chol[:, column::m].T
-            root[:, column:, column] = band[:, : m - column]
-            below[:, :, column] = band[:-1, m - column : 2 * m - column]
+        root, below = _blocks(self.chol, K, m)
         inverse = np.linalg.inv(root)
         carried = below @ inverse[:-1]
         blocks = inverse.transpose(0, 2, 1) @ inverse
@@ -122,3 +126,28 @@ class BorderedFactor:
         """Of the whole matrix, border restricted to `free`."""
         _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
         return 2.0 * float(np.log(self.chol[0]).sum()) + float(border)
+
+
+def _blocks(chol: Floats, K: int, m: int) -> tuple[Floats, Floats]:
+    """Of a banded factor the triangles (K, m, m) of the nodes, and the blocks (K - 1, m, m) of each with the one before."""
+    root, below = np.zeros((K, m, m)), np.empty((K - 1, m, m))
+    for column in range(m):
+        band = chol[:, column::m].T
+        root[:, column:, column] = band[:, : m - column]
+        below[:, :, column] = band[:-1, m - column : 2 * m - column]
+    return root, below
+
+
+def _forward(chol: Floats, right: Floats) -> Floats:
+    """(K, m, c) the solution of the equations with a banded factor alone."""
+    K, m, c = right.shape
+    if m * c < _WIDE:
+        solved, _ = lapack.dtbtrs(chol, right.reshape(K * m, c), uplo="L")
+        return np.ascontiguousarray(solved).reshape(right.shape)
+    forward = np.array(right, order="C")
+    root, below = _blocks(chol, K, m)
+    for node, own in enumerate(forward):
+        if node:
+            own -= below[node - 1] @ forward[node - 1]
+        blas.dtrsm(1.0, root[node].T, own.T, side=1, overwrite_b=1)
+    return forward

@@ -96,13 +96,13 @@ def _with_curvature(
     m, p = len(scales.state), len(scales.theta)
     nodes = ((moved.point.nodes - misfit.point.nodes) / scales.state[:, None]).T
     border = (moved.point.border - misfit.point.border) / scales.theta
-    by_border = linear.right_ends[:p]
+    by_border = linear.right_ends[..., :p]
     linearised = linear.joined * nodes[1:] - np.einsum("kij,kj->ki", linear.state_ends, nodes[:-1])
-    linearised -= np.tensordot(border, by_border, 1)
+    linearised -= by_border @ border
     added = (moved.defects - misfit.defects).reshape(m, -1).T - linearised
     weight = 1.0 / (length * damped.q**2)
     gradient = np.zeros_like(nodes)
     gradient[:-1] = weight * np.einsum("kij,ki->kj", linear.state_ends, added)
     gradient[1:] -= weight * linear.joined * added
-    corner = weight * np.tensordot(by_border, added, 2)
+    corner = weight * np.tensordot(added, by_border, 2)
     return replace(damped, factor=damped.factor.moved(gradient, corner))

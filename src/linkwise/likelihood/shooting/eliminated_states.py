@@ -49,18 +49,19 @@ def eliminated_rows(
     factor = linear.equations(q).factor()
     if factor is None:
         return None
-    follow, m = followed_states(factor), len(scales.state)
-    following = np.concatenate([follow[:, 1:], np.zeros((len(follow), 1, m))], axis=1)
+    follow = followed_states(factor)
+    _, m, p = follow.shape
+    following = np.concatenate([follow[1:], np.zeros((1, m, p))])
     linked = np.append(segments.linked, False)
     missed = np.zeros((segments.count, m))
     missed[:-1] = misfit.defects.reshape(m, -1).T
 
     def chunk(part: slice) -> EliminatedRows:
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
-        node = follow[:, part].transpose(1, 2, 0)
-        defects = ends[..., m:] - ends[..., :m] @ node + following[:, part].transpose(1, 2, 0)
+        node = follow[part]
+        defects = ends[..., m:] - ends[..., :m] @ node + following[part]
         defects *= linked[part, None, None] / q
         data = rows[..., m:-1] - rows[..., :m] @ node
         return EliminatedRows(part, data, rows[..., -1], defects, missed[part] / q)
 
-    return map(chunk, chunks(segments, len(follow)))
+    return map(chunk, chunks(segments, p))

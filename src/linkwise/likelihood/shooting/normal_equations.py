@@ -15,6 +15,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
 from linkwise.likelihood.shooting.late_sensors import late_motion
 from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.normal_blocks import ChannelErrors, NormalBlocks
 from linkwise.likelihood.shooting.prior import Prior
 from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.residuals import Misfit
@@ -26,7 +27,8 @@ from linkwise.likelihood.shooting.tangents import tangents
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
-_WIDE = 48  # columns beside those of a search, from which one product of all rows is faster than one for each segment
+_AT_ONCE = 32  # nodes whose equations are assembled together
+_WIDE = 20  # columns beside those of a search, from which one product of all rows is faster than one for each segment
 NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
@@ -50,60 +52,13 @@ def blocks_of(part: slice, ends: Sequence[int]) -> list[tuple[int, slice]]:
 
 
 @dataclass(frozen=True, eq=False)
-class NormalBlocks:
-    """One quadratic form over scaled unknowns: state (K, m, m), right (p + 1, K, m) border and gradient, and by blocks of
-    segments the corner (B, p, p) and its gradient (B, p).
-    """
-
-    state: Floats
-    right: Floats
-    corners: Floats
-    corner_gradients: Floats
-
-    @classmethod
-    def empty(cls, K: int, m: int, p: int, blocks: int = 1) -> NormalBlocks:
-        return cls(
-            np.empty((K, m, m)), np.empty((p + 1, K, m)), np.zeros((blocks, p, p)), np.zeros((blocks, p))
-        )
-
-    @property
-    def corner(self) -> Floats:
-        """(p, p) of all segments."""
-        return np.asarray(self.corners.sum(axis=0))
-
-    @property
-    def corner_gradient(self) -> Floats:
-        """(p,) of all segments."""
-        return np.asarray(self.corner_gradients.sum(axis=0))
-
-    def put(self, part: slice, product: Floats, pieces: Sequence[slice]) -> Floats:
-        """Store [J r]'[J r] (k, P + 1, P + 1) of a chunk; returns corners and gradients (b, p + 1, p + 1) of its pieces."""
-        m = self.state.shape[1]
-        self.state[part] = product[:, :m, :m]
-        self.right[:, part] = product[:, m:, :m].transpose(1, 0, 2)
-        return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
-
-    def put_wide(self, part: slice, rows: Floats, pieces: Sequence[slice]) -> Floats:
-        """`put` of the Jacobian and residuals `rows` (k, r, P + 1) of a chunk whose border is much wider than its states.
-
-        The corner is one product over all rows, in double precision, in place of a sum of k products.
-        """
-        m = self.state.shape[1]
-        product = rows[:, :, :m].transpose(0, 2, 1) @ rows
-        self.state[part] = product[:, :, :m]
-        self.right[:, part] = product[:, :, m:].transpose(2, 0, 1)
-        borders = (rows[piece, :, m:].astype(float).reshape(-1, rows.shape[2] - m) for piece in pieces)
-        return np.stack([border.T @ border for border in borders])
-
-
-@dataclass(frozen=True, eq=False)
 class Linearization:
     """Gauss-Newton model of a misfit: the data part, and the defects for q = 1 without the diagonal of the later node."""
 
     data: NormalBlocks
     defects: NormalBlocks
     state_ends: Floats  # (K - 1, m, m) end of a segment by its node
-    right_ends: Floats  # (p + 1, K - 1, m) end by theta and offsets; last the defect, sign reversed
+    right_ends: Floats  # (K - 1, m, p + 1) end by theta and offsets; last the defect, sign reversed
     joined: Floats  # (K - 1, m) 1 where a state is continuous between linked segments, else 0
 
     def equations(self, q: float) -> BorderedSystem:
@@ -113,9 +68,13 @@ class Linearization:
         diagonal = self.defects.state * weight
         diagonal += self.data.state
         diagonal[1:, range(m), range(m)] += weight * self.joined
-        right = self.defects.right * weight
-        right += self.data.right
-        right[:, 1:] -= weight * self.right_ends
+        right = np.empty_like(self.data.right)
+        for first in range(0, len(right), _AT_ONCE):
+            some, own = slice(first, first + _AT_ONCE), right[first : first + _AT_ONCE]
+            np.multiply(self.defects.right[some], weight, out=own)
+            own += self.data.right[some]
+            before = weight * self.right_ends[max(first - 1, 0) : first + _AT_ONCE - 1]
+            own[len(own) - len(before) :] -= before
         return BorderedSystem(
             diagonal,
             self.state_ends * -weight,
@@ -165,30 +124,29 @@ def linearise(
     """
     m, K = segments.system.dimension, segments.count
     p = segments.parameters + _extra_columns(candidates, errors)
-    parts, ends_of_blocks = chunks(segments, p), block_ends(K, blocks)
-    wide = p - segments.parameters > _WIDE
+    columns = np.delete(np.arange(p + 1), _columns_of(errors, segments, candidates))
+    parts, ends_of_blocks = chunks(segments, len(columns) - 1), block_ends(K, blocks)
+    wide = len(columns) - 1 - segments.parameters > _WIDE
     data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
     joined = np.append(segments.linked, False)[:, None] * segments.continuous
     defects_by_node = np.zeros((K, m))
     defects_by_node[:-1] = misfit.defects.reshape(m, -1).T
-    state_ends, right_ends = np.empty((K, m, m)), np.empty((p + 1, K, m))
+    state_ends, right_ends = np.empty((K, m, m)), np.zeros((K, m, p + 1))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> tuple[Floats, Floats]:
         pieces = [piece for _, piece in blocks_of(part, ends_of_blocks)]
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
-        corners = (
-            data.put_wide(part, rows, pieces)
-            if wide
-            else data.put(part, rows.transpose(0, 2, 1) @ rows, pieces)
-        )
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
+        corners = data.put(part, rows, pieces, columns, wide=wide)
+        if errors is not None:
+            added = _whitened_errors(errors, segments, misfit, scales, loss, part, candidates)
+            by_sample = rows.reshape(len(rows), len(segments.samples), -1, rows.shape[2])
+            data.add_errors(part, by_sample, added, pieces, columns, corners)
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= joined[part, :, None]
         state_ends[part] = ends[:, :, :m]
-        right_ends[:, part] = ends[:, :, m:].transpose(2, 0, 1)
-        if wide:
-            return corners, defects.put_wide(part, ends, pieces)
-        return corners, defects.put(part, ends.transpose(0, 2, 1) @ ends, pieces)
+        right_ends[part][..., columns] = ends[:, :, m:]
+        return corners, defects.put(part, ends, pieces, columns, wide=wide)
 
     by_part = map(work, parts) if executor is None else executor.map(work, parts)
     for part, sums in zip(parts, by_part, strict=True):
@@ -201,7 +159,7 @@ def linearise(
         add_prior(data.corners[0], data.corner_gradients[0], segments.prior, misfit.point, scales)
     if segments.random is not None:
         _add_random_forces(data, segments.random, misfit.point, scales)
-    return Linearization(data, defects, state_ends[:-1], right_ends[:, :-1], joined[:-1])
+    return Linearization(data, defects, state_ends[:-1], right_ends[:-1], joined[:-1])
 
 
 def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
@@ -222,7 +180,7 @@ def _add_random_forces(data: NormalBlocks, random: RandomStates, point: Iterate,
     """Add the cost of random forces to their states, and its slope to the border, whose columns are as in `add_prior`."""
     curvature = random.curvature(scales.state)
     data.state[:, random.rows, random.rows] += curvature.T
-    data.right[-1][:, random.rows] -= (
+    data.right[:, random.rows, -1] -= (
         curvature * point.nodes[random.rows] / scales.state[random.rows, None]
     ).T
     if random.slope is not None:
@@ -250,13 +208,9 @@ def whitened_jacobian(
     P = m + segments.parameters + _extra_columns(candidates, errors)
     moving = m + p + (0 if candidates is None else len(candidates.first))
     width = moving + (0 if errors is None else len(errors.channel))
-    residuals = misfit.residuals[..., part]
-    root = np.sqrt(loss.weight(residuals)) * segments.observed[..., part]
+    root, whiten = _weights(segments, misfit, scales, loss, part)
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
-    jacobian[..., P] = (root * residuals).transpose(2, 0, 1)
-    whiten = (root / scales.sigma[:, None]).astype(np.float32)
-    if segments.relative_noise is not None:
-        whiten /= segments.relative_noise[:, part].astype(np.float32)
+    jacobian[..., P] = (root * misfit.residuals[..., part]).transpose(2, 0, 1)
     chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A, F, S)]
     rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
@@ -287,6 +241,51 @@ def whitened_jacobian(
     ends[:, 2 * n :, :moving] = tangent.memory.transpose(2, 0, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _weights(
+    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice
+) -> tuple[Floats, Single]:
+    """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
+    root = np.sqrt(loss.weight(misfit.residuals[..., part])) * segments.observed[..., part]
+    whiten = (root / scales.sigma[:, None]).astype(np.float32)
+    if segments.relative_noise is not None:
+        whiten /= segments.relative_noise[:, part].astype(np.float32)
+    return root, whiten
+
+
+def _columns_of(
+    errors: SensorErrors | None, segments: Segments, candidates: CandidateForces | None
+) -> Indices:
+    """The columns of `errors` in the border, which follow those of the parameters and of `candidates`."""
+    first = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
+    return first + np.arange(0 if errors is None else len(errors.channel))
+
+
+def _whitened_errors(
+    errors: SensorErrors,
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    part: slice,
+    candidates: CandidateForces | None,
+) -> list[ChannelErrors]:
+    """What errors add to the rows of their channels in some segments."""
+    _, whiten = _weights(segments, misfit, scales, loss, part)
+    columns, factors = (
+        _columns_of(errors, segments, candidates),
+        segments.sensors.factors(misfit.point.gains),
+    )
+    by_channel = []
+    for channel in np.unique(errors.channel).tolist():
+        own = np.flatnonzero(errors.channel == channel)
+        values = (whiten[:, channel, None] * errors.values[:, own, part]).transpose(2, 0, 1)
+        values = values.astype(np.float32)
+        if channel in segments.sensors.scaled:
+            values *= np.float32(factors[channel])
+        by_channel.append(ChannelErrors(channel, columns[own], values))
+    return by_channel
 
 
 def _add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
