@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.block_information import block_information
+from linkwise.likelihood.shooting.block_information import FactoredModel, block_information
 from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit
@@ -119,15 +119,28 @@ class BlockScatter:
 
 
 def block_scatter(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, *, q: float, noise: float, free: Bools
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    *,
+    q: float,
+    noise: float,
+    free: Bools,
+    model: FactoredModel | None = None,
 ) -> BlockScatter | None:
     """How far the scatter of blocks exceeds what white noise gives them; None for too few segments.
 
-    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound.
+    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound; `model`, in
+    `blocks_of_scatter`, is known of the optimum.
     """
-    if segments.count < FEWEST * BLOCKS[0]:
+    if blocks_of_scatter(segments) == 1:
         return None
-    scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
+    if model is None:
+        scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
+    else:
+        of_blocks = block_information(model, q)
+        scores = None if of_blocks is None else BlockScores(*of_blocks)
     if scores is None:
         return None
     chosen, p = np.flatnonzero(free), segments.system.parameters.size
@@ -143,6 +156,11 @@ def block_scatter(
         return None
     tested = len(BLOCKS) * int(np.count_nonzero(free[:p]))
     return BlockScatter(ratios, min(1.0, tested * float(np.min(chances[:p], initial=1.0))))
+
+
+def blocks_of_scatter(segments: Segments) -> int:
+    """The blocks in which a linear model tells how far blocks scatter; 1 where there are too few segments."""
+    return BLOCKS[0] if segments.count >= FEWEST * BLOCKS[0] else 1
 
 
 def block_scores(

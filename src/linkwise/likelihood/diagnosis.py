@@ -15,6 +15,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import CAUSE_KINDS, Cause
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
+from linkwise.likelihood.block_scores import blocks_of_scatter
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import (
@@ -28,7 +29,8 @@ from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.block_information import FactoredModel
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.single_tests import SingleTests, single_tests
@@ -113,12 +115,12 @@ class TestedCauses:
     """What may explain what a fit leaves, and the equations at its optimum with a column for each.
 
     `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
-    which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share.
+    which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share. `model` is that of the
+    optimum alone, by which blocks of the records scatter; None where it was not found beside these.
     """
 
     __test__ = False  # no test of pytest
 
-    misfit: Misfit
     hypotheses: tuple[Hypothesis, ...]
     units: Floats
     curvature: Floats
@@ -126,6 +128,7 @@ class TestedCauses:
     scatter: Floats
     errors: SensorErrors
     filtered: SensorErrors
+    model: FactoredModel | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +151,7 @@ def tested_causes(
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     optimum = fit.optimum
-    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    misfit = fit.misfit
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
     shown = [name for name in channels if not Channel.parse(name).is_input]
@@ -182,14 +185,17 @@ def tested_causes(
     if shapes is not None:
         hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
         columns = columns.with_shapes(shapes)
-    augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors)
+    blocks = blocks_of_scatter(optimum.segments)
+    augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
     curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
-    return TestedCauses(misfit, tuple(hypotheses), columns.units, curvature, slope, scatter, errors, filtered)
+    return TestedCauses(
+        tuple(hypotheses), columns.units, curvature, slope, scatter, errors, filtered, augmented.model
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
 def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
-    optimum, hypotheses, misfit = fit.optimum, tested.hypotheses, tested.misfit
+    optimum, hypotheses, misfit = fit.optimum, tested.hypotheses, fit.misfit
     parameters = optimum.segments.system.parameters.size
     tests = single_tests(tested.curvature, tested.slope, tested.scatter, parameters)
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
@@ -220,7 +226,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
 def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
     optimum = fit.optimum
-    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    misfit = fit.misfit
     hypotheses, forces = missing_terms(identified)
     candidates, norms = candidate_forces(optimum, misfit, forces)
     augmented = augmented_quadratic(optimum, misfit, candidates)

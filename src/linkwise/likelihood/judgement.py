@@ -105,7 +105,7 @@ def assess(
     noisy = (input_noise.cause for input_noise in inputs if input_noise.cause is not None)
     every = (*diagnosis.causes, *noisy, *unstated_forces(fit, identified, channels))
     causes = tuple(sorted(every, key=likeliest_first))
-    given, fit = fit, fit if searched else with_small_model_error(fit, causes)
+    given, fit = fit, fit if searched else with_small_model_error(fit, causes, diagnosis.tested)
     share = _share(fit, identified, causes) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]

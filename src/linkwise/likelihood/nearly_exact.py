@@ -58,7 +58,9 @@ class Doubt:
         return f"a force like {self.missing.counted[0].term} in {self.missing.counted[0].where}"
 
 
-def with_small_model_error(fit: LikelihoodFit, causes: Sequence[Cause]) -> LikelihoodFit:
+def with_small_model_error(
+    fit: LikelihoodFit, causes: Sequence[Cause], tested: TestedCauses | None = None
+) -> LikelihoodFit:
     """A fit of laws that lack a small term, with intervals as beside a model error, from blocks of the records.
 
     Parameters
@@ -67,6 +69,8 @@ def with_small_model_error(fit: LikelihoodFit, causes: Sequence[Cause]) -> Likel
         Any fit.
     causes : sequence of Cause
         What is significant in its residuals, the likeliest first.
+    tested : TestedCauses, optional
+        What was tested.
 
     Returns
     -------
@@ -81,7 +85,7 @@ def with_small_model_error(fit: LikelihoodFit, causes: Sequence[Cause]) -> Likel
         return fit
     if not all(cause.kind == "term" or _is_term_seen_as_noise(cause, causes[0]) for cause in causes):
         return fit
-    scatter = _scatter(fit)
+    scatter = _scatter(fit, tested)
     if scatter is None:
         return fit
     ratios = scatter.ratios[: len(fit.values)]
@@ -130,7 +134,7 @@ def doubt(
         return None
     scores = usual_scores(fit, identified, tested)
     scores = scores[scores > 0.0]
-    scatter = None if searched else _scatter(fit)
+    scatter = None if searched else _scatter(fit, tested)
     if scatter is not None:
         beyond = float(scipy.special.ndtr(-np.max(scores, initial=0.0)))
         product = scatter.chance * min(1.0, 2.0 * max(len(scores), 1) * beyond)
@@ -142,7 +146,7 @@ def doubt(
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial beyond what is finite gives no scatter
-def _scatter(fit: LikelihoodFit) -> BlockScatter | None:
+def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | None:
     """The scatter of blocks of the records.
 
     None where they are too short for blocks, or where a robust loss, what is known beforehand, coloured noise or a random
@@ -156,6 +160,13 @@ def _scatter(fit: LikelihoodFit) -> BlockScatter | None:
     free[: len(fit.values)] = fit.free
     with one_blas_thread():
         scatter = block_scatter(
-            segments, fit.misfit, optimum.scales, optimum.loss, q=optimum.q, noise=optimum.noise, free=free
+            segments,
+            fit.misfit,
+            optimum.scales,
+            optimum.loss,
+            q=optimum.q,
+            noise=optimum.noise,
+            free=free,
+            model=None if tested is None else tested.model,
         )
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter

@@ -16,10 +16,12 @@ from linkwise.arrays import Floats
 from linkwise.expression import Program
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.memory_forces import MemoryForce
+from linkwise.likelihood.shooting.block_information import FactoredModel
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import linear_model
-from linkwise.likelihood.shooting.normal_equations import add_prior_curvature
+from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
@@ -57,12 +59,14 @@ class LocalQuadratic:
 class AugmentedQuadratic:
     """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
 
-    The latter is the curvature itself where the noise is white.
+    The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
+    it was asked for in blocks and the equations are dense.
     """
 
     curvature: Floats
     slope: Floats
     scatter: Floats
+    model: FactoredModel | None = None
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
@@ -93,21 +97,32 @@ def in_their_units(optimum: Optimum, augmented: AugmentedQuadratic, units: Float
 
 
 def augmented_quadratic(
-    optimum: Optimum, misfit: Misfit, candidates: CandidateForces, errors: SensorErrors | None = None
+    optimum: Optimum,
+    misfit: Misfit,
+    candidates: CandidateForces,
+    errors: SensorErrors | None = None,
+    blocks: int = 1,
 ) -> AugmentedQuadratic:
     """The model at `optimum` in p scaled parameters, the amplitudes of `candidates` and the sizes of `errors`.
 
-    Nodes, and the offsets and gains that are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError
-    where the equations are singular.
+    It is that of the optimum alone as well, in `blocks` of segments where these are several. Nodes, and the offsets and gains
+    that are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     segments = optimum.segments
     linear = linear_model(
-        segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors
+        segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors, blocks=blocks
     )
     factor = linear.factor(optimum.q)
     if factor is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))
+    model = None
+    if blocks > 1 and isinstance(linear, Linearization) and isinstance(factor, BorderedFactor):
+        estimated = np.delete(
+            np.arange(len(factor.schur)), segments.system.parameters.size + np.arange(added)
+        )
+        if not factor.damped:
+            model = FactoredModel(linear.within(estimated), factor.within(estimated))
     own = slice(0, segments.system.parameters.size + added)
     nuisance = slice(own.stop, None)
     curvature, slope = factor.schur[own, own], factor.reduced[own]
@@ -118,7 +133,7 @@ def augmented_quadratic(
         curvature = curvature - with_own @ follow
         slope = slope - follow.T @ factor.reduced[nuisance]
     if optimum.coloured is None:
-        return AugmentedQuadratic(curvature, slope, curvature)
+        return AugmentedQuadratic(curvature, slope, curvature, model)
     rows = eliminated_rows(
         segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates=candidates, errors=errors
     )

@@ -8,6 +8,7 @@ product E_b' F remains, of sparse E_b where the structure has many masses.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -22,18 +23,28 @@ from linkwise.likelihood.shooting.normal_equations import Linearization, block_e
 _AT_ONCE = 64  # unknowns whose states are held together, of many masses
 
 
-def block_information(linear: GaussNewtonModel, q: float) -> tuple[Floats, Floats] | None:
+@dataclass(frozen=True, eq=False)
+class FactoredModel:
+    """Gauss-Newton blocks at a point, and the `factor` of their equations at a relaxation, without damping."""
+
+    linear: Linearization
+    factor: BorderedFactor
+
+
+def block_information(linear: GaussNewtonModel | FactoredModel, q: float) -> tuple[Floats, Floats] | None:
     """Scores (B, p) and information (B, p, p) of as many blocks as the corner of `linear` has.
 
     None where the equations are singular.
     """
-    return _local(linear, q) if isinstance(linear, LocalLinearization) else _dense(linear, q)
-
-
-def _dense(linear: Linearization, q: float) -> tuple[Floats, Floats] | None:
+    if isinstance(linear, LocalLinearization):
+        return _local(linear, q)
+    if isinstance(linear, FactoredModel):
+        return _dense(linear.linear, linear.factor, q)
     factor = linear.equations(q).factor()
-    if factor is None:
-        return None
+    return None if factor is None else _dense(linear, factor, q)
+
+
+def _dense(linear: Linearization, factor: BorderedFactor, q: float) -> tuple[Floats, Floats]:
     weight, follow = 1.0 / q**2, followed_states(factor)
     K, _, p = follow.shape
     gradient, corner = _corners(linear, weight)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import blas, cho_solve, cholesky, lapack
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, Indices
 
 _WIDE = 600  # numbers in the right-hand sides of a node, from which products of blocks are faster than single columns
 
@@ -36,8 +36,11 @@ class BorderedSystem:
     corner: Floats  # (p, p)
     corner_gradient: Floats  # (p,)
 
-    def factor(self, damping: Damping | None = None) -> BorderedFactor | None:
-        """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite."""
+    def factor(self, damping: Damping | None = None, *, overwrite: bool = False) -> BorderedFactor | None:
+        """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite.
+
+        With `overwrite`, `right` may become a part of the factor.
+        """
         K, m, _ = self.diagonal.shape
         p = len(self.corner)
         band = np.empty((K, m, 2 * m))
@@ -51,14 +54,15 @@ class BorderedSystem:
         chol, info = lapack.dpbtrf(band.reshape(K * m, 2 * m).T, lower=1, overwrite_ab=1)
         if info:
             return None
-        forward = _forward(chol, self.right)
+        forward = _forward(chol, self.right, overwrite=overwrite)
         rows = forward.reshape(K * m, p + 1)
         moment = rows.T @ rows
         corner = self.corner if damping is None else self.corner + np.diag(damping.border)
         schur = corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
-        return BorderedFactor(chol, forward, schur, self.corner_gradient - moment[p, :p])
+        slope = self.corner_gradient - moment[p, :p]
+        return BorderedFactor(chol, forward, schur, slope, damped=damping is not None)
 
     def drop(self, nodes: Floats, border: Floats) -> float:
         """g's: the reduction of the cost that a full Gauss-Newton step s = (nodes, border) predicts."""
@@ -68,19 +72,31 @@ class BorderedSystem:
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
     """Factor of the nodes, `chol` (banded) and `forward` (K, m, p + 1); equations of the border, `schur` (p, p) and
-    `reduced` (p,).
+    `reduced` (p,); whether it was `damped`.
     """
 
     chol: Floats
     forward: Floats
     schur: Floats
     reduced: Floats
+    damped: bool = False
 
     @property
     def shape(self) -> tuple[int, int]:
         """K and m."""
         K, m, _ = self.forward.shape
         return K, m
+
+    def within(self, border: Indices) -> BorderedFactor:
+        """That of equations with these unknowns of the border alone, in arrays of its own."""
+        columns = np.append(border, -1)
+        chosen = np.ix_(border, border)
+        return replace(
+            self,
+            forward=self.forward[..., columns],
+            schur=self.schur[chosen],
+            reduced=self.reduced[border],
+        )
 
     def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
         """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
@@ -138,13 +154,13 @@ def _blocks(chol: Floats, K: int, m: int) -> tuple[Floats, Floats]:
     return root, below
 
 
-def _forward(chol: Floats, right: Floats) -> Floats:
+def _forward(chol: Floats, right: Floats, *, overwrite: bool) -> Floats:
     """(K, m, c) the solution of the equations with a banded factor alone."""
     K, m, c = right.shape
     if m * c < _WIDE:
         solved, _ = lapack.dtbtrs(chol, right.reshape(K * m, c), uplo="L")
         return np.ascontiguousarray(solved).reshape(right.shape)
-    forward = np.array(right, order="C")
+    forward = right if overwrite else right.copy()
     root, below = _blocks(chol, K, m)
     for node, own in enumerate(forward):
         if node:

@@ -6,7 +6,7 @@ Columns of errors of sensors touch the rows of one channel each, so that only th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,15 @@ class NormalBlocks:
     def empty(cls, K: int, m: int, p: int, blocks: int = 1) -> NormalBlocks:
         return cls(
             np.empty((K, m, m)), np.zeros((K, m, p + 1)), np.zeros((blocks, p, p)), np.zeros((blocks, p))
+        )
+
+    def within(self, border: Indices) -> NormalBlocks:
+        """Those of these unknowns of the border alone, in arrays of their own."""
+        return replace(
+            self,
+            right=self.right[..., np.append(border, -1)],
+            corners=self.corners[:, border[:, None], border],
+            corner_gradients=self.corner_gradients[:, border],
         )
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -61,6 +61,15 @@ class Linearization:
     right_ends: Floats  # (K - 1, m, p + 1) end by theta and offsets; last the defect, sign reversed
     joined: Floats  # (K - 1, m) 1 where a state is continuous between linked segments, else 0
 
+    def within(self, border: Indices) -> Linearization:
+        """That of these unknowns of the border alone, in arrays of its own."""
+        return replace(
+            self,
+            data=self.data.within(border),
+            defects=self.defects.within(border),
+            right_ends=self.right_ends[..., np.append(border, -1)],
+        )
+
     def equations(self, q: float) -> BorderedSystem:
         """Normal equations with squared defects weighted by 1 / q^2."""
         weight = 1.0 / q**2
@@ -93,7 +102,8 @@ class Linearization:
         nothing = np.zeros(len(equations.corner))
         nodes = np.einsum("kii->ki", equations.diagonal).copy()
         for strength in (0.0, *NEGLIGIBLE):
-            factor = equations.factor(Damping(strength * nodes, nothing) if strength else None)
+            damping = Damping(strength * nodes, nothing) if strength else None
+            factor = equations.factor(damping, overwrite=True)
             if factor is not None:
                 return factor
         return None
