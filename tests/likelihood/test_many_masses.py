@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,23 +15,28 @@ from structures import HARDENING, link, named, structure, with_links
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.fit import sensor_model
+from linkwise.likelihood import search as module
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit, sensor_model
+from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.room import fit_bytes, require_room
 from linkwise.likelihood.score_test import CandidateForce, candidates_along
+from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule
 from linkwise.likelihood.shooting.block_information import block_information
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.linear_model import column_origins, linear_model
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.local_products import local_linearization
 from linkwise.likelihood.shooting.local_rows import LocalRows
+from linkwise.likelihood.shooting.longer_segments import LongerSegments
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import TOLERANCE, clusters, neighbourhoods, reach
 from linkwise.likelihood.shooting.normal_equations import Linearization, block_ends, blocks_of, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
+from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.law import Law
 from linkwise.signals.base_frame import framed
 
@@ -252,6 +258,62 @@ def test_intervals_of_many_masses() -> None:
     error = fit.values - true
     assert fit.trusted and len(error) == 35
     assert 14.7 < error @ np.linalg.solve(fit.covariance, error) < 66.6
+
+
+@pytest.fixture(scope="module")
+def chain_of_14() -> tuple[lw.Record, lw.Structure]:
+    return chain_record(14, duration=1.0).with_noise(20.0, seed=1002), lw.bnes_chain(14).unknown("all")
+
+
+def fitted(record: lw.Record, asked: lw.Structure, options: LikelihoodOptions | None = None) -> LikelihoodFit:
+    theta, spread = starting_values([record], asked, None)
+    return likelihood_fit([record], asked, theta, spread=spread, options=options)
+
+
+def test_longer_segments_have_the_same_optimum(
+    chain_of_14: tuple[lw.Record, lw.Structure], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the tolerance of the search, 0.02 of the cost, and standard errors to the tolerance of what is reached."""
+    fit = fitted(*chain_of_14)
+    optimum = fit.optimum
+    longer, misfit = in_longer_segments(fit)
+    assert longer.segments.count == -(-optimum.segments.count // 4)
+    assert misfit.data == pytest.approx(fit.misfit.data, rel=1e-9)
+    loose = replace(optimum, q=1e-3)  # whose defects longer segments would leave out
+    assert in_longer_segments(replace(fit, optimum=loose))[0] is loose
+    nodes = optimum.point.nodes + 0.1 * optimum.scales.state[:, None]  # a motion that is not continuous
+    torn = replace(optimum, point=replace(optimum.point, nodes=nodes))
+    assert in_longer_segments(replace(fit, optimum=torn))[0] is torn
+
+    monkeypatch.setattr(LongerSegments, "of", lambda segments: None)
+    short = fitted(*chain_of_14)
+    errors = np.sqrt(np.diag(short.covariance))
+    assert in_longer_segments(short)[0] is short.optimum
+    assert np.max(np.abs(fit.values - short.values) / errors) < np.sqrt(2.0 * AnnealingSchedule.tolerance)
+    assert np.max(np.abs(np.sqrt(np.diag(fit.covariance)) / errors - 1.0)) < 10.0 * TOLERANCE
+
+
+@pytest.mark.parametrize(("beta", "attempts"), [(1.0, 1), (1.5, 1), (4.0, 0)])
+def test_wrong_laws_stay_in_short_segments(
+    chain_of_14: tuple[lw.Record, lw.Structure], monkeypatch: pytest.MonkeyPatch, beta: float, attempts: int
+) -> None:
+    """A cubic term that is held too large leaves more than noise, sooner or later."""
+    record, asked = chain_of_14
+    chain = lw.bnes_chain(14)
+    held = present(chain.coefficient("nes3.beta").value) * beta
+    structure = asked.with_values({"nes3.beta": held}).unknown("nes3.alpha", "nes3.c")
+    tried: list[LongerSegments] = []
+    search = module._in_longer_segments
+
+    def counted(longer: LongerSegments, *rest: Any) -> AnnealingFit | None:
+        tried.append(longer)
+        return search(longer, *rest)
+
+    monkeypatch.setattr(module, "_in_longer_segments", counted)
+    options = LikelihoodOptions(ceiling=1.5, model_error=False, coloured_noise=False)
+    fit = fitted(record, structure, options)
+    assert len(tried) == attempts
+    assert fit.chi_square_off is (beta > 1.0)
 
 
 def test_few_masses_and_dense_graphs_stay_dense() -> None:

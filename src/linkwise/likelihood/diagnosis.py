@@ -25,6 +25,7 @@ from linkwise.likelihood.hypotheses import (
     missing_terms,
     usual_terms,
 )
+from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
@@ -150,8 +151,7 @@ def tested_causes(
 
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
-    optimum = fit.optimum
-    misfit = fit.misfit
+    optimum, misfit = in_longer_segments(fit)
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
     shown = [name for name in channels if not Channel.parse(name).is_input]

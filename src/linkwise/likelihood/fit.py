@@ -11,24 +11,21 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.likelihood.coloured_noise import ColouredNoise
-from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, did_not_converge, explained_fit
-from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
-from linkwise.likelihood.marginal import marginal_fit, relaxation
+from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, explained_fit
+from linkwise.likelihood.marginal import marginal_fit
 from linkwise.likelihood.noise_level import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
+from linkwise.likelihood.search import searched
 from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.shooting.anneal import (
     Annealer,
     AnnealingFit,
-    AnnealingSchedule,
     AnnealingStatus,
     AnnealingStep,
 )
-from linkwise.likelihood.shooting.gaps import carry_through_gaps, split_at_gaps
 from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
@@ -38,21 +35,6 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed
 
-_NEAR = AnnealingSchedule(
-    initial_q=0.1, smallest_factor=0.01, trust_per_sample=10.0
-)  # from a start with known deviations: the weak fit's
-_FAR_OF_MANY = AnnealingSchedule(
-    smallest_factor=0.1, trust_per_sample=1.0
-)  # of many masses: the mean of all hides that the quadratic model is wrong for one
-_NEAR_OF_MANY = replace(_FAR_OF_MANY, initial_q=0.1)
-_WARM = AnnealingSchedule(
-    initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0
-)  # from the states of a fit to nearly the same laws
-_CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
-_SIGMAS = 5.0  # and its own scatter
-_NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way
-_TIGHTER = 9.0  # factor below a known model error from which it is looked for again: two points of its grid
-_JOINING = 30  # steps that linking the sides of a gap may take
 _MOST_WORKERS = 8
 
 
@@ -234,7 +216,7 @@ def _fitted(
     options: LikelihoodOptions,
     annealer: Annealer,
 ) -> LikelihoodFit:
-    segments, start, fit, limit = _annealed(problem, spread, options, annealer)
+    segments, start, fit, limit = searched(problem, spread, options, annealer)
     known = sensing.stated(records)
     if segments.random is not None:
         segments, fit = marginal_fit(segments, fit, known, annealer)
@@ -305,83 +287,6 @@ def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:
     if explained.coloured is not None:
         variances = explained.covariance.diagonal()
     return segments.prior.conflicts(border, variances)
-
-
-def _annealed(
-    problem: ShootingProblem, spread: Floats | None, options: LikelihoodOptions, annealer: Annealer
-) -> tuple[Segments, Iterate, AnnealingFit, float]:
-    """The segments, the start and the result of annealing, and by how much its chi-square may differ from 1 by chance.
-
-    Long gaps break the chain of segments at first; its parts are linked where the laws and the samples allow it.
-    """
-    segments = split_at_gaps(problem.segments)
-    if options.nodes is None:
-        start = carry_through_gaps(segments, problem.start)
-        start = within_reach(segments, start, problem.scales, annealer.loss)
-        schedule = _FAR_OF_MANY if _many(segments) else AnnealingSchedule()
-        if spread is not None:
-            start = states_by_held_laws(segments, start, problem.scales, annealer)
-            schedule = _NEAR_OF_MANY if _many(segments) else _NEAR
-    else:
-        start, schedule = replace(problem.start, nodes=options.nodes), _WARM
-    if options.relaxation is not None:
-        tight = max(options.relaxation / _TIGHTER, AnnealingSchedule.final_q)
-        schedule = AnnealingSchedule(initial_q=options.relaxation, final_q=tight)
-    schedule = replace(
-        schedule,
-        cost_ceiling=options.ceiling,
-        max_steps=min(schedule.max_steps, options.steps),
-        final_q=max(schedule.final_q, options.tightest),
-    )
-    if segments.random is not None:
-        tight = relaxation(segments, problem.scales, start)
-        schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
-    fit = annealer(segments, start, problem.scales, schedule)
-    limited = options.steps < AnnealingSchedule.max_steps
-    if not limited and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
-        fit = _resumed(segments, fit, schedule, annealer)
-    limit = _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / fit.samples))
-    if problem.segments.chains < segments.chains:
-        joined = _joined(problem.segments, fit, limit, annealer)
-        if joined is not None:
-            return problem.segments, start, joined, limit
-    return segments, start, fit, limit
-
-
-def _many(segments: Segments) -> bool:
-    return len(segments.system.incidence) >= MANY
-
-
-def _resumed(
-    segments: Segments, fit: AnnealingFit, schedule: AnnealingSchedule, annealer: Annealer
-) -> AnnealingFit:
-    """A search that ended before it converged, taken up again from its values and states with looser links.
-
-    Close to its end it may creep along a bend of the likelihood, which looser links straighten.
-    """
-    looser = replace(
-        _WARM,
-        initial_q=max(_WARM.initial_q, schedule.final_q),
-        final_q=schedule.final_q,
-        cost_ceiling=schedule.cost_ceiling,
-        max_steps=schedule.max_steps,
-    )
-    again = annealer(segments, fit.point, fit.scales, looser)
-    return replace(again, path=(*fit.path, *again.path))
-
-
-def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer) -> AnnealingFit | None:
-    """The fit with both sides of every long gap linked, None if laws and samples do not determine how."""
-    if fit.status is not AnnealingStatus.CONVERGED:
-        return None
-    joined = annealer(
-        whole, carry_through_gaps(whole, fit.point), fit.scales, AnnealingSchedule(max_steps=_JOINING)
-    )
-    return (
-        joined
-        if joined.status is AnnealingStatus.CONVERGED and joined.chi_square < fit.chi_square + limit
-        else None
-    )
 
 
 def _found_noise(segments: Segments, fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]:

@@ -18,10 +18,11 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.block_scores import BlockScatter, block_scatter
+from linkwise.likelihood.block_scores import BLOCKS, FEWEST, BlockScatter, block_scatter
 from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_TERM
+from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.missing_terms import MissingTerms, for_usual_terms, usual_scores
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.model.structure import Structure
@@ -159,14 +160,18 @@ def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | 
     free = np.ones(len(optimum.point.border), dtype=bool)
     free[: len(fit.values)] = fit.free
     with one_blas_thread():
+        longer, misfit = in_longer_segments(fit)
+        model = None if tested is None else tested.model
+        if longer.segments.count < FEWEST * BLOCKS[0]:
+            longer, misfit, model = optimum, fit.misfit, None
         scatter = block_scatter(
-            segments,
-            fit.misfit,
+            longer.segments,
+            misfit,
             optimum.scales,
             optimum.loss,
             q=optimum.q,
             noise=optimum.noise,
             free=free,
-            model=None if tested is None else tested.model,
+            model=model,
         )
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter

@@ -55,7 +55,7 @@ def unseen_terms(
     tests = single_tests(tested.curvature, tested.slope, tested.scatter, p)
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     forces = dict(
-        zip((link.name for link in identified.links), link_forces(optimum, tested.misfit), strict=False)
+        zip((link.name for link in identified.links), link_forces(optimum, fit.misfit), strict=False)
     )
     terms = []
     for number in which_usual(tested.hypotheses, identified):

@@ -22,7 +22,7 @@ from linkwise.likelihood.shooting.local_rows import LocalRows
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import add_prior, block_ends, blocks_of
 
-_AT_ONCE = 500_000  # numbers in the sensitivities of a chunk
+_AT_ONCE = 150_000  # numbers in the sensitivities of a chunk
 
 
 def local_linearization(
