@@ -159,5 +159,4 @@ class LocalRows:
 def _transfer(mechanics: NumericSystem, group: Neighbourhood) -> Transfer:
     """The part of the structure that a group reaches."""
     inside = np.ix_(group.masses, group.links)
-    incidence, gain = mechanics.incidence[inside], mechanics.gain[inside]
-    return Transfer.of(incidence, gain, incidence.T @ gain)
+    return Transfer.of(mechanics.incidence[inside], mechanics.gain[inside])

@@ -123,7 +123,7 @@ def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
     starts, middles = tangent_forces(mechanics, orbit, step, scales.theta[: system.parameters.size])
     masses, links, memory = map(np.arange, (n, system.incidence.shape[1], len(system.states)))
     columns = np.arange(len(scales.state))
-    transfer = Transfer.of(mechanics.incidence, mechanics.gain, mechanics.link_gain)
+    transfer = Transfer.of(mechanics.incidence, mechanics.gain)
     largest = np.zeros((len(columns), n))
     for tangent in march(
         transfer,

@@ -200,18 +200,12 @@ class TangentForces:
         for to, column, slope in self.rate_by_parameter:
             rates[to, column] += slope[j]
 
-    def inertia(self, j: int, out: Single, into_links: Single | None = None, weight: float = 1.0) -> None:
-        """Add h^2 da of unknown masses and of candidates to masses (n, P, K) or through `into_links` to links (L, P, K)."""
+    def inertia(self, j: int, out: Single) -> None:
+        """Add h^2 da of unknown masses and of candidates to masses (n, P, K)."""
         for ends, columns, change in self.candidates:
-            if into_links is None:
-                out[ends, columns] += np.float32(weight) * change[j]
-            else:
-                out[:, columns] += into_links[:, ends, None] * change[j]
+            out[ends, columns] += change[j]
         for i, column, change in self.masses:
-            if into_links is None:
-                out[i, column] += np.float32(weight) * change[j]
-            else:
-                out[:, column] += into_links[:, i, None] * change[j]
+            out[i, column] += change[j]
 
 
 def _places(which: Indices, size: int) -> Indices:

@@ -83,7 +83,7 @@ def tangents(
     n = len(mechanics.gain)
     P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
     starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs)
-    transfer = Transfer.of(mechanics.incidence, mechanics.gain, mechanics.link_gain)
+    transfer = Transfer.of(mechanics.incidence, mechanics.gain)
     return march(transfer.stretched(mechanics.system), starts, middles, *units_of_states(scale, step, n, P))
 
 
@@ -97,22 +97,18 @@ class Transfer:
         Elongations by displacements.
     gain : array of shape (n, L)
         Accelerations of masses by link forces.
-    link_gain : array of shape (L, L)
-        Accelerations of elongations by link forces.
     by_state : tuple of int and array of shape (L, 1, 1), or None
         The number of a constant state that stretches links, and their elongations by it.
     """
 
     into_links: Single
     gain: Single
-    link_gain: Single
     by_state: tuple[int, Single] | None = None
 
     @classmethod
-    def of(cls, incidence: Floats, gain: Floats, link_gain: Floats) -> Transfer:
-        """From the incidence (n, L) of the links and the gains."""
-        into_links, *gains = (np.ascontiguousarray(a, np.float32) for a in (incidence.T, gain, link_gain))
-        return cls(into_links, gains[0], gains[1])
+    def of(cls, incidence: Floats, gain: Floats) -> Transfer:
+        """From the incidence (n, L) of the links and the gain."""
+        return cls(*(np.ascontiguousarray(matrix, np.float32) for matrix in (incidence.T, gain)))
 
     def stretched(self, system: System) -> Transfer:
         """The same with the error of the recorded displacement of the base, where it is a state."""
@@ -140,14 +136,10 @@ def march(
     TangentStep
         As `tangents` does.
     """
-    into_links, gain, link_gain = transfer.into_links, transfer.gain, transfer.link_gain
+    into_links, gain = transfer.into_links, transfer.gain
     L, (S, P, K) = len(into_links), inner.shape
-    stack, pulls = np.empty((4, L, P, K), np.float32), np.empty((3, L, P, K), np.float32)
-    motion, moved, acceleration = (
-        np.empty((2, L, P, K), np.float32),
-        np.empty_like(state),
-        np.empty_like(state[0]),
-    )
+    stack, pulls, motion = (np.empty((count, L, P, K), np.float32) for count in (4, 3, 2))
+    accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
     for j in range(middles.steps):
         _times(into_links, state, stack[:2])
@@ -155,30 +147,27 @@ def march(
             number, elongations = transfer.by_state
             stack[0] += elongations * inner[number]
         starts(j, stack[:2], inner, pulls[0], rates[0])
-        _times(gain, pulls[0], acceleration)
-        starts.inertia(j, acceleration)
-        yield TangentStep(state, inner, acceleration, pulls[0])
-        _times(link_gain, pulls[0], stack[2])
-        starts.inertia(j, stack[2], into_links)
+        _times(gain, pulls[0], accelerations[0])
+        starts.inertia(j, accelerations[0])
+        yield TangentStep(state, inner, accelerations[0], pulls[0])
+        _times(into_links, accelerations[0], stack[2])
         _combine(TANGENT_MIDDLE, stack[:3], motion)
         if S:
             np.add(inner, np.float32(0.5) * rates[0], out=between)
         middles(j, motion, between, pulls[1], rates[1])
-        _times(link_gain, pulls[1], stack[3])
-        middles.inertia(j, stack[3], into_links)
+        _times(gain, pulls[1], accelerations[1])
+        middles.inertia(j, accelerations[1])
+        _times(into_links, accelerations[1], stack[3])
         _combine(TANGENT_END, stack, motion)
         if S:
             np.add(inner, np.float32(2.0) * rates[1] - rates[0], out=between)
         starts(j + 1, motion, between, pulls[2], rates[2])
         if S:
             inner += (rates[0] + np.float32(4.0) * rates[1] + rates[2]) / np.float32(6.0)
+        _times(gain, pulls[2], accelerations[2])
+        starts.inertia(j + 1, accelerations[2])
         state[0] += state[1]
-        _combine(TANGENT_CLOSING, pulls, motion)
-        _times(gain, motion, moved)
-        for row, (first, second, third) in zip(moved, TANGENT_CLOSING, strict=False):
-            starts.inertia(j, row, weight=first)
-            middles.inertia(j, row, weight=second)
-            starts.inertia(j + 1, row, weight=third)
+        _combine(TANGENT_CLOSING, accelerations, moved)
         state += moved
     yield TangentStep(state, inner, None, None)
 
