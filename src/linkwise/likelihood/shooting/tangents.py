@@ -9,12 +9,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.likelihood.shooting.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single, TangentForces
+
+_WIDE = 20  # columns of a matrix from which sparse products may be faster
+_FULL = 0.2  # of its entries
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +105,14 @@ class Transfer:
         The number of a constant state that stretches links, and their elongations by it.
     """
 
-    into_links: Single
-    gain: Single
+    into_links: Single | csr_array
+    gain: Single | csr_array
     by_state: tuple[int, Single] | None = None
 
     @classmethod
     def of(cls, incidence: Floats, gain: Floats) -> Transfer:
         """From the incidence (n, L) of the links and the gain."""
-        return cls(*(np.ascontiguousarray(matrix, np.float32) for matrix in (incidence.T, gain)))
+        return cls(_matrix(incidence.T), _matrix(gain))
 
     def stretched(self, system: System) -> Transfer:
         """The same with the error of the recorded displacement of the base, where it is a state."""
@@ -137,7 +141,7 @@ def march(
         As `tangents` does.
     """
     into_links, gain = transfer.into_links, transfer.gain
-    L, (S, P, K) = len(into_links), inner.shape
+    L, (S, P, K) = into_links.shape[0], inner.shape
     stack, pulls, motion = (np.empty((count, L, P, K), np.float32) for count in (4, 3, 2))
     accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
@@ -220,10 +224,24 @@ def units_of_states(scale: Floats, step: Floats, n: int, P: int) -> tuple[Single
     return state, inner
 
 
-def _times(matrix: Single, block: Single, out: Single) -> None:
+def _matrix(values: Floats) -> Single | csr_array:
+    """In single precision; sparse where that makes products faster."""
+    single = np.ascontiguousarray(values, np.float32)
+    sparse = values.shape[1] >= _WIDE and np.count_nonzero(values) < _FULL * values.size
+    return csr_array(single) if sparse else single
+
+
+def _times(matrix: Single | csr_array, block: Single, out: Single) -> None:
     """matrix @ block over the third last axis, the last two being P and K."""
-    flat = (-1, block.shape[-2] * block.shape[-1])
-    np.matmul(matrix, block.reshape(*block.shape[:-2], flat[1]), out=out.reshape(*out.shape[:-2], flat[1]))
+    size = block.shape[-2] * block.shape[-1]
+    flat, result = block.reshape(*block.shape[:-2], size), out.reshape(*out.shape[:-2], size)
+    if isinstance(matrix, np.ndarray):
+        np.matmul(matrix, flat, out=result)
+    elif block.ndim == 3:
+        result[:] = matrix @ flat
+    else:
+        for own, of_own in zip(result, flat, strict=True):
+            own[:] = matrix @ of_own
 
 
 def _combine(weights: Single, blocks: Single, out: Single) -> None:
