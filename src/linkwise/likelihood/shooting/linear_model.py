@@ -23,7 +23,7 @@ from linkwise.runtime import processors
 GaussNewtonModel = Linearization | LocalLinearization
 Factor = BorderedFactor | LocalFactor
 
-_WORTHWHILE = 0.7  # of the sensitivities of the whole: what groups may have of them
+_WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
 
 
 def linear_model(

@@ -18,7 +18,7 @@ from linkwise.likelihood.shooting.local_equations import (
     PairBlocks,
     sums_over,
 )
-from linkwise.likelihood.shooting.local_rows import LocalRows
+from linkwise.likelihood.shooting.local_rows import LocalRows, as_slice
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import add_prior, block_ends, blocks_of
 
@@ -65,7 +65,7 @@ def local_linearization(
         slopes = []
         for number, (group, own) in enumerate(zip(groups, by_group, strict=True)):
             at, a = order.of_states[number], len(group.states)
-            by_data = _gradient(own.data, residuals[:, :, group.channels].astype(np.float32))
+            by_data = _gradient(own.data, residuals[:, group.channels].astype(np.float32))
             by_ends = _gradient(exact[number], missed[part][:, order.places[group.rows]])
             data.gradient[part, at], defects.gradient[part, at] = by_data[:, :a], by_ends[:, :a]
             slopes.append([sums_over(by_data[:, a:], pieces), sums_over(by_ends[:, a:], pieces)])
@@ -154,9 +154,9 @@ def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
 
 
 def _product(rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]) -> NDArray[Any]:
-    """(k, P, P') of two groups, from the rows (k, ..., r, P) that they have in `common`."""
+    """(k, P, P') of two groups, from the rows (k, r, ..., P) that they have in `common`."""
     first, second = (
-        block if len(which) == block.shape[-2] else np.take(block, which, axis=-2)
+        block[:, own] if isinstance(own := as_slice(which), slice) else np.take(block, own, axis=1)
         for block, which in zip(rows, common, strict=True)
     )
     k = len(first)

@@ -22,7 +22,7 @@ from linkwise.likelihood.shooting.tangents import Transfer, march, tangent_force
 
 @dataclass(frozen=True, eq=False)
 class GroupRows:
-    """Of k segments and a group of P columns: whitened `data` (k, M, C, P) of the group's channels, and `ends` (k, r, P'), the
+    """Of k segments and a group of P columns: whitened `data` (k, C, M, P) of the group's channels, and `ends` (k, r, P'), the
     sensitivities of the group's rows at the segments' ends to the moving columns, both in scaled unknowns.
     """
 
@@ -58,7 +58,7 @@ class LocalRows:
         return self.moving + (0 if self.errors is None else len(self.errors.channel))
 
     def part(self, part: slice) -> tuple[list[GroupRows], Floats]:
-        """The rows of some segments by group, and the whitened residuals (k, M, C)."""
+        """The rows of some segments by group, and the whitened residuals (k, C, M)."""
         segments, misfit = self.segments, self.misfit
         residuals = misfit.residuals[..., part]
         root = np.sqrt(self.loss.weight(residuals)) * segments.observed[..., part]
@@ -72,7 +72,7 @@ class LocalRows:
         unit = self.scales.theta[: segments.system.parameters.size]
         forces = tangent_forces(mechanics, orbit, step, unit, candidates)
         rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
-        return rows, (root * residuals).transpose(2, 0, 1)
+        return rows, (root * residuals).transpose(2, 1, 0)
 
     def _of_group(
         self,
@@ -87,7 +87,7 @@ class LocalRows:
         width = group.moving
         columns = np.concatenate([group.states, m + group.border])[:width]
         M = len(segments.samples)
-        data: NDArray[Any] = np.zeros((len(step), M, len(group.channels), group.size), np.float32)
+        data: NDArray[Any] = np.zeros((len(step), len(group.channels), M, group.size), np.float32)
         ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
         if width:
             starts, middles = (
@@ -102,7 +102,7 @@ class LocalRows:
                 motions = tangent.shown()
                 for kind, places, channels, rate in shown:
                     factor = (whiten[sample, group.channels[channels]] * rate).astype(np.float32)
-                    data[:, sample, channels, :width] = (motions[kind][places] * factor[:, None]).transpose(
+                    data[:, channels, sample, :width] = (motions[kind][places] * factor[:, None]).transpose(
                         2, 0, 1
                     )
             r, rate = len(group.masses), (1.0 / step).astype(np.float32)
@@ -113,14 +113,21 @@ class LocalRows:
         self._add_errors(data, group, part, whiten)
         return GroupRows(data, ends)
 
-    def _shown_by(self, group: Neighbourhood, step: Floats) -> list[tuple[int, Indices, Indices, Floats]]:
+    def _shown_by(
+        self, group: Neighbourhood, step: Floats
+    ) -> list[tuple[int, Indices | slice, Indices | slice, Floats]]:
         """By kind of sensor, the places that those of a group show, their places among its channels, and the factor (k,)."""
         sensors = self.segments.sensors
         kinds, numbers = sensors.kind[group.channels], sensors.mass[group.channels]
         rates = {X: np.ones_like(step), V: 1.0 / step, A: step**-2.0, F: step**-2.0, S: np.ones_like(step)}
         among = {F: group.links, S: group.memory}
         return [
-            (kind, np.searchsorted(among.get(kind, group.masses), numbers[own]), own, rate)
+            (
+                kind,
+                as_slice(np.searchsorted(among.get(kind, group.masses), numbers[own])),
+                as_slice(own),
+                rate,
+            )
             for kind, rate in rates.items()
             if len(own := np.flatnonzero(kinds == kind))
         ]
@@ -147,13 +154,20 @@ class LocalRows:
                 channel = int(self.errors.channel[number - self.moving])
                 values = self.errors.values[:, number - self.moving, part]
                 own = int(np.searchsorted(group.channels, channel))
-                data[:, :, own, first + place] = (whiten[:, channel] * values).T
+                data[:, own, :, first + place] = (whiten[:, channel] * values).T
             elif number >= self.fixed:
                 offset = number - self.fixed
                 unit = self.scales.theta[self.segments.system.parameters.size + offset]
                 for channel in np.flatnonzero(self.segments.sensors.offset == offset).tolist():
                     own = int(np.searchsorted(group.channels, channel))
-                    data[:, :, own, first + place] = whiten[:, channel].T * unit
+                    data[:, own, :, first + place] = whiten[:, channel].T * unit
+
+
+def as_slice(numbers: Indices) -> Indices | slice:
+    """The same places as a slice, where they follow each other, so that no copy is made."""
+    if len(numbers) and numbers[-1] - numbers[0] == len(numbers) - 1 and (np.diff(numbers) == 1).all():
+        return slice(int(numbers[0]), int(numbers[-1]) + 1)
+    return numbers
 
 
 def _transfer(mechanics: NumericSystem, group: Neighbourhood) -> Transfer:

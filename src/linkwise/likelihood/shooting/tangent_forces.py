@@ -83,6 +83,7 @@ class TangentForces:
         self.mass_values = mechanics.masses
         self.points = mechanics.points
         self.by_shape: tuple[Indices, Indices, Single] | None = None
+        self._by_rate: Single = np.empty((0, 0, 0), np.float32)  # room for a part of the forces
         inner = slopes.memory
         self.owners = system.state_links
         self.by_state = (inner.force * step2).astype(np.float32)
@@ -186,7 +187,9 @@ class TangentForces:
     def __call__(self, j: int, motion: Single, inner: Single, out: Single, rates: Single) -> None:
         """Tangent forces (L, P, K) to `out` and tangent rates of states, times the step, (S, P, K) to `rates`."""
         np.multiply(self.by_d[j][:, None], motion[0], out=out)
-        out += self.by_v[j][:, None] * motion[1]
+        if self._by_rate.shape != out.shape:
+            self._by_rate = np.empty_like(out)
+        out += np.multiply(self.by_v[j][:, None], motion[1], out=self._by_rate)
         out[self.rows, self.columns] += self.by_parameter[j]
         if self.by_shape is not None:
             links, columns, change = self.by_shape
