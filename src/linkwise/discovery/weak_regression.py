@@ -91,7 +91,8 @@ def _scatter(
     total = np.zeros((len(numbers), len(numbers)))
     for (some, equations), weight in zip(patches, weights, strict=True):
         slopes = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in some]
-        total += _dense(assemble_blocks(score_blocks(slopes, weight, equations), len(values)), numbers)
+        blocks = ((which, block[0]) for which, block in score_blocks(slopes, weight, equations))
+        total += _dense(assemble_blocks(blocks, len(values)), numbers)
     return total
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -70,6 +70,30 @@ class MeasuredDisplacements:
     def noise_free(self) -> bool:
         """Whether the noise of every channel is negligible."""
         return bool(np.all(self.variance[self.measured] < _NOISE_FREE**2 * self.power[:-2][self.measured]))
+
+    def of_piece(self, piece: Record, structure: Structure) -> MeasuredDisplacements:
+        """Displacements of a piece of the record, with the noise that was found in the whole of it.
+
+        Parameters
+        ----------
+        piece : Record
+            The piece.
+        structure : Structure
+            The structure.
+
+        Returns
+        -------
+        MeasuredDisplacements
+            The displacements.
+        """
+        names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
+        deviations = np.sqrt(self.noise_variance[:-1]).tolist()
+        stated = {
+            name: sigma
+            for name, sigma in zip(names, deviations, strict=True)
+            if sigma > 0.0 and name in piece.channels
+        }
+        return read_displacements(replace(piece, noise={**piece.noise, **stated}), structure)
 
     @cached_property
     def noise_variance(self) -> Floats:

@@ -6,7 +6,7 @@ motion in the windows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,10 +20,11 @@ from linkwise.records.record import Record
 from linkwise.weak.displacements import MeasuredDisplacements, differences
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
-from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
+from linkwise.weak.stretches import Stretches
+from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, WeakPart
 from linkwise.weak.window import Window
 
-_MIN_WINDOWS = 8  # windows
+MIN_WINDOWS = 8  # windows
 _PATCH = 12  # masses: their dense products are cheap, and the terms of most links are shared
 _DENSE_WINDOWS = 400  # from twice as many, sums of smooth slopes over time use every second window
 _MAX_THINNING = 2
@@ -36,6 +37,8 @@ class WeakEquations:
 
     Attributes
     ----------
+    context : PatchContext
+        What the patches share.
     structure_layout : StructureLayout
         Layout of the structure.
     window : Window
@@ -56,6 +59,7 @@ class WeakEquations:
         Centres of the windows in s.
     """
 
+    context: PatchContext
     structure_layout: StructureLayout
     window: Window
     motion: MeasuredDisplacements
@@ -83,9 +87,9 @@ class WeakEquations:
         return len(self.time)
 
     @cached_property
-    def adjoint_windows(self) -> Indices:
-        """(P,) windows next to the points of `Window.adjoint`."""
-        return self.window.adjoint_windows(self.windows, self.thinning)
+    def whole(self) -> Stretches:
+        """The whole record as one stretch."""
+        return Stretches(self.window, self.thinning, ((0, self.windows),))
 
     @property
     def slope_stride(self) -> int:
@@ -102,7 +106,7 @@ def weak_equations(
     rate_window: Window | None = None,
     values: dict[str, float] | None = None,
     max_masses: int = _PATCH,
-    max_thinning: int = _MAX_THINNING,
+    alone: Callable[[WeakPart], bool] = lambda part: False,
 ) -> WeakEquations:
     """Weak equations of a structure on a record.
 
@@ -117,13 +121,13 @@ def weak_equations(
     window : Window, optional
         The test functions; chosen from the bandwidth by default.
     rate_window : Window, optional
-        What smooths the rates that laws act by; the test functions by default.
+        What smooths the rates that laws act by, where test functions are wider; then sums over time take every window.
     values : dict of str to float, optional
         Present values of parameters that enter a law nonlinearly; their starts by default.
     max_masses : int, optional
         Largest number of masses in a patch.
-    max_thinning : int, optional
-        Largest stride in windows of the sums that give the covariance.
+    alone : callable, optional
+        Whether the terms of a part of a law are tested one at a time; their products with each other are left out.
 
     Returns
     -------
@@ -137,12 +141,12 @@ def weak_equations(
     """
     window = window or Window.for_band(motion.bandwidth, record.rate, motion.noise_free)
     windows = window.rows(len(record))
-    if windows < _MIN_WINDOWS:
+    if windows < MIN_WINDOWS:
         raise IdentificationError(
             f"the record is too short: its {len(record)} samples give {windows} windows of {window.length} samples, and "
-            f"{_MIN_WINDOWS} are needed; record for longer"
+            f"{MIN_WINDOWS} are needed; record for longer"
         )
-    thinning = min(max(1, windows // _DENSE_WINDOWS), max_thinning)
+    thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if rate_window is None else 1
     applied = {
         mass: at_samples(
             record.channel(f"force:{name}"), record.interpolation.get(f"force:{name}", BAND_LIMITED)
@@ -164,9 +168,11 @@ def weak_equations(
             for mass, force in applied.items()
         },
         slope_stride=_SLOPE_THINNING * thinning,
+        alone=alone,
     )
     area = window.kernels[PHI].sum()
     return WeakEquations(
+        context=context,
         structure_layout=layout,
         window=window,
         motion=motion,
@@ -252,8 +258,8 @@ def _valid(missing: Bools, window: Window) -> Floats:
 
 
 def _require_whole_windows(patches: list[Patch], window: Window) -> None:
-    if patches and max(patch.windows for patch in patches) < _MIN_WINDOWS:
+    if patches and max(patch.windows for patch in patches) < MIN_WINDOWS:
         raise IdentificationError(
-            f"too many samples are missing: no mass has {_MIN_WINDOWS} complete windows of {window.length} samples; fill "
+            f"too many samples are missing: no mass has {MIN_WINDOWS} complete windows of {window.length} samples; fill "
             "single gaps first, or record again"
         )

@@ -101,7 +101,7 @@ class WeakForm(Estimator):
             equations, fit, converged = weak_search(record, structure, motion)
             fit, contradicted = with_priors(fit, structure.parameters)
         verdict, message = (
-            _verdict(record, structure, equations, fit, _noise(structure, motion, frame))
+            _verdict(record, structure, equations, fit)
             if converged
             else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
         )
@@ -213,11 +213,7 @@ def _nonlinear(structure: Structure) -> set[str]:
 
 
 def _verdict(
-    record: Record,
-    structure: Structure,
-    equations: WeakEquations,
-    fit: WeakFit,
-    noise: Mapping[str, NoiseEstimate],
+    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
 ) -> tuple[Verdict, str]:
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
@@ -257,19 +253,13 @@ def _verdict(
             "weak form subtracts, so no interval is given: it would be too narrow. Give a number, record a motion that "
             'stands farther above the noise, or use method "ml", which needs no such correction.'
         )
-    follows = _follows_the_motion(record, structure, equations, fit, noise)
+    follows = _follows_the_motion(record, structure, equations, fit)
     if follows:
         return Verdict.SYSTEMATIC_MISFIT, f"{explained}, but {follows}"
     return Verdict.CONVERGED, f"{explained}."
 
 
-def _follows_the_motion(
-    record: Record,
-    structure: Structure,
-    equations: WeakEquations,
-    fit: WeakFit,
-    noise: Mapping[str, NoiseEstimate],
-) -> str:
+def _follows_the_motion(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> str:
     """What in the record follows the motion and the laws do not explain, in words; empty where there is nothing."""
     lacking = significant_score(record, structure, equations, fit.values, fit.excess)
     if lacking is not None:
@@ -281,10 +271,7 @@ def _follows_the_motion(
     wrong_noise = (
         bool(record.noise) and fit.excess > _NOTED_EXCESS
     )  # of which the bias differs from piece to piece
-    given = dict(zip(equations.parameters, map(float, fit.values), strict=True))
-    sigmas = {name: of_channel.sigma for name, of_channel in noise.items()}
-    search = partial(_fit_of_piece, structure, given)
-    apart = None if wrong_noise else disagreement(record, structure, sigmas, search)
+    apart = None if wrong_noise else disagreement(record, structure, equations, fit)
     if apart is not None:
         return (
             f"pieces of it do not agree on {apart.name}: they give {apart.lowest:.3g} to "
@@ -292,14 +279,6 @@ def _follows_the_motion(
             'how large the motion is, such as friction, or the structure changed. Method "ml" names terms.'
         )
     return ""
-
-
-def _fit_of_piece(
-    structure: Structure, given: Mapping[str, float], piece: Record
-) -> tuple[tuple[str, ...], WeakFit] | None:
-    """The parameters of a piece of a record by name, from those `given`; None where the search does not converge."""
-    equations, fit, converged = weak_search(piece, structure, read_displacements(piece, structure), given)
-    return (equations.parameters, fit) if converged else None
 
 
 def _limits(windows: float) -> tuple[float, float]:

@@ -27,7 +27,7 @@ from linkwise.weak.scatter import FLOOR, SlopeStatistics, residual_excess, score
 
 _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of reweighting the masses: the second changes weights by per cents, the third by far less
-_SINGULAR = 1e-13  # scaled pivot below which columns are collinear
+SINGULAR = 1e-13  # scaled pivot below which columns are collinear
 SIGNIFICANT = 5.0
 """Standard deviations of what noise adds to the information on a parameter; below, intervals are too narrow."""
 _NAMED = 6  # parameters that a message lists
@@ -90,8 +90,9 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
         values, free = _solve_bounded(normal, right, lower, upper, system.parameters)
         next_weights = [1.0 / residual_power(patch, values) for patch in patches]
     noisy = [(patch, SlopeStatistics.along(patch, system, values)) for patch in patches]
-    excess = residual_excess(noisy, values, system)
-    scatter = assemble_blocks(score_blocks(noisy, weights, system), len(values))
+    excess = float(residual_excess(noisy, values, system)[0])
+    blocks = ((which, block[0]) for which, block in score_blocks(noisy, weights, system))
+    scatter = assemble_blocks(blocks, len(values))
     covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system)
     biased, _ = normal_equations(patches, weights, len(lower), bias=1.0)
     return WeakFit(values, covariance, free, excess, _significances(normal, biased, free, system.windows))
@@ -239,12 +240,12 @@ def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Float
     if isinstance(h, np.ndarray):
         scaled = h * np.outer(scale, scale)
         factor, failed = dpotrf(scaled)
-        if failed or not np.min(factor.diagonal()) ** 2 >= _SINGULAR:
+        if failed or not np.min(factor.diagonal()) ** 2 >= SINGULAR:
             _raise_not_identifiable(_null_names(scaled, names))
         return lambda right: np.asarray((dpotrs(factor, (right.T * scale).T)[0].T * scale).T)
     sparse = splu(csc_array(h.multiply(scale[:, None]).multiply(scale[None, :])))
     pivots = np.abs(sparse.U.diagonal())
-    if pivots.min() < _SINGULAR:
+    if pivots.min() < SINGULAR:
         _raise_not_identifiable([names[int(np.flatnonzero(sparse.perm_c == np.argmin(pivots))[0])]])
     return lambda right: np.asarray(sparse.solve(right * scale) * scale)
 

@@ -12,13 +12,14 @@ is the product of two signals, weighted by the sum of the windows at each sample
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.terms import LawTerms
+from linkwise.weak.weak_form import WeakPart
 from linkwise.weak.window import Window
 
 
@@ -29,6 +30,7 @@ def noise_bias(
     noise: Floats,
     window: Window,
     valid: Floats,
+    alone: Callable[[WeakPart], bool] = lambda part: False,
 ) -> Floats:
     """Bias of the products of all terms of a layout, summed over windows.
 
@@ -46,6 +48,8 @@ def noise_bias(
         The test functions.
     valid : array of shape (R,)
         Weights of the windows.
+    alone : callable, optional
+        Whether the terms of a part are tested one at a time: products of those of two such parts are left out.
 
     Returns
     -------
@@ -69,6 +73,8 @@ def noise_bias(
         bias[rows] += linear
         bias[:, rows] += linear.T
         for second in curved[number:]:
+            if second is not first and alone(first.part) and alone(second.part):
+                continue
             sign = first.part.sign * second.part.sign
             mixed = sign * _product_bias(
                 first,

@@ -12,7 +12,7 @@ of masses needs one set of products.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from linkwise.weak.layout import StructureLayout
 from linkwise.weak.noise_bias import noise_bias
 from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.terms import LawTerms, law_terms
-from linkwise.weak.weak_form import PHI_2
+from linkwise.weak.weak_form import PHI_2, WeakPart
 from linkwise.weak.window import Window
 
 
@@ -142,6 +142,8 @@ class PatchContext:
         Negative applied forces under phi, by mass.
     slope_stride : int
         Stride in windows of `Patch.slopes`.
+    alone : callable
+        Whether the terms of a part are tested one at a time, so that nobody asks for their products with each other.
     """
 
     structure_layout: StructureLayout
@@ -152,6 +154,7 @@ class PatchContext:
     filtered: Floats
     forces: Mapping[int, Floats]
     slope_stride: int
+    alone: Callable[[WeakPart], bool] = lambda part: False
 
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
         """Equations of some masses.
@@ -169,22 +172,14 @@ class PatchContext:
             The equations.
         """
         layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
-        ends, noise = self.structure_layout.ends, self.motion.noise_variance
-        evaluated = law_terms(
-            self.structure_layout,
-            layout,
-            self.values,
-            elongations=lambda links: differences(self.motion.displacements, ends[links]),
-            rates=self._rates,
-            variance=lambda links: noise[ends[links]].sum(axis=1),
-        )
+        noise = self.motion.noise_variance
+        evaluated, slope = self.evaluated(layout)
         rows = self._rows(layout, evaluated)
         if not valid.all():
             rows *= valid
-        products = rows @ rows.T
-        slope = _constant_slopes(layout, evaluated)
+        products = self._products(rows, layout)
         curved = [terms for terms in evaluated if not isinstance(terms.slope, float)]
-        bias = noise_bias(layout, curved, slope, noise[layout.nodes], self.window, valid)
+        bias = noise_bias(layout, curved, slope, noise[layout.nodes], self.window, valid, self.alone)
         present = np.append(self.values, 0.0)[layout.coefficients.parameter]
         return Patch(
             layout=layout,
@@ -196,6 +191,49 @@ class PatchContext:
             valid=valid,
             slopes=self._slopes(slope, curved),
         )
+
+    def _products(self, rows: Floats, layout: PatchLayout) -> Floats:
+        """(q, q) products of the rows (q, R); zero between different terms that are tested alone."""
+        alone = [
+            range(terms.terms.start, terms.terms.stop)
+            for terms in layout.group_terms
+            if self.alone(terms.part)
+        ]
+        if not alone:
+            return rows @ rows.T
+        tested = np.concatenate([np.array(some) for some in alone])
+        others = np.delete(np.arange(len(rows)), tested)
+        products = np.zeros((len(rows), len(rows)))
+        products[others] = rows[others] @ rows.T
+        products[:, others] = products[others].T
+        products[tested, tested] = np.einsum("ij,ij->i", rows[tested], rows[tested])
+        return products
+
+    def evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
+        """Terms of the laws at every sample.
+
+        Parameters
+        ----------
+        layout : PatchLayout
+            The q terms.
+
+        Returns
+        -------
+        terms : list of LawTerms
+            Those of laws.
+        slopes : array of shape (q,)
+            Slopes of all terms where they are constant, 0 for others.
+        """
+        ends, noise = self.structure_layout.ends, self.motion.noise_variance
+        evaluated = law_terms(
+            self.structure_layout,
+            layout,
+            self.values,
+            elongations=lambda links: differences(self.motion.displacements, ends[links]),
+            rates=self._rates,
+            variance=lambda links: noise[ends[links]].sum(axis=1),
+        )
+        return evaluated, _constant_slopes(layout, evaluated)
 
     def _rates(self, d: Floats) -> Floats:
         """(m, N) v from d (m, N), held at the edges."""

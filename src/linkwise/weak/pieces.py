@@ -2,9 +2,12 @@
 
 Friction beside a damper looks like more damping the smaller the motion is, and quadratic damping like less. Terms that are
 nonlinear in the rate have no score without bias, since they would need a smoothed rate. So the laws as they are stated are
-fitted to pieces of the record, with the noise found in the whole of it: halves of the record, of its first half and of its
-first quarter, since a motion that decays is soon hidden by noise, and quarters. The squares of what the pieces differ by,
-over their variances, follow chi-square where the laws are right (Cochran 1954).
+fitted to pieces of the record: halves of the record, of its first half and of its first quarter, since a motion that decays
+is soon hidden by noise, and quarters. The squares of what the pieces differ by, over their variances, follow chi-square where
+the laws are right (Cochran 1954).
+
+The terms and the windows of the whole record are those of its pieces (`piecewise`), but for the second half, where a motion
+that decays is slower than in the first and needs wider windows.
 
 References
 ----------
@@ -13,26 +16,27 @@ W. G. Cochran, Biometrics 10, 101 (1954), for the combination of estimates from 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import scipy
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.weak.fit import SIGNIFICANT, WeakFit
+from linkwise.weak.equations import MIN_WINDOWS, WeakEquations, weak_equations
+from linkwise.weak.fit import SIGNIFICANT, SINGULAR, WeakFit, significance
+from linkwise.weak.piecewise import PieceSums, piece_sums
 
 _CUTS = ((0.0, 0.125, 0.25), (0.0, 0.25, 0.5), (0.0, 0.5, 1.0), (0.0, 0.25, 0.5, 0.75, 1.0))
+_HALF = 0.5
 _TWICE = 2.0  # the significance that a whole record needs: below, errors of some pieces were a third of what they should be
+_LEAST = 0.1  # of the part of a variance that is a sum of squares: a smaller one is the difference of large, inexact parts
 _LARGEST = 48  # masses of a structure whose pieces are compared
 _FALSE_ALARM = 1e-4  # probability that pieces differ so much by chance, over all coefficients and cuts
-
-Search = Callable[[Record], tuple[tuple[str, ...], WeakFit] | None]
-"""The names of the parameters and the fit of a piece of a record, None where none converges."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Disagreement:
 
 
 def disagreement(
-    record: Record, structure: Structure, noise: Mapping[str, float], search: Search
+    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
 ) -> Disagreement | None:
     """The coefficient on which pieces of a record agree least.
 
@@ -55,10 +59,10 @@ def disagreement(
         The record.
     structure : Structure
         The structure with its unknowns.
-    noise : mapping of str to float
-        Standard deviations of the noise by channel, found in the whole record.
-    search : callable
-        Fits a piece of the record.
+    equations : WeakEquations
+        Its equations on the record.
+    fit : WeakFit
+        Their solution.
 
     Returns
     -------
@@ -68,49 +72,123 @@ def disagreement(
     """
     if structure.size > _LARGEST or not all(mass.mass.known for mass in structure.masses):
         return None
-    stated = {name: sigma for name, sigma in noise.items() if sigma > 0.0 and name in record.channels}
-    whole = replace(record, noise={**stated, **record.noise})
-    fits: dict[tuple[float, float], tuple[tuple[str, ...], Floats, Floats] | None] = {}
+    pieces = sorted({ends for cut in _CUTS for ends in pairwise(cut)})
+    first = [ends for ends in pieces if ends[1] <= _HALF]
+    second = [((low - _HALF) / _HALF, (high - _HALF) / _HALF) for low, high in pieces if low >= _HALF]
+    fits = dict(zip(first, _fits(equations, fit, first), strict=True))
+    of_second = _second_half(record, structure, equations, fit)
+    later = [None] * len(second) if of_second is None else _fits(of_second, fit, second)
+    fits |= dict(zip((ends for ends in pieces if ends[0] >= _HALF), later, strict=True))
     differences: list[tuple[float, Disagreement]] = []
-    for cuts in _CUTS:
-        for ends in pairwise(cuts):
-            if ends not in fits:
-                fits[ends] = _fitted(whole, ends, search)
-        pieces = [piece for ends in pairwise(cuts) if (piece := fits[ends]) is not None]
-        if len(pieces) > 1:
-            values, weights = (np.stack([piece[part] for piece in pieces]) for part in (1, 2))
-            differences += _differences(pieces[0][0], values, weights)
+    for cut in _CUTS:
+        fitted = [fit_of_piece for ends in pairwise(cut) if (fit_of_piece := fits[ends]) is not None]
+        if len(fitted) > 1:
+            values, weights = (np.stack([piece[part] for piece in fitted]) for part in (0, 1))
+            differences += _differences(equations.parameters, values, weights)
     if not differences:
         return None
     chance, worst = min(differences, key=lambda pair: pair[0])
     return worst if chance * len(differences) < _FALSE_ALARM else None
 
 
-def _fitted(
-    whole: Record, ends: tuple[float, float], search: Search
-) -> tuple[tuple[str, ...], Floats, Floats] | None:
-    """Names, values and weights (p,) of the parameters from a piece; weight 0 for what it hardly determines."""
-    first, last = (round(end * len(whole)) for end in ends)
+def _second_half(
+    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
+) -> WeakEquations | None:
+    """The equations of the second half of a record; None where it is too short."""
+    given = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    half = record[round(_HALF * len(record)) :]
     try:
-        fitted = search(whole[first:last])
-    except (LinkwiseError, np.linalg.LinAlgError):  # too short, or no motion left
+        motion = equations.motion.of_piece(half, structure)
+        return weak_equations(half, structure, motion, values=given)
+    except LinkwiseError:
         return None
-    if fitted is None:
+
+
+def _fits(
+    equations: WeakEquations, fit: WeakFit, pieces: Sequence[tuple[float, float]]
+) -> list[tuple[Floats, Floats] | None]:
+    """Of each piece values and weights (p,) of the parameters; weight 0 for what it hardly determines, or is at a bound.
+
+    None for a piece that is too short, or has no motion left.
+    """
+    window, stride = equations.window, equations.slope_stride
+    samples = equations.motion.displacements.shape[1]
+    ranges = []
+    for low, high in pieces:
+        first = -(-round(low * samples) // window.stride)
+        last = (round(high * samples) - window.length) // window.stride + 1
+        ranges.append((-(-first // stride) * stride, min(last, equations.windows)))
+    long = [number for number, (first, last) in enumerate(ranges) if last - first >= MIN_WINDOWS]
+    fits: list[tuple[Floats, Floats] | None] = [None] * len(pieces)
+    if not long or not fit.free.any():
+        return fits
+    sums = piece_sums(equations, fit.values, [ranges[number] for number in long])
+    for place, number in enumerate(long):
+        fits[number] = _fitted(sums, place, fit)
+    return fits
+
+
+def _fitted(sums: PieceSums, piece: int, fit: WeakFit) -> tuple[Floats, Floats] | None:
+    """Values and weights (p,) of a piece, as of `_fits`.
+
+    What it hardly determines it has from the whole: with another value, which may be anything, the others would scatter by
+    more than their variance says.
+    """
+    normal, right, windows = sums.normal[piece], sums.right[piece], int(sums.windows[piece])
+    if windows < MIN_WINDOWS or not np.isfinite(normal).all():
         return None
-    names, fit = fitted
-    variance = np.asarray(fit.covariance.diagonal()) * max(fit.excess, 1.0)
-    determined = fit.free & (fit.significance > _TWICE * SIGNIFICANT) & (variance > 0.0)
-    return names, fit.values, np.where(determined, 1.0 / np.where(determined, variance, 1.0), 0.0)
+    free = fit.free & (normal.diagonal() > 0.0)
+    solved = _Solved.of(normal, sums.bias[piece], windows, free)
+    if solved is None:
+        return None
+    free[free] = solved.significance > _TWICE * SIGNIFICANT
+    solved = _Solved.of(normal, sums.bias[piece], windows, free)
+    if solved is None:
+        return None
+    values, weights = fit.values.copy(), np.zeros(len(free))
+    values[free] = solved.inverse @ (right - normal[:, ~free] @ values[~free])[free]
+    linear, whole = (
+        (solved.inverse @ scatter[np.ix_(free, free)] @ solved.inverse).diagonal()
+        for scatter in (sums.linear[piece], sums.linear[piece] + sums.quadratic[piece])
+    )
+    variance = np.maximum(whole, _LEAST * linear)
+    determined = variance > 0.0
+    variance = np.where(determined, variance * max(float(sums.excess[piece]), 1.0) ** 2, 1.0)
+    weights[free] = np.where(determined, 1.0 / variance, 0.0)
+    return values, weights
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The `inverse` (f, f) of normal equations of f free parameters, and the `significance` (f,) of each beside the others."""
+
+    inverse: Floats
+    significance: Floats
+
+    @classmethod
+    def of(cls, normal: Floats, bias: Floats, windows: int, free: Bools) -> _Solved | None:
+        """None where no parameter is free, or the equations are not positive definite."""
+        if not free.any():
+            return None
+        chosen, scale = np.ix_(free, free), 1.0 / np.sqrt(normal.diagonal()[free])
+        unit = np.outer(scale, scale)
+        eigenvalues, vectors = np.linalg.eigh(normal[chosen] * unit)
+        if not eigenvalues[0] >= SINGULAR:
+            return None
+        inverse = (vectors / eigenvalues) @ vectors.T
+        directions = inverse / inverse.diagonal()
+        added = np.einsum("ip,ij,jp->p", directions, bias[chosen] * unit, directions)
+        return cls(inverse * unit, significance(1.0 / inverse.diagonal(), added, windows))
 
 
 def _differences(
     names: tuple[str, ...], values: Floats, weights: Floats
 ) -> Iterator[tuple[float, Disagreement]]:
     """For each parameter that two of the pieces (b, p) determine, the probability of their differences."""
-    for number, name in enumerate(names):
-        determined = weights[:, number] > 0.0
-        own, weight = values[determined, number], weights[determined, number]
-        if len(own) > 1:
-            squares = float(np.sum(weight * (own - np.average(own, weights=weight)) ** 2))
-            chance = float(scipy.special.gammaincc(0.5 * (len(own) - 1), 0.5 * squares))
-            yield chance, Disagreement(name, float(own.min()), float(own.max()))
+    count = np.count_nonzero(weights, axis=0)
+    total = np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
+    squares = np.sum(weights * (values - np.sum(weights * values, axis=0) / total) ** 2, axis=0)
+    chances = scipy.special.gammaincc(0.5 * np.maximum(count - 1, 1), 0.5 * squares)
+    for number in np.flatnonzero(count > 1).tolist():
+        own = values[weights[:, number] > 0.0, number]
+        yield float(chances[number]), Disagreement(names[number], float(own.min()), float(own.max()))

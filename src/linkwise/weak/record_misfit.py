@@ -43,7 +43,7 @@ def record_misfit(record: Record, structure: Structure) -> float:
     misfit = 0.0
     for patch in equations.patches:
         statistics = SlopeStatistics.along(patch, equations, fit.values)
-        windows = statistics.windows[: statistics.inside]
+        windows = statistics.stretches.windows[statistics.stretches.inside]
         power = noise_power(patch, statistics, equations)
         first = len(patch.layout.kernel) - len(patch.layout.masses) - len(patch.layout.forced)
         inertia = patch.rows[first : first + len(patch.layout.masses)] * statistics.masses[:, None]

@@ -26,6 +26,7 @@ from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
+from linkwise.weak.stretches import Stretches
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
@@ -41,10 +42,8 @@ class SlopeStatistics:
 
     Attributes
     ----------
-    windows : array of int, shape (P,)
-        The windows, as from `Window.adjoint_windows`.
-    inside : int
-        How many of these, from the first, are in the interior of the record.
+    stretches : Stretches
+        The stretches of the record that P points are of.
     masses : array of shape (m,)
         Masses in kg.
     mean, square : array of shape (2, l, P)
@@ -53,15 +52,16 @@ class SlopeStatistics:
         Means summed over the links of each mass.
     """
 
-    windows: Indices
-    inside: int
+    stretches: Stretches
     masses: Floats
     mean: Floats
     square: Floats
     own: Floats
 
     @classmethod
-    def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> SlopeStatistics:
+    def along(
+        cls, patch: Patch, system: WeakEquations, values: Floats, stretches: Stretches | None = None
+    ) -> SlopeStatistics:
         """Statistics along the smoothed motion.
 
         Parameters
@@ -72,13 +72,16 @@ class SlopeStatistics:
             All equations of the record.
         values : array of shape (p,)
             The parameters.
+        stretches : Stretches, optional
+            Stretches of the record; the whole by default.
 
         Returns
         -------
         SlopeStatistics
             The statistics.
         """
-        layout, windows = patch.layout, system.adjoint_windows
+        stretches = stretches or system.whole
+        layout, windows = patch.layout, stretches.windows
         deviation = np.sqrt(0.5 * system.motion.floored_variance[system.ends[layout.links]].sum(axis=1))
         mean, square = np.empty((2, 2, len(layout.links), len(windows)))
         for group in layout.groups:
@@ -92,9 +95,8 @@ class SlopeStatistics:
             for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
                 mean[by, rows] = 0.5 * (low + high)
                 square[by, rows] = 0.5 * (low**2 + high**2)
-        inside = len(windows) - 2 * system.window.half
         masses = layout.inertia.at(values)
-        return cls(windows, inside, masses, mean, square, np.abs(layout.link_incidence) @ mean)
+        return cls(stretches, masses, mean, square, np.abs(layout.link_incidence) @ mean)
 
 
 @lru_cache(maxsize=512)
@@ -107,8 +109,8 @@ def _slopes(law: Law) -> tuple[Program, bool]:
 
 def residual_excess(
     noisy: Sequence[tuple[Patch, SlopeStatistics]], values: Floats, system: WeakEquations
-) -> float:
-    """Power of the residuals over the power expected from noise.
+) -> Floats:
+    """Power of the residuals over the power expected from noise, in each stretch.
 
     Parameters
     ----------
@@ -121,16 +123,18 @@ def residual_excess(
 
     Returns
     -------
-    float
-        The ratio; 1 for laws and noise that fit.
+    array of shape (E,)
+        The ratios; 1 for laws and noise that fit.
     """
-    total = count = 0.0
+    stretches = noisy[0][1].stretches
+    windows, ends = stretches.windows[stretches.inside], [part.start for part in stretches.parts_inside]
+    total, count = np.zeros((2, len(ends)))
     for patch, statistics in noisy:
-        windows = statistics.windows[: statistics.inside]
         residual, valid = patch.residual(values)[:, windows], patch.valid[windows]
-        total += float((residual**2 / noise_power(patch, statistics, system)).sum(axis=0) @ valid)
-        count += len(patch.masses) * float(valid.sum())
-    return total / max(count, 1.0)
+        power = noise_power(patch, statistics, system)
+        total += np.add.reduceat((residual**2 / power).sum(axis=0) * valid, ends)
+        count += len(patch.masses) * np.add.reduceat(valid, ends)
+    return np.asarray(total / np.maximum(count, 1.0))
 
 
 def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations) -> Floats:
@@ -148,14 +152,13 @@ def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations
     Returns
     -------
     array of shape (m, I)
-        Mean squares at the windows of `statistics` that are in the interior of the record.
+        Mean squares at the windows inside of the stretches of `statistics`.
     """
     gram = system.window.kernels @ system.window.kernels.T
     by_slope, variance = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
     mean, square, own = (
-        statistics.mean[..., : statistics.inside],
-        statistics.square[..., : statistics.inside],
-        statistics.own[..., : statistics.inside],
+        array[..., statistics.stretches.inside]
+        for array in (statistics.mean, statistics.square, statistics.own)
     )
     masses, incidence = statistics.masses[:, None], np.abs(patch.layout.link_incidence)
     passed = by_slope[0] * square[0] + by_slope[1] * square[1]
@@ -168,9 +171,13 @@ def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations
 
 
 def score_blocks(
-    noisy: Sequence[tuple[Patch, SlopeStatistics]], weights: Sequence[Floats], system: WeakEquations
+    noisy: Sequence[tuple[Patch, SlopeStatistics]],
+    weights: Sequence[Floats],
+    system: WeakEquations,
+    *,
+    quadratic: bool = True,
 ) -> Iterator[tuple[Indices, Floats]]:
-    """Covariance of the normal equations due to noise, in blocks.
+    """Covariance of the normal equations of each stretch due to noise, in blocks.
 
     Parameters
     ----------
@@ -180,19 +187,25 @@ def score_blocks(
         Weights of the masses of each patch.
     system : WeakEquations
         All equations of the record.
+    quadratic : bool, optional
+        Whether `quadratic_noise` is among them.
 
     Yields
     ------
     parameters : array of int, shape (s,)
         Indices of the parameters, some perhaps repeated.
-    covariance : array of shape (s, s)
+    covariance : array of shape (E, s, s)
         Their block.
     """
+    if not noisy:
+        return
+    stretches = noisy[0][1].stretches
     variance = system.motion.floored_variance
     pending = Counter(channel for patch, _ in noisy for channel in _coupled_channels(patch, system))
     contributions: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in pending}
     for (patch, statistics), weight in zip(noisy, weights, strict=True):
-        yield _quadratic_noise(patch, statistics, weight, system)
+        if quadratic:
+            yield quadratic_noise(patch, statistics, weight, system)
         for channel, part in _noise_contributions(patch, statistics, weight, system):
             contributions[channel].append(part)
             pending[channel] -= 1
@@ -200,7 +213,7 @@ def score_blocks(
                 which, scale, sums = (
                     np.concatenate(pieces) for pieces in zip(*contributions.pop(channel), strict=True)
                 )
-                yield which, variance[channel] * np.outer(scale, scale) * (sums @ sums.T)
+                yield which, variance[channel] * np.outer(scale, scale) * stretches.products(sums)
 
 
 def _coupled_channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
@@ -214,7 +227,7 @@ def _noise_contributions(
     patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
 ) -> Iterator[tuple[int, tuple[Indices, Floats, Floats]]]:
     """For each of `_coupled_channels`: parameters (s,), and G (s, P), to be scaled by (s,)."""
-    weighted = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
+    weighted = statistics.stretches.adjoint(patch.rows[patch.layout.free_terms])
     variance = system.motion.floored_variance
     for i, (mass, coupling) in enumerate(
         zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True)
@@ -230,21 +243,38 @@ def _noise_contributions(
                 yield channel, (coupling.parameter, scale, far[link])
 
 
-def _quadratic_noise(
+def quadratic_noise(
     patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
 ) -> tuple[Indices, Floats]:
-    """tr(Q Q) for the noise in each mass's own displacement, over all masses: parameters (s,) and (s, s).
+    """tr(Q Q) for the noise in each mass's own displacement, over all masses of a patch.
 
-    Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs.
+    Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs: of these it is
+    negative.
+
+    Parameters
+    ----------
+    patch, statistics, weight, system
+        As of `score_blocks`, for one patch.
+
+    Returns
+    -------
+    parameters : array of int, shape (s,)
+        Indices of the parameters.
+    covariance : array of shape (E, s, s)
+        What it adds to their covariance.
     """
     window = system.window
-    at = np.flatnonzero(statistics.windows[: statistics.inside] % system.slope_stride == 0)
+    stretches = statistics.stretches
+    inside = np.arange(len(stretches.windows))[stretches.inside]
+    at = inside[stretches.windows[inside] % system.slope_stride == 0]
+    parts = [slice(*np.searchsorted(at, [part.start, part.stop]).tolist()) for part in stretches.parts]
     stiffness, damping = statistics.own[:, :, at]
     kernels = np.stack(
         [stiffness, -damping, np.broadcast_to(statistics.masses[:, None], stiffness.shape)]
     ).reshape(3, -1)
+    slopes = patch.slopes[:, stretches.windows[at] // system.slope_stride]
     amount = system.slope_stride * (weight * system.motion.floored_variance[patch.masses]) ** 2
-    total = np.zeros(patch.products.shape)
+    total = np.zeros((len(parts), *patch.products.shape))
     layout, terms = patch.layout, patch.layout.free_terms_by_kernel
     for row, column in _CORRELATED:
         first, second = terms[row], terms[column]
@@ -254,7 +284,10 @@ def _quadratic_noise(
                 .sum(axis=0)
                 .reshape(stiffness.shape)
             )
-            sums = (patch.slopes[first] * correlation[:, None]) @ patch.slopes[second].T
             acts = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
-            total[first[:, None], second] = (amount[:, None, None] * acts * sums).sum(axis=0)
-    return layout.free_parameters, total[np.ix_(layout.free_terms, layout.free_terms)]
+            acts *= amount[:, None, None]
+            weighted, others = slopes[first] * correlation[:, None], slopes[second].T
+            for stretch, part in zip(total, parts, strict=True):
+                sums = weighted[..., part] @ others[part]
+                stretch[first[:, None], second] = (acts * sums).sum(axis=0)
+    return layout.free_parameters, total[:, layout.free_terms[:, None], layout.free_terms]

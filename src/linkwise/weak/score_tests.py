@@ -153,7 +153,6 @@ def _under_wider(
         window=window,
         rate_window=equations.window,
         values=known,
-        max_thinning=1,
     )
     centres = window.half + window.stride * np.arange(system.windows)
     nearest = np.rint((centres - equations.window.half) / equations.window.stride).astype(int)
@@ -260,9 +259,8 @@ class _Tests:
         theta = np.append(self.values, np.zeros(len(self.rows)))
         weights = [1.0 / residual_power(self.patch, theta)]
         moments, right = (_dense(array) for array in normal_equations([self.patch], weights, count))
-        scatter = _dense(
-            assemble_blocks(score_blocks([(self.patch, self.statistics)], weights, self.system), count)
-        )
+        blocks = score_blocks([(self.patch, self.statistics)], weights, self.system)
+        scatter = _dense(assemble_blocks(((which, block[0]) for which, block in blocks), count))
         biased, right_biased = (
             _dense(array) for array in normal_equations([self.patch], weights, count, bias=1.0)
         )

@@ -1,0 +1,71 @@
+"""Sums over pieces of a record against those of the whole, and against the equations of a piece alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.weak.displacements import read_displacements
+from linkwise.weak.equations import weak_equations
+from linkwise.weak.fit import assemble_blocks, normal_equations, residual_power, weak_fit
+from linkwise.weak.piecewise import piece_sums
+from linkwise.weak.scatter import SlopeStatistics, residual_excess, score_blocks
+
+CHAIN = lw.bnes_chain(4)
+ASKED = CHAIN.unknown("all")
+
+
+def sums_of_all(
+    record: lw.Record, window_of: lw.Record | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Normal equations, their right-hand side, their covariance and the excess, at the values of the whole record."""
+    whole = window_of or record
+    motion = read_displacements(whole, ASKED)
+    equations = weak_equations(whole, ASKED, motion)
+    values = weak_fit(equations, ASKED).values
+    weights = [1.0 / residual_power(patch, values) for patch in equations.patches]
+    if window_of is not None:
+        own = motion.of_piece(record, ASKED)
+        equations = weak_equations(record, ASKED, own, window=equations.window)
+    noisy = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in equations.patches]
+    blocks = ((which, block[0]) for which, block in score_blocks(noisy, weights, equations))
+    normal, right = normal_equations(equations.patches, weights, len(values))
+    scatter = assemble_blocks(blocks, len(values))
+    assert isinstance(normal, np.ndarray) and isinstance(scatter, np.ndarray)
+    return normal, right, scatter, float(residual_excess(noisy, values, equations)[0])
+
+
+def test_one_piece_is_the_whole() -> None:
+    record = chain_record(4).with_noise(20.0, seed=3)
+    equations = weak_equations(record, ASKED, read_displacements(record, ASKED))
+    sums = piece_sums(equations, weak_fit(equations, ASKED).values, [(0, equations.windows)])
+    normal, right, scatter, excess = sums_of_all(record)
+    np.testing.assert_allclose(sums.normal[0], normal, rtol=1e-8, atol=1e-12 * np.abs(normal).max())
+    np.testing.assert_allclose(sums.right[0], right, rtol=1e-8)
+    scale = np.abs(scatter).max()
+    np.testing.assert_allclose(sums.linear[0] + sums.quadratic[0], scatter, rtol=1e-8, atol=1e-12 * scale)
+    np.testing.assert_allclose(sums.excess[0], excess, rtol=1e-12)
+
+
+def test_a_piece_is_a_record_of_its_own() -> None:
+    """With the window, the weights and the noise of the whole; the smoothed motion is that of the same samples."""
+    record = chain_record(4).with_noise(20.0, seed=3)
+    equations = weak_equations(record, ASKED, read_displacements(record, ASKED))
+    values, stride = weak_fit(equations, ASKED).values, equations.slope_stride
+    first, last = 10 * stride, 50 * stride
+    sums = piece_sums(equations, values, [(0, first), (first, last)])
+    window = equations.window
+    piece = record[first * window.stride : (last - 1) * window.stride + window.length]
+    normal, right, scatter, excess = sums_of_all(piece, window_of=record)
+    scale = np.sqrt(normal.diagonal())
+    # same numerics
+    np.testing.assert_allclose(
+        sums.normal[1] / np.outer(scale, scale), normal / np.outer(scale, scale), atol=1e-8
+    )
+    np.testing.assert_allclose(sums.right[1], right, rtol=1e-8, atol=1e-8 * np.abs(right).max())
+    # discretisation: sums of the covariance at every second window of the long record, and at every one of the short
+    ours = np.sqrt((sums.linear[1] + sums.quadratic[1]).diagonal())
+    np.testing.assert_allclose(ours, np.sqrt(scatter.diagonal()), rtol=0.1)
+    np.testing.assert_allclose(sums.excess[1], excess, rtol=0.05)
+    assert not np.allclose(sums.normal[0], sums.normal[1], rtol=0.1)
