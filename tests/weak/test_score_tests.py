@@ -14,7 +14,9 @@ import linkwise as lw
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.fit import SIGNIFICANT, weak_fit
-from linkwise.weak.score_tests import significant_score
+from linkwise.weak.score_tests import significant_score, with_terms
+from linkwise.weak.tested_terms import ScoreTests
+from linkwise.weak.weak_form import WeakPart
 
 
 def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray], snr_db: float) -> lw.Record:
@@ -184,3 +186,29 @@ def test_information_stands_as_far_above_the_noise_as_its_power_says() -> None:
     assert np.all(
         (ratio > 5.0) & (ratio < 20.0)
     )  # 10, but for the quadratic part and the scatter of the noise
+
+
+@pytest.mark.parametrize(("masses", "snr_db"), [(2, 40.0), (4, 15.0)])
+def test_no_score_is_beyond_its_bound(masses: int, snr_db: float) -> None:
+    """The bound, from a part of the variance, holds; products that nobody asks for change no score; some bounds are low."""
+    asked, record = lw.bnes_chain(masses).unknown("all"), chain_record(masses).with_noise(snr_db, seed=5)
+    equations = weak_equations(record, asked, read_displacements(record, asked))
+    fit = weak_fit(equations, asked)
+    known = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    wide, added = with_terms(asked, ("1", "d", "d**2", "d**3", "v", "v*d", "v*d**2", "d**5"))
+
+    def tests(alone: Callable[[WeakPart], bool]) -> ScoreTests:
+        system = weak_equations(
+            record, wide, equations.motion, window=equations.window, values=known, alone=alone
+        )
+        return ScoreTests.of(system.patches[0], system, known)
+
+    apart = tests(lambda part: (part.coefficient or "").startswith(added))
+    every = np.arange(len(apart.rows))
+    scores, bounds = apart.scores(every, fit.excess, 0.03), apart.bounds(fit.excess, 0.03)
+    assert np.all(scores**2 <= bounds * (1.0 + 1e-8))
+    assert np.max(scores**2) > 0.0 and np.mean(bounds < 21.0) > 0.7
+    whole = tests(lambda part: False)
+    np.testing.assert_allclose(whole.scores(every, fit.excess, 0.03), scores, rtol=1e-8, atol=1e-8)
+    some = every[::3]
+    np.testing.assert_allclose(apart.scores(some, fit.excess, 0.03), scores[some], rtol=1e-8, atol=1e-8)

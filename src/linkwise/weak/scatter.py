@@ -81,22 +81,29 @@ class SlopeStatistics:
             The statistics.
         """
         stretches = stretches or system.whole
-        layout, windows = patch.layout, stretches.windows
-        deviation = np.sqrt(0.5 * system.motion.floored_variance[system.ends[layout.links]].sum(axis=1))
-        mean, square = np.empty((2, 2, len(layout.links), len(windows)))
-        for group in layout.groups:
-            program, constant = _slopes(group.weak_law.law)
-            rows, links, at = group.positions, group.links[:, None], windows[:1] if constant else windows
-            offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
-            coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
-            slopes = program(
-                system.d[links, at][:, None] + offsets, system.v[links, at][:, None], *coefficients
-            )
-            for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
-                mean[by, rows] = 0.5 * (low + high)
-                square[by, rows] = 0.5 * (low**2 + high**2)
+        layout = patch.layout
+        mean, square = _slopes_along(patch, system, values, stretches.windows)
         masses = layout.inertia.at(values)
         return cls(stretches, masses, mean, square, np.abs(layout.link_incidence) @ mean)
+
+
+def _slopes_along(
+    patch: Patch, system: WeakEquations, values: Floats, windows: Indices
+) -> tuple[Floats, Floats]:
+    """(2, l, P) means and mean squares over noise of the slopes of the links at some windows."""
+    layout = patch.layout
+    deviation = np.sqrt(0.5 * system.motion.floored_variance[system.ends[layout.links]].sum(axis=1))
+    mean, square = np.empty((2, 2, len(layout.links), len(windows)))
+    for group in layout.groups:
+        program, constant = _slopes(group.weak_law.law)
+        rows, links, at = group.positions, group.links[:, None], windows[:1] if constant else windows
+        offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
+        coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
+        slopes = program(system.d[links, at][:, None] + offsets, system.v[links, at][:, None], *coefficients)
+        for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
+            mean[by, rows] = 0.5 * (low + high)
+            square[by, rows] = 0.5 * (low**2 + high**2)
+    return mean, square
 
 
 @lru_cache(maxsize=512)
@@ -291,3 +298,60 @@ def quadratic_noise(
                 sums = weighted[..., part] @ others[part]
                 stretch[first[:, None], second] = (acts * sums).sum(axis=0)
     return layout.free_parameters, total[:, layout.free_terms[:, None], layout.free_terms]
+
+
+def least_scatter(
+    patch: Patch, system: WeakEquations, values: Floats, weight: Floats, rows: Indices, signs: Floats
+) -> Floats:
+    """What the variances of normal equations due to noise are at least: sums of squares over some points of the record.
+
+    Parameters
+    ----------
+    patch : Patch
+        The equations.
+    system : WeakEquations
+        All equations of the record.
+    values : array of shape (p,)
+        The parameters.
+    weight : array of shape (m,)
+        Weights of the masses.
+    rows : array of int, shape (s,)
+        The rows of the patch whose variances these are.
+    signs : array of shape (m, s)
+        Their signs in the equations.
+
+    Returns
+    -------
+    array of shape (s,)
+        The sums.
+    """
+    window, spacing, variance = system.window, system.slope_stride, system.motion.floored_variance
+    mean, _ = _slopes_along(patch, system, values, np.arange(0, system.windows, spacing))
+    masses = patch.layout.inertia.at(values)
+    sums = window.some_adjoint(patch.rows, system.thinning, spacing)[rows]
+    noise: dict[int, Floats] = {}
+    for i, (mass, coupling) in enumerate(
+        zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True)
+    ):
+        own = np.flatnonzero(signs[i])
+        phi, phi_1, phi_2 = (sums[own] * (weight[i] * signs[i, own])[:, None, None]).transpose(1, 0, 2)
+        stiffness, damping = mean[:, coupling.links, None]
+        far = damping * phi_1 - stiffness * phi
+        shape = len(rows), mean.shape[2]
+        noise.setdefault(mass, np.zeros(shape))[own] += masses[i] * phi_2 - far.sum(axis=0)
+        for channel, of_link in zip(coupling.far_ends, far, strict=True):
+            if variance[channel] > 0.0:
+                noise.setdefault(channel, np.zeros(shape))[own] += of_link
+    total = np.zeros(len(rows))
+    for channel, of_channel in noise.items():
+        total += variance[channel] * np.einsum("sp,sp->s", of_channel, of_channel)
+    stiffness, damping = np.abs(patch.layout.link_incidence) @ mean
+    kernels = np.stack([stiffness, -damping, np.broadcast_to(masses[:, None], stiffness.shape)])
+    kernels = kernels.reshape(3, -1)
+    amount = spacing * (weight * variance[patch.masses]) ** 2
+    for kernel in (PHI, PHI_1, PHI_2):
+        own = np.flatnonzero(patch.layout.kernel[rows] == kernel)
+        correlation = ((window.cross_correlations[kernel, kernel].T @ kernels) * kernels).sum(axis=0)
+        squares = correlation.reshape(stiffness.shape) @ (patch.slopes[rows[own]] ** 2).T
+        total[own] += amount @ (signs[:, own] ** 2 * squares)
+    return total

@@ -18,13 +18,13 @@ C. R. Rao, Math. Proc. Cambridge Philos. Soc. 44, 50 (1948), for the score test.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import csc_array
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import to_text
 from linkwise.model.coefficient import Coefficient
@@ -33,10 +33,8 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.fit import SIGNIFICANT, assemble_blocks, normal_equations, residual_power, significance
-from linkwise.weak.patch import Patch
-from linkwise.weak.patch_layout import PatchLayout, TermCoefficients
-from linkwise.weak.scatter import SlopeStatistics, score_blocks
+from linkwise.weak.tested_terms import ScoreTests, first_inertia
+from linkwise.weak.window import Window
 
 _TERMS = ("1", "d", "d**2", "d**3", "v", "v*d", "v*d**2")  # of which none needs a smoothed v
 _FIFTH = "d**5"
@@ -44,9 +42,7 @@ _FIFTH_SAMPLES = (
     7.0  # per period of the fastest motion that the fifth power needs: fewer alias it into the test functions
 )
 _LARGEST = 48  # masses of a structure whose equations are tested
-_COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
 _NOISE_POWER = 0.03  # relative error of the power of noise that is found; of stated noise, what its residuals say is added
-_CANCELLED = 0.1  # of what white noise would give: a smaller variance is the difference of large ones that are not exact
 _CHANCE = 8.0  # with twice the logarithm of the number of scores: normal scores give one in 300 fits
 _WIDTHS = (1.0, 3.0)  # of the test functions of the fit: the wider ones hold a period of the fastest motion
 _FEWEST = 50  # windows, of which scores are about normal
@@ -108,12 +104,15 @@ def significant_score(
         return None
     known = dict(zip(equations.parameters, map(float, values), strict=True))
     fine = record.rate > _FIFTH_SAMPLES * equations.motion.bandwidth
-    wide = _with_terms(structure, (*_TERMS, _FIFTH) if fine else _TERMS)
+    wide, prefix = with_terms(structure, (*_TERMS, _FIFTH) if fine else _TERMS)
     uncertain = _NOISE_POWER + (abs(excess - 1.0) if record.noise else 0.0)
     try:
         for width in _WIDTHS:  # wider ones only where those of the fit see nothing
-            system = _under_wider(record, wide, equations, known, width)
-            score = None if system is None else _largest_score(system, known, excess, uncertain)
+            window = equations.window if width == 1.0 else equations.window.widened(width)
+            if width > 1.0 and window.rows(len(record)) < _FEWEST:
+                break
+            system = _with_tested_terms(record, wide, prefix, equations, known, window)
+            score = _largest_score(system, known, excess, uncertain)
             if score is not None:
                 return score
     except (IdentificationError, np.linalg.LinAlgError):  # a term may not be finite along the motion
@@ -125,27 +124,26 @@ def _largest_score(
     system: WeakEquations, known: dict[str, float], excess: float, uncertain: float
 ) -> SignificantScore | None:
     """The largest score in a system if it is beyond chance."""
-    tests = [_Tests.of(patch, system, known) for patch in system.patches]
-    scores = [(test.scores(excess, uncertain), test) for test in tests]
-    largest = max(scores, key=lambda pair: float(np.max(np.abs(pair[0]), initial=0.0)), default=None)
-    if largest is None or not len(largest[0]):
-        return None
-    number = int(np.argmax(np.abs(largest[0])))
-    z = float(largest[0][number])
-    count = len(_WIDTHS) * sum(len(z_scores) for z_scores, _ in scores)
-    return largest[1].named(number, z) if z**2 > _CHANCE + 2.0 * np.log(count) else None
+    tests = [ScoreTests.of(patch, system, known) for patch in system.patches]
+    count = len(_WIDTHS) * max(sum(len(test.rows) for test in tests), 1)
+    least = _CHANCE + 2.0 * float(np.log(count))
+    scored = [(test.largest(excess, uncertain, least), test) for test in tests]
+    beyond = [_named(test, *score) for score, test in scored if score is not None]
+    return max(beyond, key=lambda score: abs(score.z), default=None)
 
 
-def _under_wider(
-    record: Record, structure: Structure, equations: WeakEquations, known: dict[str, float], width: float
-) -> WeakEquations | None:
-    """The equations of a structure under test functions `width` times as wide as of `equations`; None where they are too few.
+def _with_tested_terms(
+    record: Record,
+    structure: Structure,
+    prefix: str,
+    equations: WeakEquations,
+    known: dict[str, float],
+    window: Window,
+) -> WeakEquations:
+    """The equations of a structure with terms whose coefficients begin with `prefix`, under some test functions.
 
-    Slopes of laws, which say what noise does, and rates that laws act by are those of the motion under the given ones.
+    Slopes of laws, which say what noise does, and rates that laws act by are those of the motion under those of the fit.
     """
-    window = equations.window if width == 1.0 else equations.window.widened(width)
-    if width > 1.0 and window.rows(len(record)) < _FEWEST:
-        return None
     system = weak_equations(
         record,
         structure,
@@ -153,6 +151,7 @@ def _under_wider(
         window=window,
         rate_window=equations.window,
         values=known,
+        alone=lambda part: part.coefficient is not None and part.coefficient.startswith(prefix),
     )
     centres = window.half + window.stride * np.arange(system.windows)
     nearest = np.rint((centres - equations.window.half) / equations.window.stride).astype(int)
@@ -160,165 +159,55 @@ def _under_wider(
     return replace(system, d=equations.d[:, nearest], v=equations.v[:, nearest])
 
 
-def _with_terms(structure: Structure, terms: Sequence[str]) -> Structure:
-    """The structure with an unknown coefficient for each of `terms` that a law does not have one for."""
-    return replace(structure, links=tuple(_with_link_terms(link, terms) for link in structure.links))
+@lru_cache(maxsize=32)
+def with_terms(structure: Structure, terms: tuple[str, ...]) -> tuple[Structure, str]:
+    """The structure with an unknown coefficient for each of some terms that a law does not have one for.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    terms : tuple of str
+        The terms, as in a law.
+
+    Returns
+    -------
+    wide : Structure
+        The structure with the terms.
+    prefix : str
+        What the names of their coefficients begin with, and no other coefficient.
+    """
+    prefix = "added"
+    while any(name.startswith(prefix) for link in structure.links for name in link.coefficients):
+        prefix += "_"
+    links = tuple(_with_link_terms(link, terms, prefix) for link in structure.links)
+    return replace(structure, links=links), prefix
 
 
-def _with_link_terms(link: Link, terms: Sequence[str]) -> Link:
+def _with_link_terms(link: Link, terms: Sequence[str], prefix: str) -> Link:
     unknown = {
         to_text(link.law.basis[name]).replace(" ", "")
         for name in link.law.linear
         if link.coefficients[name].value is None
     }
-    prefix = _prefix(link)
     added = {f"{prefix}{number}": term for number, term in enumerate(terms) if term not in unknown}
     text = " + ".join([link.law.text, *(f"{name}*({term})" for name, term in added.items())])
     coefficients = {**link.coefficients, **{name: Coefficient.unknown() for name in added}}
     return replace(link, law=Law.parse(text), coefficients=coefficients)
 
 
-def _prefix(link: Link) -> str:
-    """What no coefficient of the link begins with."""
-    prefix = "added"
-    while any(name.startswith(prefix) for name in link.coefficients):
-        prefix += "_"
-    return prefix
-
-
-@dataclass(frozen=True, eq=False)
-class _Tests:
-    """The equations of a patch with terms of size zero.
-
-    `parameter` (q,) numbers the coefficients of its terms, first the p that are found, whose values are `values`; then come
-    those of the terms that are tested, of which `rows` and `masses` (t,) are the first row and, for a term on a single mass,
-    the mass, else -1.
-    """
-
-    patch: Patch
-    system: WeakEquations
-    statistics: SlopeStatistics
-    values: Floats
-    rows: Indices
-    masses: Indices
-
-    @classmethod
-    def of(cls, patch: Patch, system: WeakEquations, known: dict[str, float]) -> _Tests:
-        """The terms that a patch of `system` has beside the parameters that are `known`."""
-        layout, names = patch.layout, system.parameters
-        statistics = SlopeStatistics.along(
-            patch, system, np.array([known.get(name, 0.0) for name in names], dtype=float)
-        )
-        is_estimated = np.array([name in known for name in names], dtype=bool)
-        estimated = np.unique(layout.free_parameters[is_estimated[layout.free_parameters]])
-        tested = np.unique(layout.free_parameters[~is_estimated[layout.free_parameters]])
-        local = np.full(len(names) + 1, -1)
-        local[np.concatenate([estimated, tested])] = np.arange(len(estimated) + len(tested))
-        parameter = local[layout.coefficients.parameter]
-        firsts = [int(np.flatnonzero(parameter == len(estimated) + k)[0]) for k in range(len(tested))]
-        single = np.array(list(_single_terms(layout, parameter < len(estimated))), dtype=int).reshape(-1, 2)
-        every = np.concatenate([np.arange(len(parameter)), single[:, 0]])
-        signs = np.zeros((len(layout.masses), len(every)))
-        signs[:, : len(parameter)] = layout.signs
-        signs[single[:, 1], len(parameter) + np.arange(len(single))] = 1.0
-        added = len(estimated) + len(tested) + np.arange(len(single))
-        wide = replace(
-            layout,
-            kernel=layout.kernel[every],
-            signs=signs,
-            incidence=layout.incidence[every],
-            increment=np.append(layout.increment, np.zeros(len(single), dtype=bool)),
-            coefficients=TermCoefficients(
-                np.append(parameter, added), np.append(layout.coefficients.known, np.zeros(len(single)))
-            ),
-        )
-        both = np.ix_(every, every)
-        return cls(
-            patch=replace(
-                patch,
-                layout=wide,
-                fixed=np.append(patch.fixed, np.zeros(len(single))),
-                rows=patch.rows[every],
-                products=patch.products[both],
-                moments=patch.moments[both],
-                slopes=patch.slopes[every],
-            ),
-            system=system,
-            statistics=statistics,
-            values=np.array([known[names[number]] for number in estimated], dtype=float),
-            rows=np.concatenate([np.array(firsts, dtype=int), single[:, 0]]),
-            masses=np.concatenate([np.full(len(firsts), -1), single[:, 1]]),
-        )
-
-    def scores(self, excess: float, uncertain: float) -> Floats:
-        """(t,) scores in standard errors; 0 for terms that the laws have already.
-
-        They scatter as the `excess` of the residuals says, and as the power of the noise is `uncertain`, a relative error.
-        """
-        p, count = len(self.values), len(self.values) + len(self.rows)
-        theta = np.append(self.values, np.zeros(len(self.rows)))
-        weights = [1.0 / residual_power(self.patch, theta)]
-        moments, right = (_dense(array) for array in normal_equations([self.patch], weights, count))
-        blocks = score_blocks([(self.patch, self.statistics)], weights, self.system)
-        scatter = _dense(assemble_blocks(((which, block[0]) for which, block in blocks), count))
-        biased, right_biased = (
-            _dense(array) for array in normal_equations([self.patch], weights, count, bias=1.0)
-        )
-        scale = 1.0 / np.sqrt(np.maximum(biased.diagonal(), np.finfo(float).tiny))
-        moments, scatter, biased = (matrix * np.outer(scale, scale) for matrix in (moments, scatter, biased))
-        slope, slope_biased = (
-            scale * sums - matrix @ (theta / scale)
-            for sums, matrix in ((right, moments), (right_biased, biased))
-        )
-        beside = np.linalg.lstsq(moments[:p, :p], moments[:p, p:], rcond=1e-12)[0]
-        across = np.concatenate([-beside, np.eye(count - p)])
-        left, bias, variance = (
-            np.einsum("ij,ij->j", across, matrix @ across) for matrix in (moments, biased - moments, scatter)
-        )
-        tested = (left > _COLLINEAR) & (moments.diagonal()[p:] > 0.0) & (scatter.diagonal()[p:] > 0.0)
-        white = np.where(tested, left * scatter.diagonal()[p:], 0.0) / np.where(
-            tested, moments.diagonal()[p:], 1.0
-        )
-        tested &= variance > _CANCELLED * white
-        added = uncertain * (across.T @ (slope_biased - slope))
-        variance = max(excess, 1.0) * np.maximum(variance, white) + added**2
-        windows = round(self.system.windows / self.system.window.overlap)
-        tested &= significance(np.where(tested, left, 1.0), bias, windows) > SIGNIFICANT
-        return np.where(tested, across.T @ slope, 0.0) / np.sqrt(np.where(tested, variance, 1.0))
-
-    def named(self, number: int, z: float) -> SignificantScore:
-        """The term of a test."""
-        layout, row, mass = self.patch.layout, int(self.rows[number]), int(self.masses[number])
-        structure = self.system.structure_layout.structure
-        names = [structure.mass_names[index] for index in layout.masses.tolist()]
-        place = "" if mass < 0 else names[mass]
-        for terms in layout.group_terms:
-            if terms.terms.start <= row < terms.terms.stop:
-                link = structure.links[int(layout.groups[terms.group].links[row - terms.terms.start])]
-                name = terms.part.coefficient or ""
-                term = to_text(link.law.basis[name]) if name in link.law.basis else link.law.text
-                return SignificantScore(place or link.name, term, link.name if place else "", z)
-        first = _first_inertia(layout) - len(np.flatnonzero(self.masses >= 0))
-        follows = "acceleration" if row < first + len(names) else "force"
-        return SignificantScore(place, follows, names[(row - first) % len(names)], z)
-
-
-def _first_inertia(layout: PatchLayout) -> int:
-    return len(layout.kernel) - len(layout.masses) - len(layout.forced)
-
-
-def _single_terms(layout: PatchLayout, own: Bools) -> Iterator[tuple[int, int]]:
-    """Rows and masses of forces on single masses: terms of their links, if `own` (q,), accelerations of them and of their
-    neighbours, and applied forces.
-    """
-    incidence, first = np.abs(layout.link_incidence), _first_inertia(layout)
-    inertia = np.arange(first, first + len(layout.masses))
-    for mass, (signs, near) in enumerate(zip(layout.signs, incidence @ incidence.T, strict=True)):
-        for row in np.flatnonzero((signs != 0.0) & own).tolist():
-            yield row, mass
-        for row in inertia[(near > 0.0) & (signs[inertia] == 0.0)].tolist():
-            yield row, mass
-
-
-def _dense(matrix: Floats | csc_array) -> Floats:
-    return matrix if isinstance(matrix, np.ndarray) else np.asarray(matrix.toarray())
+def _named(tests: ScoreTests, number: int, z: float) -> SignificantScore:
+    """The term of a test."""
+    layout, row, mass = tests.patch.layout, int(tests.rows[number]), int(tests.masses[number])
+    structure = tests.system.structure_layout.structure
+    names = [structure.mass_names[index] for index in layout.masses.tolist()]
+    place = "" if mass < 0 else names[mass]
+    for terms in layout.group_terms:
+        if terms.terms.start <= row < terms.terms.stop:
+            link = structure.links[int(layout.groups[terms.group].links[row - terms.terms.start])]
+            name = terms.part.coefficient or ""
+            term = to_text(link.law.basis[name]) if name in link.law.basis else link.law.text
+            return SignificantScore(place or link.name, term, link.name if place else "", z)
+    first = first_inertia(layout)
+    follows = "acceleration" if row < first + len(names) else "force"
+    return SignificantScore(place, follows, names[(row - first) % len(names)], z)

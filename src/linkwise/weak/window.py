@@ -269,6 +269,30 @@ class Window:
         result[:, :, inside:] = self._edges(rows)
         return result.transpose(1, 0, 2)
 
+    def some_adjoint(self, rows: Floats, thinning: int, spacing: int) -> Floats:
+        """The sums of `adjoint` at some of its points: at the centre of every `spacing`-th window.
+
+        Parameters
+        ----------
+        rows : array of shape (S, R)
+            Weights of the windows.
+        thinning : int
+            Stride of the points of `adjoint` in windows.
+        spacing : int
+            That of these points, a multiple of twice `thinning`.
+
+        Returns
+        -------
+        array of shape (S, 3, P)
+            The sums.
+        """
+        taps = _taps(self, thinning)[:3]
+        reach, width = self.neighbours + 1, taps.shape[1]
+        padded = np.zeros((len(rows), rows.shape[1] + width - 1))
+        padded[:, reach : reach + rows.shape[1]] = rows
+        neighbours = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, ::spacing]
+        return np.asarray((neighbours @ taps.T).transpose(0, 2, 1))
+
     def _edges(self, rows: Floats) -> Floats:
         """(3, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
         count = min(self.neighbours + 1, rows.shape[1])
