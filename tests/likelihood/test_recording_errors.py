@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy
 from problems import chain_record
-from structures import bodies, link, named, oscillator, with_links
+from structures import bodies, link, named, oscillator, row_of_masses, with_links
 
 import linkwise as lw
 from linkwise.likelihood.recording_errors import recording_errors
@@ -76,7 +76,7 @@ def test_an_error_of_a_whole_channel_is_the_first_cause(error: str, snr_db: floa
     assert (first.kind, first.where) == (kind, where) and first.is_instrument
     assert not fit.trusted and fit.coefficient("nes1.alpha").interval is None
     assert first.description in fit.message and advice in fit.message
-    assert fit.to_dict()["diagnosis"][0]["cause"] == kind  # type: ignore[index]
+    assert fit.to_dict()["diagnosis"][0]["cause"] == kind
 
 
 @pytest.mark.parametrize("drive", [driven, lambda: chain_record(2, duration=3.0)])
@@ -136,3 +136,16 @@ def test_the_part_of_a_long_record_that_moves_is_enough() -> None:
     wrong = changed(long, force_m1=-long.channel("force:m1"))
     found = recording_errors([wrong], CHAIN.unknown("all"))
     assert [(cause.kind, cause.where) for cause in found] == [("sign", "force:m1")]
+
+
+def test_a_search_is_told_of_one_by_all_terms_that_were_offered() -> None:
+    """The terms that are found in a wrong record are not those that explain the right one."""
+    law = "k*d + c*v"
+    row = row_of_masses([1.0, 0.1], low=(law, {"k": 2000.0, "c": 0.5}), high=(law, {"k": 150.0, "c": 0.05}))
+    clean = lw.simulate(row, release={"v:m1": 1.0}, duration=4.0, rate=250.0)
+    record = replace(clean.with_noise(40.0, seed=75), simulated=None)
+    wrong = changed(record, x_m2=1e3 * record.channel("x:m2"))
+    found = lw.discover(wrong, {"m1": 1.0, "m2": 0.1}, terms="linear")
+    assert (found.diagnosis[0].kind, found.diagnosis[0].where) == ("unit", "x:m2") and not found.trusted
+    right = lw.discover(record, {"m1": 1.0, "m2": 0.1}, terms="linear")
+    assert right.trusted and right.diagnosis == ()

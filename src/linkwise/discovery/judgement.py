@@ -80,7 +80,8 @@ def judged_discovery(
     `delays` in s were found by channel.
     """
     fit = selection.fit
-    estimate = estimate_of(selection.structure, fit, records, delays, searched=True)
+    offered = screened.candidates.full_structure
+    estimate = estimate_of(selection.structure, fit, records, delays, offered=offered)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone = _errors(estimate)
     estimate = widened(estimate, dropped.covariance)

@@ -324,23 +324,24 @@ def estimate_of(
     records: Sequence[Record],
     delays: Mapping[str, float] | None = None,
     *,
-    searched: bool = False,
+    offered: Structure | None = None,
 ) -> Estimate:
     """The estimate that a fit of `structure` to `records` gives, with its verdicts.
 
-    `delays` in s were found by channel; the laws were `searched` in the records, or stated.
+    `delays` in s were found by channel; the laws were searched in the records among those `offered`, or stated.
     """
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
     fit = with_limits(fit)
-    judgement = judge(fit, identified, structure, records, searched=searched)
+    structures = (structure,) if offered is None else (offered, structure)
+    judgement = judge(fit, identified, structures, records, searched=offered is not None)
     covariance, faint = with_faint_modes(fit, identified)
     missing = judgement.for_missing_terms
     additions = (missing, judgement.for_blocks, judgement.for_input_noise)
     added = [addition for addition in additions if addition is not None]
     covariance = sum(added, covariance)
     of_sensors = sensor_errors(fit, delays or {})
-    stated = judgement.tested if not searched else None  # a search says what else it would find
+    stated = judgement.tested if offered is None else None  # a search says what else it would find
     unseen = () if stated is None else unseen_terms(fit, identified, stated, covariance)
     return Estimate(
         method="ml",

@@ -17,21 +17,25 @@ from linkwise.verdict import Verdict
 def judge(
     fit: LikelihoodFit,
     identified: Structure,
-    structure: Structure,
+    structures: Sequence[Structure],
     records: Sequence[Record],
     *,
     searched: bool = False,
 ) -> Judgement:
     """The judgement of `assess`, and where the laws leave more than noise, errors of the records before all other causes.
 
-    `structure` has its unknowns, of which `identified` has the values found. Without such an error the records are explained
-    to within their noise, or the record itself shows it, so that no answer with it is trusted, and no other cause is likelier.
+    The `structures` have their unknowns: that of which `identified` has the values found, after a search that of all that was
+    offered before it. Without such an error one of them explains the records to within their noise, or the record itself shows
+    it, so that no answer with it is trusted, and no other cause is likelier.
     """
     judgement = assess(fit, identified, records[0].channels, searched=searched)
     if fit.random_forces or not (judgement.verdict.forbids or judgement.diagnosis):
         return judgement
     clipped = tuple(clipped_samples(fit, records))
-    errors = (*clipped, *(recording_errors(records, structure) if judgement.verdict.forbids else ()))
+    of_channels = (
+        recording_errors(records, structure) for structure in structures if judgement.verdict.forbids
+    )
+    errors = (*clipped, *next(filter(None, of_channels), ()))
     if not errors:
         return judgement
     unsettled = judgement.verdict is Verdict.NOT_CONVERGED

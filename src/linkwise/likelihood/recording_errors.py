@@ -28,6 +28,7 @@ from linkwise.weak.estimate import WeakForm
 from linkwise.weak.record_misfit import record_misfit
 
 _LARGEST = 12  # masses up to which the weak form is fast enough for all hypotheses
+_MOST = 60  # unknowns, likewise
 _SAMPLES = (
     20_000  # of a record, the part with the largest motion, which a whole channel shows as well as all of it
 )
@@ -66,9 +67,9 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     """The errors without which the records are explained to within their noise, the usual ones first.
 
     Several where the equations cannot tell them apart, as a displacement that is too large from another that is too small;
-    none where the weak form does not apply. `structure` has its unknowns.
+    none where the weak form does not apply. `structure` has its unknowns, all of the terms that were offered in a search.
     """
-    if structure.size > _LARGEST:
+    if structure.size > _LARGEST or len(structure.parameters) > _MOST:
         return ()
     given = [
         replace(record, noise={}, simulated=None) for record in records
