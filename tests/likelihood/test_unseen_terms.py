@@ -14,8 +14,8 @@ import linkwise as lw
 
 RATE = 200.0
 LAW = "k*d + c*v + k3*d**3"
-VALUES = {"k": 987.0, "c": 6.0, "k3": 4e5}
-TRUE = oscillator(LAW, **VALUES)
+K, C, K3 = 987.0, 6.0, 4e5
+TRUE = oscillator(LAW, k=K, c=C, k3=K3)
 NOISE = 0.00012  # m, 40 dB
 SEED = 41  # of the noise; that of the force is another
 
@@ -42,8 +42,8 @@ def quintic_of(fit: lw.Estimate) -> lw.UnseenTerm | None:
 def bent_by(share: float, seen: lw.Record) -> lw.Structure:
     """The oscillator with a quintic term that makes a `share` of the force in its link along the motion that was seen."""
     x = seen.channel("x:m1")
-    force = VALUES["k"] * x + VALUES["k3"] * x**3
-    return oscillator(f"{LAW} + q*d**5", **VALUES, q=share * force.std() / np.sqrt(np.mean(x**10)))
+    force = K * x + K3 * x**3
+    return oscillator(f"{LAW} + q*d**5", k=K, c=C, k3=K3, q=share * force.std() / np.sqrt(np.mean(x**10)))
 
 
 def test_a_term_within_the_limit_is_not_seen_and_moves_the_coefficient_as_far_as_told() -> None:
@@ -58,7 +58,7 @@ def test_a_term_within_the_limit_is_not_seen_and_moves_the_coefficient_as_far_as
         lw.Verdict.CONVERGED,
     )  # trusted, and k3 is several of its standard errors off
     k3 = lacking.coefficient("link.k3")
-    assert k3.value - VALUES["k3"] > 4.0 * present(k3.standard_error)
+    assert k3.value - K3 > 4.0 * present(k3.standard_error)
     moved = k3.value - fit.coefficient("link.k3").value
     # the first order, of a law that changes by 3 %: its square, and the motion that the share is taken along, are neglected
     assert moved == pytest.approx(0.5 * abs(term.change), rel=0.1)
@@ -76,7 +76,7 @@ def test_records_that_bound_the_terms_tell_nothing() -> None:
 
 def test_a_term_that_is_in_the_law_or_that_the_record_shows_is_no_unseen_one() -> None:
     seen = record(TRUE)
-    with_it = oscillator(f"{LAW} + q*d**5", **VALUES, q=0.0).unknown("all")
+    with_it = oscillator(f"{LAW} + q*d**5", k=K, c=C, k3=K3, q=0.0).unknown("all")
     assert quintic_of(lw.identify(seen, with_it)) is None
     shown = lw.identify(record(bent_by(0.02, seen)), TRUE.unknown("all"))
     assert lw.Verdict.CONVERGED not in shown.verdicts and shown.diagnosis[0].term == "d**5"

@@ -158,7 +158,7 @@ def _held_at_zero(values: Floats, errors: Floats) -> list[int]:
 
 def _errors(estimate: Estimate) -> Floats:
     """(p,) the standard errors of all coefficients."""
-    return np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0))
+    return np.asarray(np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0)))
 
 
 def _doubts_of_search(

@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.data_checks import inactive_remark, inactive_terms
+from linkwise.discovery.force_tree import tree_of_forces
 from linkwise.discovery.host_screen import screen_links
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.spanning_tree import most_significant_tree
@@ -55,7 +56,11 @@ class ScreenedRecords:
         result = screen(displaced, motions, candidates)
         first = result.significant
         if integrated:
-            first = most_significant_tree(displaced, motions, candidates) or result.significant
+            first = (
+                tree_of_forces(records, candidates)
+                or most_significant_tree(displaced, motions, candidates)
+                or result.significant
+            )
         untested = len(candidates.entries) - len(result.tested)
         remarks = (*inactive_remark(inactive), *_untested_remark(untested))
         return cls(displaced, motions, candidates, integrated, result, first, remarks)

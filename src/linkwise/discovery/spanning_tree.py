@@ -1,8 +1,8 @@
-"""Where a search starts without measured displacements: the spanning tree of the most significant links.
+"""The spanning tree of the most significant links, for searches that start without displacements, and for links with memory.
 
 Integrals of velocities and accelerations lack their constants, and suggest false links beside true ones. On a tree,
 accelerations determine the force of every link, and with it a start that does not need the constants
-(`likelihood.starts.coefficients`).
+(`likelihood.starts.coefficients`). `force_tree` finds it from these forces themselves, where all masses are known.
 """
 
 from __future__ import annotations

@@ -1,0 +1,173 @@
+"""Where a search starts without measured displacements: the tree of links that the accelerations tell, from its leaves on.
+
+All that acts on a leaf is the force of its link, which the acceleration gives, and that is a function of elongation and rate
+of this link and of no other. Without displacements the elongation is known up to a constant, or a line, in each short window;
+a power series about its mean there has coefficients of its own, so that no constant is needed. The link that explains its
+force best is taken first; its force acts on the mass at its other end, whose links are tested anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.discovery.candidates import Candidates
+from linkwise.model.link import BASE, GROUND
+from linkwise.records.record import Record
+from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.integrate import channel_motion
+
+_KINDS = "xva"
+_PERIODS = (
+    4.0  # of a force in a window, so that its samples are more than the series can follow whatever it is of
+)
+_SHORTEST = 16  # samples of a window
+_LINE = (
+    0,
+    0,
+    1,
+)  # by number of integrations, the degree of what is taken from an elongation before its powers
+_DRIFT = (0, 0, 2)  # the degree of what a force may have of the drift: noise that is integrated twice bends
+_POWERS = 3  # of the elongation, as in the laws of most links
+
+
+def tree_of_forces(records: Sequence[Record], candidates: Candidates) -> frozenset[str]:
+    """All candidates on the links of a tree that joins every mass to a support, each of which explains its force best.
+
+    Empty where that tells nothing: a mass is unknown or has no sensor, or links are stated.
+    """
+    if any(mass.mass.value is None for mass in candidates.masses):
+        return frozenset()
+    if candidates.hosts or any(pair.stated for pair in candidates.pairs):
+        return frozenset()
+    names = [mass.name for mass in candidates.masses]
+    if not all(
+        any(f"{kind}:{name}" in record.channels for kind in _KINDS) for record in records for name in names
+    ):
+        return frozenset()
+    supports = [end for end in (GROUND, BASE) if any(end in pair.between for pair in candidates.pairs)]
+    motions = [_Motions.of(record, candidates, supports) for record in records]
+    number = {end: place for place, end in enumerate([*names, *supports])}
+    pairs = {
+        frozenset(number[end] for end in pair.between): place for place, pair in enumerate(candidates.pairs)
+    }
+    parents = _parents(motions, len(names), frozenset(pairs))
+    chosen = {pairs[frozenset(ends)] for ends in parents.items()}
+    return frozenset(entry.name for entry in candidates.entries if entry.pair in chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motions:
+    """Of n masses and, after them, supports: `x` and `v` (n + s, N), integrated `order` (n + s,) times, and `force` (n, N).
+
+    The latter is what all links of a mass must give.
+    """
+
+    x: Floats
+    v: Floats
+    force: Floats
+    order: Indices
+    rate: float
+
+    @classmethod
+    def of(cls, record: Record, candidates: Candidates, supports: Sequence[str]) -> _Motions:
+        sigma = channel_noise(record)
+        orders, motions, forces = [], [], []
+        for mass in candidates.masses:
+            channel = next(
+                channel for kind in _KINDS if (channel := f"{kind}:{mass.name}") in record.channels
+            )
+            motion = channel_motion(record, channel, sigma[channel])
+            applied = f"force:{mass.name}"
+            acting = record.channel(applied) if applied in record.channels else 0.0
+            orders.append(_KINDS.index(channel[0]))
+            motions.append(motion[:2])
+            forces.append((mass.mass.value or 0.0) * motion[2] - acting)
+        for support in supports:
+            moves = support == BASE and f"x:{BASE}" in record.channels
+            x = record.channel(f"x:{BASE}") if moves else np.zeros(len(record))
+            orders.append(0)
+            motions.append(np.stack([x, np.gradient(x, record.step)]))
+        x, v = np.stack(motions, axis=1)
+        return cls(x, v, np.stack(forces), np.array(orders), record.rate)
+
+    def unexplained(self, mass: int, end: int, forces: Floats) -> tuple[float, float]:
+        """The power of the force of a mass that no link to another place explains, and all of it."""
+        force = forces[mass]
+        length = _window(force, self.rate)
+        count = len(force) // length
+        d, v, force = (
+            signal[: count * length].reshape(count, length)
+            for signal in (self.x[mass] - self.x[end], self.v[mass] - self.v[end], force)
+        )
+        time = np.linspace(-1.0, 1.0, length)
+        order = int(max(self.order[mass], self.order[end]))
+        drift = np.polynomial.legendre.legvander(time, _DRIFT[order])
+        drift /= np.linalg.norm(drift, axis=0)
+        known = drift[:, : _LINE[order] + 1]
+        d = d - d @ known @ known.T
+        series = [d**power for power in range(1, _POWERS + 1)]
+        columns = [*series, v, *(np.broadcast_to(part, d.shape) for part in drift.T)]
+        basis = np.stack(columns, axis=2)
+        size = np.sqrt(np.einsum("ktc,ktc->kc", basis, basis))
+        q, _ = np.linalg.qr(basis / np.where(size > 0.0, size, 1.0)[:, None])
+        left = force - np.einsum("ktc,kc->kt", q, np.einsum("ktc,kt->kc", q, force))
+        return float(np.sum(left**2)), float(np.sum(force**2))
+
+
+def _window(force: Floats, rate: float) -> int:
+    """Samples of a window over some periods of a force, at the frequency below which half of its power lies."""
+    power = np.cumsum(np.abs(np.fft.rfft(force - force.mean())) ** 2)
+    median = max(int(np.searchsorted(power, 0.5 * power[-1])), 1)  # periods in the record
+    return int(np.clip(round(_PERIODS * len(force) / median), min(_SHORTEST, len(force)), len(force)))
+
+
+def _parents(motions: Sequence[_Motions], masses: int, allowed: frozenset[frozenset[int]]) -> dict[int, int]:
+    """For each of n masses the place that its link leads to, on its way to a support; supports are numbered from n on.
+
+    Empty where no link is `allowed` to a mass.
+    """
+    places = len(motions[0].x)
+    forces = [motion.force.copy() for motion in motions]
+    ratios = np.full((masses, places), np.inf)
+
+    def test(mass: int) -> None:
+        for end in range(places):
+            if frozenset((mass, end)) in allowed and mass != end:
+                parts = [
+                    motion.unexplained(mass, end, force)
+                    for motion, force in zip(motions, forces, strict=True)
+                ]
+                left, whole = np.sum(parts, axis=0)
+                ratios[mass, end] = left / max(whole, np.finfo(float).tiny)
+
+    for mass in range(masses):
+        test(mass)
+    parents: dict[int, int] = {}
+    while len(parents) < masses:
+        open_ones = ratios.copy()
+        open_ones[list(parents)] = np.inf
+        for mass in range(masses):
+            open_ones[mass, [end for end in range(masses) if mass in _way(end, parents)]] = np.inf
+        if not np.isfinite(open_ones).any():
+            return {}
+        mass, end = (int(number) for number in np.unravel_index(np.argmin(open_ones), open_ones.shape))
+        parents[mass] = end
+        for below in _way(end, parents):
+            if below < masses:
+                for force in forces:
+                    force[below] += force[mass]
+                if below not in parents:
+                    test(below)
+    return parents
+
+
+def _way(place: int, parents: dict[int, int]) -> list[int]:
+    """The place and all that follow on its way to a support, as far as it is known."""
+    way = [place]
+    while way[-1] in parents:
+        way.append(parents[way[-1]])
+    return way
