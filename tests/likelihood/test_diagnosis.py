@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from structures import link, oscillator, row_of_masses, structure, with_links
 import linkwise as lw
 from linkwise.likelihood.diagnosis import link_forces
 from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.judgement import assess
+from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 
 SNR, SEED = 30.0, 41
 LOST, FOUND = (
@@ -101,6 +104,26 @@ def test_a_clean_record_has_no_cause(seed: int) -> None:
     fit = lw.identify(chain_record(2).with_noise(SNR, seed=seed), lw.bnes_chain(2).unknown("all"))
     assert fit.trusted and fit.diagnosis == () and fit.to_dict()["diagnosis"] == []
     assert fit.to_dict()["model_error_percent"] == 0.0
+
+
+def test_the_optimum_is_linearised_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work is counted: what is tested and how far blocks of the record scatter come from one linearisation."""
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("all")
+    record = chain_record(2).with_noise(SNR, seed=900)
+    theta = np.array([chain.coefficient(p.name).value for p in asked.parameters])
+    fit = likelihood_fit([record], asked, theta)
+    widths: list[int] = []
+
+    def counted(*arguments: Any, **keywords: Any) -> Linearization:
+        linear = linearise(*arguments, **keywords)
+        widths.append(len(linear.data.corner))
+        return linear
+
+    monkeypatch.setattr("linkwise.likelihood.shooting.linear_model.linearise", counted)
+    values = dict(zip((p.name for p in asked.parameters), map(float, fit.values), strict=True))
+    assert assess(fit, asked.with_values(values), record.channels).verdict is lw.Verdict.CONVERGED
+    assert len(widths) == 1 and widths[0] > len(theta)
 
 
 OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=4e5)

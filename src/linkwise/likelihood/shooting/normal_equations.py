@@ -290,8 +290,8 @@ def _whitened_errors(
     by_channel = []
     for channel in np.unique(errors.channel).tolist():
         own = np.flatnonzero(errors.channel == channel)
-        values = (whiten[:, channel, None] * errors.values[:, own, part]).transpose(2, 0, 1)
-        values = values.astype(np.float32)
+        added = whiten[:, channel, None] * errors.values[:, own, part]
+        values = added.transpose(2, 0, 1).astype(np.float32)
         if channel in segments.sensors.scaled:
             values *= np.float32(factors[channel])
         by_channel.append(ChannelErrors(channel, columns[own], values))
