@@ -9,6 +9,11 @@ import pytest
 from duffing_ring import NOISE, SIZE, VALUES, noisy, ring
 
 import linkwise as lw
+import linkwise.likelihood.fit as likelihood_fit_module
+from linkwise.arrays import Bools
+from linkwise.likelihood.noise_level import with_noise_of_residuals
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 RING = ring(*VALUES.reshape(3, SIZE))
 
@@ -22,6 +27,37 @@ def test_noise_that_was_found_is_that_of_the_residuals_where_these_are_less(seed
     assert fit.chi_square_per_sample == pytest.approx(1.0, abs=2.0 * scatter)
     sigma = [estimate.sigma for estimate in fit.noise.values()]
     assert np.mean(sigma) == pytest.approx(NOISE, rel=3.0 * scatter / 2.0)
+
+
+@pytest.mark.parametrize("loose_fails", [False, True])
+def test_a_search_beside_the_optimum_that_creeps_starts_again_from_loose_links(
+    loose_fails: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no search converges with less noise, the noise and the fit stay as they were found."""
+    searched: list[float] = []
+
+    class Creeping:
+        """Searches that do not converge from tight links."""
+
+        def __init__(self, annealer: Annealer) -> None:
+            self.annealer, self.loss = annealer, annealer.loss
+
+        def __call__(
+            self, segments: Segments, start: Iterate, scales: Scales, schedule: AnnealingSchedule
+        ) -> AnnealingFit:
+            searched.append(schedule.initial_q)
+            annealed = self.annealer(segments, start, scales, schedule)
+            fails = schedule.initial_q == schedule.final_q or loose_fails
+            return replace(annealed, status=AnnealingStatus.EXHAUSTED) if fails else annealed
+
+    def creeping(segments: Segments, fit: AnnealingFit, annealer: Annealer, stated: Bools) -> AnnealingFit:
+        return with_noise_of_residuals(segments, fit, Creeping(annealer), stated)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(likelihood_fit_module, "with_noise_of_residuals", creeping)
+    fit = lw.identify(noisy(1003), RING.unknown("all"))
+    assert searched[:2] == [AnnealingSchedule.final_q, 0.01]
+    assert fit.trusted != loose_fails
+    assert (abs(fit.chi_square_per_sample - 1.0) < 2.0 * np.sqrt(2.0 / fit.samples)) != loose_fails
 
 
 def test_noise_that_is_stated_stays() -> None:

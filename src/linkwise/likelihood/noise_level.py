@@ -18,6 +18,8 @@ from linkwise.likelihood.shooting.segments import Segments
 
 _CHANCE = 2.0  # standard deviations of chi-square
 _LEAST = 0.08  # by which chi-square is below 1: what the estimate of the noise scatters by in long records
+_STEPS = 20  # beside the optimum; a search that takes more may creep along a bend of the likelihood ...
+_LOOSE = 0.01  # ... which looser links straighten: the relaxation from which it starts again
 
 
 def with_noise_of_residuals(
@@ -50,7 +52,11 @@ def with_noise_of_residuals(
     powers = np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts * fit.samples / freedom(segments)
     factors = np.where(stated, 1.0, np.sqrt(np.minimum(powers, 1.0)))
     scales = replace(fit.scales, sigma=fit.scales.sigma * np.maximum(factors, np.finfo(float).eps))
-    again = annealer(segments, fit.point, scales, AnnealingSchedule(initial_q=fit.q, final_q=fit.q))
+    tight = AnnealingSchedule(initial_q=fit.q, final_q=fit.q, max_steps=_STEPS)
+    again = annealer(segments, fit.point, scales, tight)
+    if again.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK):
+        loose = AnnealingSchedule(initial_q=max(fit.q, _LOOSE), final_q=fit.q)
+        again = annealer(segments, fit.point, scales, loose)
     if again.status is AnnealingStatus.INTERRUPTED:
         return again
     if again.status is not AnnealingStatus.CONVERGED:
