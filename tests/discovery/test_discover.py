@@ -168,12 +168,13 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
 
 
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
-    """Its links would bend about another place; the answer says where to look."""
+    """Its links would bend about another place; the answer says where to look: at a constant force in that link."""
     record = two[0][:1000]
     shifted = record.values + np.array([0.0, 0.02])
     discovery = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
     assert terms(discovery.structure) != terms(lw.bnes_chain(2)) and not discovery.trusted
-    assert discovery.remarks[0].endswith("check the units and the zeros of the channels, and the masses.")
+    assert (discovery.diagnosis[0].term, discovery.diagnosis[0].where) == ("1", "m2-m1")
+    assert "or a sensor has an error" in discovery.estimate.message
 
 
 def test_coloured_noise_gives_nothing_to_be_trusted() -> None:

@@ -57,7 +57,8 @@ def test_a_search_beside_the_optimum_that_creeps_starts_again_from_loose_links(
     fit = lw.identify(noisy(1003), RING.unknown("all"))
     assert searched[:2] == [AnnealingSchedule.final_q, 0.01]
     assert fit.trusted != loose_fails
-    assert (abs(fit.chi_square_per_sample - 1.0) < 2.0 * np.sqrt(2.0 / fit.samples)) != loose_fails
+    scatter = np.sqrt(2.0 / fit.samples)
+    assert (fit.chi_square_per_sample == pytest.approx(1.0, abs=2.0 * scatter)) != loose_fails
 
 
 def test_noise_that_is_stated_stays() -> None:

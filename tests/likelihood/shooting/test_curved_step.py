@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule,
 from linkwise.likelihood.shooting.residuals import evaluate
 
 LAW = "k*d + k3*d**3 + F*tanh(v/0.02) + c*v"
-VALUES = {"k": 3000.0, "k3": 2e9, "F": 1.5, "c": 0.1}
+VALUES: dict[str, Any] = {"k": 3000.0, "k3": 2e9, "F": 1.5, "c": 0.1}
 HITS = "80*exp(-((t - 0.02)/0.002)**2) + 60*exp(-((t - 0.17)/0.002)**2)"
 TOLERANCE = 2.0 * AnnealingSchedule.tolerance  # of two searches that end at one optimum
 
