@@ -290,7 +290,8 @@ class MaximumLikelihood(Estimator):
             return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
         if structure.hosts:
             return fit(lambda: host_memory_starts(framed_ones[0], structure, given))
-        if not needs_integration(framed_ones[0], structure):
+        knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
+        if not (knows_masses and needs_integration(framed_ones[0], structure)):
             return fit(lambda: memory_starts(framed_ones, structure, given))
         return fit_or_another(
             fit(lambda: memory_starts_by_links(framed_ones[0], structure, given)),
