@@ -64,12 +64,12 @@ class BlockScores:
         inverses, parts = self._inverses_without_each(chosen), self.information[:, chosen][:, :, chosen]
         moved = np.einsum("bij,bj->bi", inverses, self.scores[:, chosen]) / noise
         squares = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
-        whole, out = parts.sum(axis=0), np.ones(len(free))
+        of_whole, out = np.linalg.inv(parts.sum(axis=0)), np.ones(len(free))
         for number, unknown in enumerate(chosen.tolist()):
             pulls = inverses[:, number]  # (B, c): how the estimate follows the score of each block
             followed = np.einsum("bij,bj->bi", parts, pulls)
             covariance = np.diag(np.sum(pulls * followed, axis=1))
-            covariance -= followed @ np.linalg.solve(whole, followed.T)
+            covariance -= followed @ of_whole @ followed.T
             covariance -= covariance.mean(axis=0)
             covariance -= covariance.mean(axis=1, keepdims=True)
             mean = np.trace(covariance)

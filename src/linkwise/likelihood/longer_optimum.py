@@ -7,14 +7,13 @@ from dataclasses import replace
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule
 from linkwise.likelihood.shooting.longer_segments import LongerSegments
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 
 _SAME = 1e-7  # of the cost, and the tolerance of a search: by how much the misfit to the samples may differ
 
 
 def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
-    """The optimum of a fit and its misfit, of many masses in longer segments where the motion is exactly that of the laws.
+    """The optimum of a fit and its misfit, in longer segments where the motion is exactly that of the laws.
 
     Parameters
     ----------
@@ -28,9 +27,7 @@ def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
     """
     optimum, misfit = fit.optimum, fit.misfit
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
-    if not exact or len(optimum.segments.system.incidence) < MANY:
-        return optimum, misfit
-    longer = LongerSegments.of(optimum.segments)
+    longer = LongerSegments.of(optimum.segments) if exact else None
     if longer is None:
         return optimum, misfit
     inside = replace(optimum, segments=longer.segments, point=longer.point(optimum.point))

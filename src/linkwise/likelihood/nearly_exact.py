@@ -18,7 +18,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.block_scores import BLOCKS, FEWEST, BlockScatter, block_scatter
+from linkwise.likelihood.block_scores import BLOCKS, BlockScatter, block_scatter
 from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_TERM
@@ -31,6 +31,9 @@ from linkwise.runtime import one_blas_thread
 _DOUBT = 0.02
 """Probability of so large scores and so much scatter by chance, below which exact laws are doubted: one record in 50 has wider
 intervals for nothing."""
+
+_MANY_IN_BLOCK = 15
+"""Segments in the shortest block, of which one more or less makes no difference."""
 
 _AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
@@ -162,7 +165,7 @@ def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | 
     with one_blas_thread():
         longer, misfit = in_longer_segments(fit)
         model = None if tested is None else tested.model
-        if longer.segments.count < FEWEST * BLOCKS[0]:
+        if longer.segments.count < _MANY_IN_BLOCK * BLOCKS[0]:  # blocks of unequal length
             longer, misfit, model = optimum, fit.misfit, None
         scatter = block_scatter(
             longer.segments,
