@@ -365,7 +365,7 @@ def test_an_interrupt_returns_the_best_so_far(chain: lw.Structure, clean: lw.Rec
 def test_steps_that_run_out_give_no_interval(
     chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = __import__("linkwise.likelihood.fit", fromlist=["Schedule"])
+    module = __import__("linkwise.likelihood.search", fromlist=["Schedule"])
     monkeypatch.setattr(module, "_NEAR", replace(module._NEAR, max_steps=2))
     explained = __import__("linkwise.likelihood.explained_fit", fromlist=["with_model_error"])
     monkeypatch.setattr(explained, "with_model_error", lambda *_: None)  # which would look for a looser fit

@@ -25,6 +25,7 @@ from linkwise.likelihood.held_errors import LARGEST_TERM
 from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.missing_terms import MissingTerms, for_usual_terms, usual_scores
 from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 
@@ -33,7 +34,7 @@ _DOUBT = 0.02
 intervals for nothing."""
 
 _MANY_IN_BLOCK = 15
-"""Segments in the shortest block, of which one more or less makes no difference."""
+"""Longer segments in the shortest block, from which on one more or less hardly matters."""
 
 _AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
@@ -165,7 +166,8 @@ def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | 
     with one_blas_thread():
         longer, misfit = in_longer_segments(fit)
         model = None if tested is None else tested.model
-        if longer.segments.count < _MANY_IN_BLOCK * BLOCKS[0]:  # blocks of unequal length
+        many = len(segments.system.incidence) >= MANY  # of few masses, short ones make more equal blocks
+        if not many or longer.segments.count < _MANY_IN_BLOCK * BLOCKS[0]:
             longer, misfit, model = optimum, fit.misfit, None
         scatter = block_scatter(
             longer.segments,
