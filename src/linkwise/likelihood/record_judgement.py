@@ -32,9 +32,8 @@ def judge(
     if fit.random_forces or not (judgement.verdict.forbids or judgement.diagnosis):
         return judgement
     clipped = tuple(clipped_samples(fit, records))
-    of_channels = (
-        recording_errors(records, structure) for structure in structures if judgement.verdict.forbids
-    )
+    unexplained = judgement.verdict.forbids and not _leaves_noise(fit, judgement.verdict)
+    of_channels = (recording_errors(records, structure) for structure in structures if unexplained)
     errors = (*clipped, *next(filter(None, of_channels), ()))
     if not errors:
         return judgement
@@ -45,6 +44,12 @@ def judge(
         judgement.model_error,
         (*errors, *judgement.diagnosis),
     )
+
+
+def _leaves_noise(fit: LikelihoodFit, verdict: Verdict) -> bool:
+    """Whether the laws explain the records to within their noise, though the answer is not to be trusted."""
+    unsettled = verdict is Verdict.NOT_CONVERGED and fit.model_error == 0.0 and not fit.chi_square_off
+    return unsettled or verdict in _EXPLAINED
 
 
 def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
@@ -66,6 +71,9 @@ def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
 def _factor(cause: Cause) -> str:
     return f"{1.0 / cause.size:g}" if cause.kind == "unit" else ""
 
+
+_EXPLAINED = (Verdict.SEVERAL_OPTIMA, Verdict.HARDLY_DETERMINED, Verdict.COVARIANCE_NOT_POSITIVE)
+"""Verdicts on laws that leave only noise."""
 
 _ADVICE = {
     "sign": "change the sign of {where}",
