@@ -63,8 +63,7 @@ def curved_step(
         return None
     q, predicted = damped.q, attempt[1]
     best = plain = evaluate(segments, attempt[0], scales, loss)
-    explained = misfit.data < _EXPLAINED * loss.expected * int(segments.observed.sum())
-    if not explained or not isinstance(linear, Linearization):
+    if not is_explained(segments, misfit, loss) or not isinstance(linear, Linearization):
         return plain, predicted, 0.0
     for _ in range(_CORRECTIONS):
         before, cost = misfit.cost(q), best.cost(q)
@@ -81,6 +80,11 @@ def curved_step(
         if trial.cost(q) > max(_SLOW * cost, before):
             break
     return best, predicted, 0.0 if best is plain else predicted
+
+
+def is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
+    """Whether the residuals of a misfit are hardly more than noise."""
+    return bool(misfit.data < _EXPLAINED * loss.expected * int(segments.observed.sum()))
 
 
 def _with_curvature(
