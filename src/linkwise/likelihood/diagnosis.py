@@ -70,7 +70,12 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
                 causes = _significant(tested, fit, identified)
     except np.linalg.LinAlgError:
         pass
-    return Diagnosis(tuple(sorted((*causes, *_prior_conflicts(fit)), key=likeliest_first)), tested)
+    conflicts = tuple(_prior_conflicts(fit))
+    stated = {
+        conflict.where for conflict in conflicts
+    }  # which is the same error of a sensor, told as what it contradicts
+    others = [cause for cause in causes if f"{cause.kind} of {cause.where}" not in stated]
+    return Diagnosis(tuple(sorted((*others, *conflicts), key=likeliest_first)), tested)
 
 
 def likeliest_first(cause: Cause) -> float:
