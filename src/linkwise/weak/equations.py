@@ -21,7 +21,7 @@ from linkwise.weak.displacements import MeasuredDisplacements, differences
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
 from linkwise.weak.stretches import Stretches
-from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, WeakPart
+from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, WeakPart, none_alone
 from linkwise.weak.window import Window
 
 MIN_WINDOWS = 8  # windows
@@ -106,7 +106,7 @@ def weak_equations(
     rate_window: Window | None = None,
     values: dict[str, float] | None = None,
     max_masses: int = _PATCH,
-    alone: Callable[[WeakPart], bool] = lambda part: False,
+    alone: Callable[[WeakPart], bool] = none_alone,
 ) -> WeakEquations:
     """Weak equations of a structure on a record.
 

@@ -19,7 +19,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.terms import LawTerms
-from linkwise.weak.weak_form import WeakPart
+from linkwise.weak.weak_form import WeakPart, none_alone
 from linkwise.weak.window import Window
 
 
@@ -30,7 +30,7 @@ def noise_bias(
     noise: Floats,
     window: Window,
     valid: Floats,
-    alone: Callable[[WeakPart], bool] = lambda part: False,
+    alone: Callable[[WeakPart], bool] = none_alone,
 ) -> Floats:
     """Bias of the products of all terms of a layout, summed over windows.
 

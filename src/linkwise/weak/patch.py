@@ -23,7 +23,7 @@ from linkwise.weak.layout import StructureLayout
 from linkwise.weak.noise_bias import noise_bias
 from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.terms import LawTerms, law_terms
-from linkwise.weak.weak_form import PHI_2, WeakPart
+from linkwise.weak.weak_form import PHI_2, WeakPart, none_alone
 from linkwise.weak.window import Window
 
 
@@ -154,7 +154,7 @@ class PatchContext:
     filtered: Floats
     forces: Mapping[int, Floats]
     slope_stride: int
-    alone: Callable[[WeakPart], bool] = lambda part: False
+    alone: Callable[[WeakPart], bool] = none_alone
 
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
         """Equations of some masses.
