@@ -22,8 +22,8 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.curved_step import curved_step, is_explained
-from linkwise.likelihood.shooting.damped_step import SLIGHT, DampedEquations, bounds, freedom, full_reduction
+from linkwise.likelihood.shooting.curved_step import curved_step, is_settled
+from linkwise.likelihood.shooting.damped_step import SLIGHT, DampedEquations, bounds, freedom
 from linkwise.likelihood.shooting.linear_model import Factor, covariance, linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
@@ -327,10 +327,7 @@ def anneal(
                     break
             left = schedule.tolerance + _ROUNDING * step.cost
             small = control.q <= schedule.final_q and max(step.remaining, unclear) < left
-            if small and (
-                not is_explained(segments, misfit, loss)
-                or full_reduction(segments, linear, misfit, scales, damped) < left
-            ):
+            if small and is_settled(segments, linear, damped, misfit, scales, loss, left):
                 status = AnnealingStatus.CONVERGED
                 break
             control = control.after(step, schedule, samples)

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
-from linkwise.likelihood.shooting.damped_step import DampedEquations, damped_step
+from linkwise.likelihood.shooting.damped_step import DampedEquations, damped_step, full_reduction
 from linkwise.likelihood.shooting.linear_model import GaussNewtonModel
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.normal_equations import Linearization
@@ -63,7 +63,7 @@ def curved_step(
         return None
     q, predicted = damped.q, attempt[1]
     best = plain = evaluate(segments, attempt[0], scales, loss)
-    if not is_explained(segments, misfit, loss) or not isinstance(linear, Linearization):
+    if not _is_explained(segments, misfit, loss) or not isinstance(linear, Linearization):
         return plain, predicted, 0.0
     for _ in range(_CORRECTIONS):
         before, cost = misfit.cost(q), best.cost(q)
@@ -82,7 +82,35 @@ def curved_step(
     return best, predicted, 0.0 if best is plain else predicted
 
 
-def is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
+def is_settled(
+    segments: Segments,
+    linear: GaussNewtonModel,
+    damped: DampedEquations,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    little: float,
+) -> bool:
+    """Whether a full step would gain as little as the last, damped one: always where the laws leave more than noise.
+
+    Parameters
+    ----------
+    segments, linear, damped, misfit, scales, loss
+        As of `curved_step`.
+    little : float
+        A reduction of the cost that ends the search.
+
+    Returns
+    -------
+    bool
+        Whether the search may end.
+    """
+    if not _is_explained(segments, misfit, loss):
+        return True
+    return full_reduction(segments, linear, misfit, scales, damped) < little
+
+
+def _is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
     """Whether the residuals of a misfit are hardly more than noise."""
     return bool(misfit.data < _EXPLAINED * loss.expected * int(segments.observed.sum()))
 
