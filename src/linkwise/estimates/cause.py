@@ -153,6 +153,10 @@ def _in_other_unit(cause: Cause) -> str:
     return f"another unit of {cause.where}, values {times} times too {side}{example}"
 
 
+def _clipped(cause: Cause) -> str:
+    return f"{cause.size:.0f} clipped sample{'' if cause.size == 1.0 else 's'} of {cause.where}"
+
+
 def _in_channel(error: str) -> CauseKind:
     """What is added to a channel, in its unit."""
     return CauseKind(lambda cause: f"{error} of {cause.size:.3g} {cause.unit} in {cause.where}")
@@ -185,7 +189,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "high pass": CauseKind(
             lambda cause: f"a high pass of {cause.where} at {cause.size:.3g} Hz, as AC coupling is", unit="Hz"
         ),
-        "clipped": CauseKind(lambda cause: f"{cause.size:.0f} clipped samples of {cause.where}", unit="1"),
+        "clipped": CauseKind(_clipped, unit="1"),
         "mass": _off("a mass of "),
         "coefficient": _off("", relative=False),
         "frequency": _off("a frequency of ", relative=False),

@@ -57,9 +57,10 @@ def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
     first, others = errors[0], errors[1:]
     advice = _ADVICE[first.kind].format(where=first.where, source=first.source, factor=_factor(first))
     if is_clipped:
+        more = f" There is also {' and '.join(error.description for error in others)}." if others else ""
         return (
             f"The motion goes on beyond the range of {first.where}: {first.description} would lower -2 log likelihood by "
-            f"{first.gain:.3g}. Intervals would not include that, so none is given: {advice}."
+            f"{first.gain:.3g}.{more} Intervals would not include that, so none is given: {advice}."
         )
     alike = f" ({' or '.join(error.description for error in others)} would do the same)" if others else ""
     return (

@@ -34,7 +34,7 @@ _SAMPLES = (
 )
 _CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
-_UNITS = (1e-3, 1e3)  # mm for m, or m for mm: the first is the usual one
+_UNITS = (1e-3, 1e3)  # factors that take out values in mm told as m, the usual error, and the reverse
 _CORNERS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Hz: AC coupling lies inside. What is best at an end is no high pass, but slow residuals or motion that any makes smaller."""
 _HINT = 5.0  # of -2 log likelihood, from which a corner is looked for between these
@@ -74,35 +74,40 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     given = [
         replace(record, noise={}, simulated=None) for record in records
     ]  # noise is found, as units change
-    try:
-        as_recorded = _misfit(given, structure)
-    except (LinkwiseError, np.linalg.LinAlgError):
-        return ()
+    parts = [_loudest_part(record) for record in given]
+
+    def corrected(error: RecordingError) -> list[Record]:
+        return [error.correct(record)[part] for record, part in zip(given, parts, strict=True)]
 
     def gain(error: RecordingError) -> float:
         try:
-            return as_recorded - _misfit([error.correct(record) for record in given], structure)
+            return as_recorded - _misfit(corrected(error), structure)
         except (LinkwiseError, np.linalg.LinAlgError):
             return -np.inf
 
+    try:
+        as_recorded = _misfit([record[part] for record, part in zip(given, parts, strict=True)], structure)
+    except (LinkwiseError, np.linalg.LinAlgError):
+        return ()
     errors = [*_exchanged(given[0], structure), *_high_passes(given, structure, gain)]
     gains = [gain(error) for error in errors]
-    best = max(gains, default=-np.inf)
-    likely = [number for number, of_error in enumerate(gains) if of_error > max(_CONVINCING, best - _ALIKE)]
-    if not likely or not all(_is_explained(errors[likely[0]], record, structure) for record in given):
-        return ()
-    return tuple(errors[number].cause(gains[number]) for number in likely)
+    least = max(_CONVINCING, max(gains, default=-np.inf) - _ALIKE)
+    return tuple(
+        error.cause(of_error)
+        for error, of_error in zip(errors, gains, strict=True)
+        if of_error > least and all(_is_explained(error, record, structure) for record in corrected(error))
+    )
 
 
-def _loudest(record: Record) -> Record:
-    """The part of a long record in which its responses have the largest power."""
+def _loudest_part(record: Record) -> slice:
+    """The part of a long record in which its responses have the largest power; all of a short one."""
     if len(record) <= _SAMPLES:
-        return replace(record, simulated=None)
-    responses = np.nan_to_num(record.values[:, [record.channels.index(name) for name in record.responses]])
+        return slice(None)
+    responses = np.nan_to_num(record.select(record.responses).values)
     power = np.sum((responses / np.maximum(np.std(responses, axis=0), np.finfo(float).tiny)) ** 2, axis=1)
-    firsts = range(0, len(record) - _SAMPLES + 1, _SAMPLES)
+    firsts = (*range(0, len(record) - _SAMPLES, _SAMPLES // 4), len(record) - _SAMPLES)
     first = max(firsts, key=lambda first: float(np.sum(power[first : first + _SAMPLES])))
-    return replace(record, simulated=None)[first : first + _SAMPLES]
+    return slice(first, first + _SAMPLES)
 
 
 def _misfit(records: Sequence[Record], structure: Structure) -> float:
@@ -110,12 +115,12 @@ def _misfit(records: Sequence[Record], structure: Structure) -> float:
 
 
 def _is_explained(error: RecordingError, record: Record, structure: Structure) -> bool:
-    """Whether the weak form finds no more than noise in what the laws leave of a record without an error.
+    """Whether the weak form finds no more than noise in what the laws leave of a `record` that is without an error.
 
     Without a high pass, slow noise of the sensor is larger than before, and follows slow motion; there the power decides.
     """
     try:
-        answer = WeakForm().estimate([error.correct(record)], structure, silent)
+        answer = WeakForm().estimate([record], structure, silent)
     except (LinkwiseError, np.linalg.LinAlgError):
         return False
     slow_noise = (Verdict.SYSTEMATIC_MISFIT,) if error.kind == "high pass" else ()

@@ -42,7 +42,7 @@ class Patch:
     rows : array of shape (q, R)
         The terms in all windows; zero in windows with missing samples.
     products : array of shape (q, q)
-        Products of the rows, summed over windows.
+        Products of the rows, summed over windows; 0 between different terms that are tested alone.
     moments : array of shape (q, q)
         The products without the bias due to noise.
     valid : array of shape (R,)

@@ -138,11 +138,11 @@ class ScoreTests:
         left = diagonal - 2.0 * np.sum(beside * coupled, axis=0) + np.sum(beside * (normal @ beside), axis=0)
         score = score * unit - (slope * scale) @ beside
         added = uncertain * (score_biased * unit - (slope_biased * scale) @ beside - score)
-        least = unit**2 * least_scatter(
+        scatter = unit**2 * least_scatter(
             self.patch, self.system, self._all_values(), weights, columns[own], self.signs[:, own]
         )
         tested = (left > _COLLINEAR) & (diagonal > 0.0)
-        white = np.where(tested, left * np.maximum(least, 0.0) / np.where(tested, diagonal, 1.0), 1.0)
+        white = np.where(tested, left * np.maximum(scatter, 0.0) / np.where(tested, diagonal, 1.0), 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(tested, score**2 / (max(excess, 1.0) * white + added**2), 0.0)
 
