@@ -77,7 +77,7 @@ def test_cost(unit: float) -> None:
             f"left {1e3 * np.median(seconds):.1f} ms, U/{unit / np.median(seconds):.0f}"
         )
     assert min(searched) < unit / 25.0  # the aim is U/40; see the printed median for what this machine gives
-    assert min(seconds) < unit / 12.0  # the aim is U/45
+    assert min(seconds) < unit / 7.0  # the aim is U/45; with test functions of two widths
 
 
 @pytest.mark.parametrize("grown", ["masses", "samples"])
