@@ -37,7 +37,7 @@ _POWERS = 3  # of the elongation, as in the laws of most links
 def tree_of_forces(records: Sequence[Record], candidates: Candidates) -> frozenset[str]:
     """All candidates on the links of a tree that joins every mass to a support, each of which explains its force best.
 
-    Empty where that tells nothing: a mass is unknown or has no sensor, or links are stated.
+    Empty where a mass is unknown or has no sensor, or links are stated: forces of links do not follow from accelerations then.
     """
     if any(mass.mass.value is None for mass in candidates.masses):
         return frozenset()
