@@ -33,11 +33,6 @@ _FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (
 )  # bounds to which such a mode is known, relative
 _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
-_LARGEST_ERROR = 0.1
-"""Of the response: what linear modes may leave beside noise, as of the forces beside laws that are not exact."""
-_CONCENTRATED = (
-    0.5  # of the information on a mode in one block of the records: blocks then do not tell its errors
-)
 
 
 @checked
