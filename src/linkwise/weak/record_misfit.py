@@ -14,6 +14,7 @@ from linkwise.records.record import Record
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.scatter import SlopeStatistics, noise_power
+from linkwise.weak.tested_terms import first_inertia
 
 _SHARED = 0.5  # neighbouring windows share their noise, so that two count as one
 
@@ -45,7 +46,7 @@ def record_misfit(record: Record, structure: Structure) -> float:
         statistics = SlopeStatistics.along(patch, equations, fit.values)
         windows = statistics.stretches.windows[statistics.stretches.inside]
         power = noise_power(patch, statistics, equations)
-        first = len(patch.layout.kernel) - len(patch.layout.masses) - len(patch.layout.forced)
+        first = first_inertia(patch.layout)
         inertia = patch.rows[first : first + len(patch.layout.masses)] * statistics.masses[:, None]
         recorded = np.maximum(np.mean(inertia**2, axis=1, keepdims=True), np.finfo(float).tiny)
         terms = patch.residual(fit.values)[:, windows] ** 2 / power + np.log(power / recorded)
