@@ -128,6 +128,14 @@ def test_inertia_and_applied_forces_are_named(chain: lw.Structure) -> None:
     assert "a force like force of m1 on m1 alone" in fit.message
 
 
+def test_the_mass_of_an_applied_force_is_named_where_others_have_none(chain: lw.Structure) -> None:
+    clean = lw.simulate(chain, forces={"m2": "0.4*sin(150*t) + 0.3*sin(190*t)"}, duration=3.0, rate=1000.0)
+    gained = clean.values * np.where(np.array(clean.channels) == "force:m2", 1.1, 1.0)
+    record = replace(clean, values=gained, simulated=None).with_noise(50.0, seed=41)
+    fit = lw.identify(record, chain.unknown("spring1.k", "spring1.c"), method="weak")
+    assert "a force like force of m2 on m2 alone" in fit.message
+
+
 @pytest.mark.parametrize("masses", [2, 4])
 @pytest.mark.parametrize("snr_db", [10.0, 20.0, 40.0])
 def test_clean_records_are_trusted(masses: int, snr_db: float) -> None:

@@ -208,6 +208,7 @@ def _named(tests: ScoreTests, number: int, z: float) -> SignificantScore:
             name = terms.part.coefficient or ""
             term = to_text(link.law.basis[name]) if name in link.law.basis else link.law.text
             return SignificantScore(place or link.name, term, link.name if place else "", z)
-    first = first_inertia(layout)
-    follows = "acceleration" if row < first + len(names) else "force"
-    return SignificantScore(place, follows, names[(row - first) % len(names)], z)
+    of_inertia = row - first_inertia(layout)
+    if of_inertia < len(names):
+        return SignificantScore(place, "acceleration", names[of_inertia], z)
+    return SignificantScore(place, "force", structure.mass_names[layout.forced[of_inertia - len(names)]], z)
