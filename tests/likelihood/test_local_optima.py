@@ -10,9 +10,13 @@ from problems import chain_record, truth
 from structures import HARDENING, link, structure
 
 import linkwise as lw
-from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood import local_optima
+from linkwise.likelihood.fit import CostShape, LikelihoodFit, likelihood_fit
 from linkwise.likelihood.local_optima import is_regular, lower_of_two, profiles_rise, rises_by
+from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.starts.values import starting_values
 
 
@@ -55,6 +59,33 @@ def test_profiles_rise_as_the_covariance_says_or_the_fit_is_not_believed(fit: Li
 
 def test_a_search_that_had_run_out_of_steps_is_not_believed(fit: LikelihoodFit) -> None:
     assert not is_regular(lengthened(fit, AnnealingSchedule.max_steps + 1))
+
+
+def test_what_a_search_at_a_low_signal_tested_is_not_tested_again(
+    fit: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the signal is low or the search long; the cost rises as the covariance says, which is then known."""
+    tried: list[AnnealingSchedule] = []
+
+    def counted(
+        segments: Segments, point: Iterate, scales: Scales, schedule: AnnealingSchedule, *, loss: Loss
+    ) -> AnnealingFit:
+        tried.append(schedule)
+        return anneal(segments, point, scales, schedule, loss=loss)
+
+    def refit(values: object, nodes: object, relaxation: object) -> LikelihoodFit:
+        raise AssertionError("no other optimum is looked for")
+
+    known = tightest_smooth_fit(lengthened(fit, 50), refit)
+    assert known.shape is CostShape.QUADRATIC
+    monkeypatch.setattr(local_optima, "anneal", counted)
+    assert is_regular(known)
+    of_known = len(tried)
+    assert is_regular(lengthened(fit, 50))
+    assert 0 < of_known < len(tried) - of_known
+    tried.clear()
+    assert is_regular(replace(known, shape=CostShape.REGULAR))
+    assert not tried
 
 
 def test_the_lower_of_two_optima_is_looked_at_as_the_longer_search_was(fit: LikelihoodFit) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 
 import numpy as np
 
@@ -72,6 +73,17 @@ class Optimum:
     of_white: Floats | None = None
 
 
+class CostShape(Enum):
+    """What is known of the cost around an optimum.
+
+    That it is QUADRATIC in random directions, or REGULAR: that it also rises in those that the record determines least.
+    """
+
+    UNKNOWN = auto()
+    QUADRATIC = auto()
+    REGULAR = auto()
+
+
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
     """A maximum of the likelihood.
@@ -105,6 +117,8 @@ class LikelihoodFit:
         Random forces on masses, stated or found.
     prior_conflicts : array of shape (P,)
         The reduction of -2 log likelihood without the prior of each parameter, offset or gain.
+    shape : CostShape
+        What is known of the cost around the optimum.
     """
 
     values: Floats
@@ -131,6 +145,7 @@ class LikelihoodFit:
     prior_conflicts: Floats
     others: tuple[Floats, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
+    shape: CostShape = CostShape.UNKNOWN
 
 
 def _workers() -> int:

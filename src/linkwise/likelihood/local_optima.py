@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.fit import CostShape, LikelihoodFit, Optimum
 from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 
@@ -100,7 +100,10 @@ def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
         return True
     if len(fit.path) > _EXHAUSTED:
         return False
-    return is_quadratic(fit, faint) and rises_in_weak_directions(fit, faint)
+    if fit.shape is CostShape.REGULAR:
+        return True
+    known = fit.shape is CostShape.QUADRATIC
+    return (known or is_quadratic(fit, faint)) and rises_in_weak_directions(fit, faint)
 
 
 def is_quadratic(

@@ -17,14 +17,14 @@ Phys. Rev. E 69, 036122 (2004).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.fit import CostShape, LikelihoodFit
 from linkwise.likelihood.local_optima import (
     is_quadratic,
     profiles_rise,
@@ -74,6 +74,9 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     """
     if not _may_be_wrong(fit):
         return fit
+    converged, low = fit.status is AnnealingStatus.CONVERGED, _is_low(fit)
+    if converged and not low and _is_smooth(fit):
+        return replace(fit, shape=CostShape.QUADRATIC)
     relaxed = list(_relaxed_fits(fit))
     if not relaxed or relaxed[-1].fit.status is AnnealingStatus.INTERRUPTED:
         return fit
@@ -82,13 +85,8 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
         tightest.q <= fit.optimum.q
         and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
     )
-    if (
-        agrees
-        and fit.status is AnnealingStatus.CONVERGED
-        and _is_smooth(fit)
-        and rises_in_weak_directions(fit)
-    ):
-        return fit
+    if agrees and converged and low and _is_smooth(fit) and rises_in_weak_directions(fit):
+        return replace(fit, shape=CostShape.REGULAR)
     least = min(relaxed_fit.evidence for relaxed_fit in relaxed)
     for candidate in reversed(relaxed):
         if candidate.evidence > least + _WORSE and candidate.fit.q < _SINGLE:
@@ -99,9 +97,9 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
             continue
         if refitted.status is AnnealingStatus.INTERRUPTED:
             return fit
-        converged = refitted.status is AnnealingStatus.CONVERGED and not refitted.chi_square_off
-        if converged and _is_smooth(refitted) and profiles_rise(refitted):
-            return refitted
+        is_good = refitted.status is AnnealingStatus.CONVERGED and not refitted.chi_square_off
+        if is_good and _is_smooth(refitted) and profiles_rise(refitted):
+            return replace(refitted, shape=CostShape.QUADRATIC)
     return fit
 
 
@@ -154,7 +152,7 @@ def _may_be_wrong(fit: LikelihoodFit) -> bool:
         return fit.chi_square < _ON_THE_WAY
     if fit.optimum.q > AnnealingSchedule.final_q:
         return False
-    return _is_low(fit) or not (went_straight(fit) or _is_smooth(fit))
+    return _is_low(fit) or not went_straight(fit)
 
 
 def _is_smooth(fit: LikelihoodFit) -> bool:
