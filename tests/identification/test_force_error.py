@@ -7,7 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
-from structures import link, oscillator
+from structures import (
+    CANTILEVER,
+    CANTILEVER_SHAPES,
+    host,
+    hysteretic_oscillator,
+    link,
+    named,
+    oscillator,
+    structure,
+    with_links,
+)
 
 import linkwise as lw
 
@@ -63,3 +73,70 @@ def test_nmse_of_a_force_that_does_not_vary(forced: lw.Record) -> None:
     elsewhere = link("spring", "m7-ground", "k*d", k=1.0)
     with pytest.raises(lw.RecordError, match=r"x:m7.*is not in the record"):
         lw.nmse(elsewhere, elsewhere, replace(forced, simulated=None))
+
+
+# --- links with memory and points of hosts
+
+JOINT = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.02, "s": 0.7}
+PUSH = {"forces": {"m1": "9*sin(17*t) + 5*sin(7.3*t) + 4*sin(41*t)"}, "duration": 4.0, "rate": 200.0}
+
+
+@pytest.mark.parametrize("start", [{}, {"state:joint.z": -0.6}])
+def test_nmse_of_a_link_with_memory_is_that_of_its_force_along_the_motion(start: dict[str, float]) -> None:
+    """Against a second way: the identified link beside the true one in one simulation, too soft to move it."""
+    true = hysteretic_oscillator(**JOINT)
+    off = named("off", "m1-ground", "bouc-wen", **(JOINT | {"x0": 0.018, "c": 1.6, "F": 11.0}))
+    faint = 1e-9
+    silent = named("off", "m1-ground", "bouc-wen", **(JOINT | {"x0": 0.018, "F": faint, "k": 0.0, "c": 0.0}))
+    both = with_links(true, silent)
+    released = start | {name.replace("joint", "off"): value for name, value in start.items()}
+    seen = lw.simulate(both, release=released, sensors=["x", "v", "state", "f:joint"], **PUSH)  # type: ignore[arg-type]
+    z = seen.channel("state:off.z")
+    force = 400.0 * seen.channel("x:m1") + 1.6 * seen.channel("v:m1") + 11.0 * z
+    right = seen.channel("f:joint")
+    expected = 100.0 * np.mean((force - right) ** 2) / np.var(right)
+    record = lw.simulate(true, release=start, **PUSH)  # type: ignore[arg-type]
+    # the spline between samples: (w h)^6 = 7e-5 of the component at 41 rad/s, 1e-9 N moves nothing
+    assert lw.nmse(true.links[0], off, record) == pytest.approx(expected, rel=1e-4)
+    assert lw.nmse(true.links[0], true.links[0], record) == 0.0
+    noisy = record.with_noise(20.0, seed=1)
+    assert lw.nmse(true.links[0], off, noisy) == lw.nmse(true.links[0], off, record)
+
+
+def test_nmse_of_a_law_without_memory_in_place_of_one() -> None:
+    """The damper counts: both whole forces are compared."""
+    true = hysteretic_oscillator(**JOINT)
+    record = lw.simulate(true, sensors=["x", "v", "f"], **PUSH)  # type: ignore[arg-type]
+    plain = link("joint", "m1-ground", "k*d + c*v", k=600.0, c=4.0)
+    left = 600.0 * record.channel("x:m1") + 4.0 * record.channel("v:m1") - record.channel("f:joint")
+    expected = 100.0 * np.mean(left**2) / np.var(record.channel("f:joint"))
+    assert lw.nmse(true.links[0], plain, record) == pytest.approx(expected, rel=1e-4)  # as above
+
+
+def test_nmse_of_a_state_that_runs_away_is_refused() -> None:
+    true = hysteretic_oscillator(**JOINT)
+    record = lw.simulate(true, **PUSH)  # type: ignore[arg-type]
+    wild = link("joint", "m1-ground", "k*d + F*z", {"z": "v/x0 + r*z**3"}, k=400.0, F=12.0, x0=0.002, r=1e5)
+    with pytest.raises(lw.SimulationError):
+        lw.nmse(true.links[0], wild, record)
+    gap = record.values.copy()
+    gap[30, 0] = np.nan
+    with pytest.raises(lw.SimulationError, match="inputs must not have gaps"):
+        lw.nmse(true.links[0], true.links[0], replace(record, values=gap, simulated=None))
+
+
+def test_nmse_between_points_of_a_host() -> None:
+    beam = host("beam", CANTILEVER, 0.01, CANTILEVER_SHAPES)
+    true, off = (link("joint", "beam.tip-beam.mid", "k*d + k3*d**3", k=k, k3=1e6) for k in (100.0, 110.0))
+    record = lw.simulate(
+        structure({}, true, hosts=[beam]),
+        release={"v:beam.mode2": 0.1},
+        duration=1.0,
+        rate=500.0,
+        sensors=["a:beam.root"],
+    )
+    q = present(record.simulated).displacement
+    shapes = np.array(CANTILEVER_SHAPES["tip"]) - np.array(CANTILEVER_SHAPES["mid"])
+    d = q @ shapes
+    expected = 100.0 * np.mean((10.0 * d) ** 2) / np.var(100.0 * d + 1e6 * d**3)
+    assert lw.nmse(true, off, record) == pytest.approx(expected, rel=1e-12)

@@ -87,3 +87,25 @@ def test_missing_cells_are_counted_and_strangers_left_out(study: Study) -> None:
     assert (empty.done, empty.expected, empty.masses) == (0, 4, 4)
     assert (empty.nmse, empty.low, empty.seconds, empty.median_row) == (None, None, None, None)
     assert np.isnan(empty.share_above(1.0))
+
+
+def test_intervals_that_hold_the_true_value_are_counted(study: Study) -> None:
+    """Those of trusted answers alone have standard errors; the chain's alpha is -100."""
+    case = next(
+        case for case in study.cases() if (case.structure, case.snr_db, case.method) == ("two", 20.0, "ml")
+    )
+    spread = 1.0
+    answers = [
+        replace(
+            row(replace(case, seed=1000 + number), 1.0),
+            coefficients={"nes1.alpha": -100.0 + off},
+            standard_errors={"nes1.alpha": spread} if trusted else {},
+        )
+        for number, (off, trusted) in enumerate([(1.9, True), (-1.9, True), (2.1, True), (50.0, False)])
+    ]
+    cell = present(StudyTable.of(study, answers).cell("two", 20.0, "ml"))
+    assert cell.truth["nes1.alpha"] == -100.0
+    assert cell.intervals == 3 and cell.coverage == pytest.approx(2 / 3)
+    assert (
+        present(StudyTable.of_rows(answers).cell("two", 20.0, "ml")).coverage is None
+    )  # nobody knows the truth

@@ -90,7 +90,7 @@ def test_the_summary_prints_itself(folder: Path) -> None:
     assert "\n\nbnes2, 40 dB\n  method" in text
     assert not summary.complete and {cell.structure for cell in summary.failed_cells} == {"pushed away"}
     line = next(line for line in text.partition("pushed away, 20 dB")[2].splitlines() if "weak" in line)
-    assert line.split() == ["weak", "-", "-", "1", "0", "1", "-"]
+    assert line.split() == ["weak", "-", "-", "1", "0", "1", "-", "-"]
     assert "! pushed away, 20 dB, weak failed 1 times: " in text
     assert summary.to_dict()["done"] == 18 and len(summary.to_dict()["cells"]) == 18
 

@@ -278,3 +278,81 @@ def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
         unreadable = executor.submit(CaseBatch("no JSON", (case,)))
         wait([unreadable])
         assert executor.failure_kind(unreadable) is FailureKind.CANNOT_RUN
+
+
+JOINT_AND_BEAM = """
+snr_db = [40]
+first_seed = 31
+cycles = 2
+
+[[structure]]
+name = "joint"
+toml = '''
+[[mass]]
+name = "m1"
+mass = 1.0
+[[link]]
+name = "joint"
+between = ["m1", "ground"]
+law = "bouc-wen"
+coefficients = { k = 400.0, c = 1.5, F = 12.0, x0 = "20 mm", s = 0.7 }
+'''
+forces = { m1 = "9*sin(17*t) + 5*sin(7.3*t) + 4*sin(41*t)" }
+duration = 4.0
+rate = 200.0
+unknown = ["joint"]
+
+[[structure]]
+name = "beam"
+toml = '''
+[[host]]
+name = "beam"
+frequency_sigma = "1 %"
+modes = [ { frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } } ]
+[[mass]]
+name = "store"
+mass = 0.05
+[[link]]
+name = "payload"
+between = ["store", "beam.tip"]
+law = "k*d + k3*d**3 + c*v"
+coefficients = { k = 200.0, k3 = 2e6, c = 0.05 }
+'''
+forces = { "beam.joint" = "5*sin(33*t)" }
+duration = 2.0
+rate = 300.0
+unknown = ["payload"]
+
+[[method]]
+kind = "ml"
+[[method]]
+kind = "weak"
+[[method]]
+kind = "monomial"
+convention = "states"
+"""
+
+
+def test_links_with_memory_and_hosts_are_studied(tmp_path: Path) -> None:
+    """Rows are those of the library, intervals hold the truth, and methods that do not take them say so."""
+    path = tmp_path / "mine.toml"
+    path.write_text(JOINT_AND_BEAM, encoding="utf-8")
+    with studies_here():
+        rows = lw.run_study(path, tmp_path / "out", workers=1)
+    study = lw.read_study(path)
+    for name, link in (("joint", "joint"), ("beam", "payload")):
+        subject = study.subject(name)
+        clean = subject.simulate()
+        fit = lw.identify(subject.measured(clean).with_noise(40.0, seed=32), subject.stated_structure(32))
+        row = next(row for row in rows if row.case == Case(name, 40.0, "ml", 32))
+        true = subject.true_structure.link(link)
+        assert row.links == pytest.approx({link: lw.nmse(true, fit.structure.link(link), clean)}, rel=1e-8)
+        assert row.status == "converged" and set(row.standard_errors) == {p.name for p in fit.parameters}
+    cells = {(cell.structure, cell.method): cell for cell in lw.study_summary(tmp_path / "out").cells}
+    assert cells["joint", "ml"].intervals == 10 and cells["beam", "ml"].intervals == 8
+    for name in ("joint", "beam"):
+        # 0.5 is seven standard deviations off 95 % for eight independent intervals; those of a link go together
+        assert (cells[name, "ml"].coverage or 0.0) >= 0.5 and (cells[name, "ml"].nmse or 1.0) < 0.01
+        for method in ("weak", "monomial, states"):
+            ((reason, count),) = cells[name, method].reasons
+            assert count == 2 and "is not supported in method" in reason

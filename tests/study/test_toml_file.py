@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from present import some
 from small_study import TEXT, small
@@ -186,3 +187,91 @@ def test_the_documented_study_is_one() -> None:
     assert study.subjects[0].judged_links == ("nes1", "nes2")
     for name in some(re.findall(r"\blw\.(\w+)", page)):
         assert hasattr(lw, name)
+
+
+MADE = """
+snr_db = [40]
+[[structure]]
+duration = 1.0
+rate = 500.0
+unknown = ["joint"]
+toml = '''
+name = "beam with a slipping joint"
+[[host]]
+name = "beam"
+frequency_sigma = "1 %"
+modes = [ { frequency = "5 Hz", damping = 0.01, shape = { tip = 1.0 } } ]
+[[mass]]
+name = "store"
+mass = 0.1
+[[link]]
+name = "joint"
+between = ["store", "beam.tip"]
+law = "bouc-wen"
+coefficients = { k = 200.0, c = 0.5, F = 2.0, x0 = "5 mm", s = 0.6 }
+'''
+values = { "joint.F" = 3.0 }
+sensors = ["a", "state:joint.z", "f:joint"]
+release = { "v:beam.mode1" = 0.5, "state:joint.z" = 0.1 }
+forces = { "beam.tip" = "sin(20*t)" }
+[[method]]
+kind = "ml"
+"""
+
+
+def test_a_study_takes_points_states_and_other_values() -> None:
+    (subject,) = (study := parse_study(MADE, "m.toml", Path())).subjects
+    clean = subject.simulate()
+    seen = subject.measured(clean)
+    assert seen.channels == ("a:beam.tip", "a:store", "state:joint.z", "f:joint", "force:beam.tip")
+    assert seen.channel("state:joint.z")[0] == 0.1
+    assert subject.judged_links == ("joint",)
+    assert subject.true_structure.coefficient("joint.F").value == 3.0
+    again = build_study(json.loads(study.text()), "again", Path()).subjects[0]
+    assert again.structure == subject.structure and again.release == subject.release
+
+
+def test_what_is_known_to_within_is_told_wrong_by_its_deviation() -> None:
+    (subject,) = parse_study(MADE, "m.toml", Path()).subjects
+    assert subject.true_structure.coefficient("beam.mode1.frequency").value == 5.0
+    told = [subject.stated_structure(seed).coefficient("beam.mode1.frequency") for seed in range(400)]
+    assert {coefficient.sigma for coefficient in told} == {0.05} and not any(c.known for c in told)
+    values = np.array([coefficient.value for coefficient in told])
+    # 400 draws: standard errors of 0.05/20 and 0.05/28; four of them
+    assert values.mean() == pytest.approx(5.0, abs=4 * 0.05 / 20) and values.std() == pytest.approx(
+        0.05, rel=4 / 28
+    )
+    assert subject.stated_structure(7) == subject.stated_structure(7) != subject.stated_structure(8)
+    plain = lw.Subject("chain", lw.bnes_chain(2), duration=1.0, rate=500.0)
+    assert plain.stated_structure(1) is plain.unknown_structure and plain.true_structure is plain.structure
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "v:beam.mode1",
+            "v:beam.tip",
+            r"release\.v:beam\.tip: a point moves as the modes .* such as v:beam\.mode1",
+        ),
+        ("v:beam.mode1", "f:joint", r"release\.f:joint: a release takes displacements .*, got a force"),
+        (
+            '"state:joint.z" = 0.1',
+            '"state:joint.y" = 0.1',
+            r"unknown state 'joint\.y'.*; the states are joint\.z",
+        ),
+        ('"state:joint.z", "f', '"state:joint.q", "f', r"sensors: unknown state 'joint\.q'"),
+        ("f:joint", "f:jiont", r"sensors: unknown link 'jiont' in f:jiont; did you mean \"joint\""),
+        (
+            '{ "beam.tip"',
+            '{ "beam.tp"',
+            r'forces\.beam\.tp: unknown mass "beam\.tp"; did you mean "beam\.tip"',
+        ),
+        ('"joint.F" = 3.0', '"joint.G" = 3.0', r'structure\[0\]\.values: unknown coefficient "joint\.G"'),
+        ("k = 200.0", 'k = "unknown"', r"joint\.k is unknown, .* a number here or in `values`"),
+    ],
+)
+def test_a_mistake_in_points_and_states_is_named(old: str, new: str, message: str) -> None:
+    assert old in MADE
+    with pytest.raises(lw.StudyError, match=message):
+        parse_study(MADE.replace(old, new), "m.toml", Path())

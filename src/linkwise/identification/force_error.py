@@ -8,9 +8,10 @@ from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import RecordError
-from linkwise.model.memory_support import refuse_memory
-from linkwise.model.structure import BASE, GROUND, Link
+from linkwise.model.input_signal import Sampled
+from linkwise.model.structure import BASE, GROUND, Link, Structure
 from linkwise.records.record import Record
+from linkwise.simulation.simulate import simulate
 
 
 @deprecated_keyword("found", Deprecated("estimated", since="0.2.0", until="0.4.0"))
@@ -19,7 +20,9 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
     """Compute the normalised mean square error of an identified force.
 
     It is the mean square of the difference of both stiffness forces (v = 0) over the variance of the true one, at the
-    elongations of a record: the true ones of a simulated record, those of the displacements of a measured one.
+    elongations of a record: the true ones of a simulated record, those of the displacements of a measured one. If one of the
+    links has memory, the whole forces are compared: both are driven by the elongations, from the true states at the start of
+    a simulated record, and from states of 0 otherwise.
 
     Parameters
     ----------
@@ -39,6 +42,8 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
     ------
     RecordError
         If an end of the link has no displacement in the record, or the true force does not vary.
+    SimulationError
+        If a state of a link with memory runs away, or its elongation has gaps.
 
     References
     ----------
@@ -53,22 +58,43 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
     >>> bool(0.0 < lw.nmse(chain.link("nes1"), weaker.link("nes1"), record) < 0.1)
     True
     """
-    d = _elongation(true, record)
-    refuse_memory([true, estimated], "errors of forces over d")
-    force = true.force(d)
+    forces = _forces_with_memory if true.law.states or estimated.law.states else _stiffness_forces
+    force, identified = forces(true, estimated, record)
     variance = float(np.var(force))
     if variance == 0.0:
         raise RecordError(
             f'the true force of link "{true.name}" does not vary over the record, so no relative error exists'
         )
-    return float(100.0 * np.mean((force - estimated.force(d)) ** 2) / variance)
+    return float(100.0 * np.mean((force - identified) ** 2) / variance)
+
+
+def _stiffness_forces(true: Link, estimated: Link, record: Record) -> tuple[Floats, Floats]:
+    """(N',) N of both links at rest, at the elongations of the samples where both ends were seen."""
+    d = _elongation(true, record)
+    d = d[np.isfinite(d)]
+    return true.force(d), estimated.force(d)
+
+
+def _forces_with_memory(true: Link, estimated: Link, record: Record) -> tuple[Floats, Floats]:
+    """(N,) N of both links, each alone on a rig that moves as the link did."""
+    motion = Sampled(0.0, record.rate, _elongation(true, record))
+    times = np.arange(len(record)) / record.rate
+    states = {} if record.simulated is None else record.simulated.states
+    forces = []
+    for link in (true, estimated):
+        rig = Structure("rig", (), (Link(link.name, (BASE, GROUND), link.law, link.coefficients),))
+        start = {
+            f"state:{link.name}.{name}": float(states.get(f"{true.name}.{name}", [0.0])[0])
+            for name in link.law.states
+        }
+        forces.append(simulate(rig, times=times, base=motion, release=start).channel(f"f:{link.name}"))
+    return forces[0], forces[1]
 
 
 def _elongation(link: Link, record: Record) -> Floats:
-    """(N',) elongations of one link at the samples where both ends were seen."""
+    """(N,) elongations of one link."""
     ends = [_displacement(end, record) for end in link.between]
-    d = np.asarray(ends[0] - ends[1])
-    return d[np.isfinite(d)]
+    return np.asarray(ends[0] - ends[1])
 
 
 def _displacement(end: str, record: Record) -> Floats:
@@ -77,6 +103,6 @@ def _displacement(end: str, record: Record) -> Floats:
         return np.zeros(len(record))
     if truth is not None and end == BASE and truth.base is not None:
         return truth.base
-    if truth is not None and end in truth.structure.mass_names:
-        return np.asarray(truth.displacement[:, truth.structure.mass_names.index(end)])
+    if truth is not None and end in truth.structure.topology.index and end != BASE:
+        return np.asarray(truth.displacement @ truth.structure.topology.row(end))
     return record.channel(f"x:{end}")

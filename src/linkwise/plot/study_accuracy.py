@@ -172,7 +172,8 @@ def draw_curves(
     counts = list(table.masses.values())
     distinct = len(set(counts)) == len(counts)
     ticks = [str(count) for count in counts] if distinct else [literal(name) for name in table.structures]
-    axes.set_xticks(range(len(ticks)), ticks)
+    slanted: dict[str, Any] = {} if distinct else {"rotation": 25, "ha": "right", "rotation_mode": "anchor"}
+    axes.set_xticks(range(len(ticks)), ticks, **slanted)
     axes.set_xlim(-0.3, len(ticks) - 0.7)
     axes.set_xlabel("degrees of freedom" if distinct else "structure")
     if axes.lines:

@@ -15,6 +15,7 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.cells import SPREAD, Cell, StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
+from linkwise.study.summary import covered
 from linkwise.verdict import Verdict, is_trusted
 
 _READING = {
@@ -104,6 +105,7 @@ def study_page(
         rows=[_row(report, number) for number in range(len(comparison.cells))],
         reasons=_reasons(comparison),
         others=_others(report),
+        coverages=_coverages(table),
         illustrations=illustrations,
         missing=_missing(table),
         failures=_failures(table),
@@ -221,3 +223,13 @@ def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
 def _nmse(table: StudyTable, name: str, level: float, method: str) -> float | None:
     cell = table.cell(name, level, method)
     return None if cell is None else cell.nmse
+
+
+def _coverages(table: StudyTable) -> list[tuple[str, float, Mapping[str, str]]]:
+    """How many intervals hold the true value, by structure and noise level, where there are any."""
+    lines: dict[tuple[str, float], dict[str, str]] = {}
+    for cell in table.cells:
+        texts = lines.setdefault((cell.structure, cell.snr_db), dict.fromkeys(table.methods, "–"))
+        if cell.intervals:
+            texts[cell.method] = covered(cell.coverage, cell.intervals)
+    return [(*key, texts) for key, texts in lines.items() if set(texts.values()) != {"–"}]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.model.structure import Structure
 from linkwise.study.definition import Study
 from linkwise.study.row import Case, Row
 from linkwise.verdict import Verdict
@@ -29,13 +31,15 @@ class Cell:
     structure, method : str
         Names of the structure and the method.
     masses : int
-        The number of masses.
+        The number of masses and modes.
     snr_db : float
         The noise level as a signal-to-noise ratio in dB.
     expected : int
         The number of cases that the study asks for.
     answers, failures : tuple of Row
         The rows with and without an answer.
+    truth : mapping of str to float
+        The true coefficients in SI units by full name, as far as they are known.
 
     Examples
     --------
@@ -54,6 +58,7 @@ class Cell:
     expected: int
     answers: tuple[Row, ...]
     failures: tuple[Row, ...]
+    truth: Mapping[str, float] = field(default_factory=dict)
 
     middle = DeprecatedAttribute(Deprecated("median_row", since="0.2.0", until="0.4.0"))
 
@@ -107,6 +112,25 @@ class Cell:
         return float(np.mean(self._errors > value)) if self.done else float("nan")
 
     @cached_property
+    def intervals(self) -> int:
+        """The number of intervals of coefficients in the answers that are trusted."""
+        return len(self._covered)
+
+    @cached_property
+    def coverage(self) -> float | None:
+        """The part of these 95 % intervals that hold the true coefficient, from 0 to 1; None without intervals."""
+        return float(np.mean(self._covered)) if self._covered else None
+
+    @cached_property
+    def _covered(self) -> list[bool]:
+        return [
+            abs(row.coefficients[name] - self.truth[name]) <= NORMAL_95 * error
+            for row in self.answers
+            for name, error in row.standard_errors.items()
+            if name in self.truth
+        ]
+
+    @cached_property
     def reasons(self) -> tuple[tuple[str, int], ...]:
         """The reasons of failures and their numbers, the most frequent first."""
         return tuple(Counter(row.reason for row in self.failures).most_common())
@@ -138,7 +162,7 @@ class StudyTable:
                 gathered[key].append(row)
         return cls(
             tuple(
-                _cell(key, study.subject(key[0]).structure.size, len(cases), gathered[key])
+                _cell(key, study.subject(key[0]).true_structure, len(cases), gathered[key])
                 for key, cases in expected.items()
             )
         )
@@ -150,7 +174,10 @@ class StudyTable:
         for row in rows:
             gathered[row.structure, row.snr_db, row.method].append(row)
         return cls(
-            tuple(_cell(key, inside[0].masses, len(inside), inside) for key, inside in gathered.items())
+            tuple(
+                Cell(key[0], inside[0].masses, *key[1:], len(inside), *_answered(inside))
+                for key, inside in gathered.items()
+            )
         )
 
     @property
@@ -208,11 +235,19 @@ class StudyTable:
         return {(cell.structure, cell.snr_db, cell.method): cell for cell in self.cells}
 
 
-def _cell(key: tuple[str, float, str], masses: int, expected: int, rows: Sequence[Row]) -> Cell:
+def _cell(key: tuple[str, float, str], true: Structure, expected: int, rows: Sequence[Row]) -> Cell:
     structure, snr_db, method = key
+    answers, failures = _answered(rows)
+    names = {name for row in answers for name in row.standard_errors}
+    values = {name: true.coefficient(name).value for name in names}
+    truth = {name: value for name, value in values.items() if value is not None}
+    return Cell(structure, true.size, snr_db, method, expected, answers, failures, truth)
+
+
+def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+    """The rows with and without an answer."""
     answers = tuple(row for row in rows if np.isfinite(_error(row)))
-    failures = tuple(row for row in rows if not np.isfinite(_error(row)))
-    return Cell(structure, masses, snr_db, method, expected, answers, failures)
+    return answers, tuple(row for row in rows if not np.isfinite(_error(row)))
 
 
 def _error(row: Row) -> float:

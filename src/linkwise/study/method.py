@@ -191,14 +191,14 @@ def _identify(
     estimator: IdentificationMethod | Estimator,
 ) -> MethodResult:
     record = subject.measured(clean).with_noise(snr_db, seed=seed)
-    estimate = identify(record, subject.unknown_structure, method=estimator)
+    estimate = identify(record, subject.stated_structure(seed), method=estimator)
     names = [parameter.name for parameter in estimate.parameters]
     errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)) if estimate.trusted else ()
     return MethodResult(
         status=estimate.status,
         seconds=estimate.seconds,
         links={
-            name: nmse(subject.structure.link(name), estimate.structure.link(name), clean)
+            name: nmse(subject.true_structure.link(name), estimate.structure.link(name), clean)
             for name in subject.judged_links
         },
         coefficients=dict(zip(names, map(float, estimate.values), strict=True)),

@@ -12,7 +12,9 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.expression import polynomial
+from linkwise.model.host_support import refuse_hosts
 from linkwise.model.link import Link
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.sindy.conventions import Convention, noisy_states
@@ -50,6 +52,8 @@ class MonomialMethod(StudyMethod):
         self._regressor()
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        refuse_memory(subject.structure.links, 'methods of the kind "monomial"')
+        refuse_hosts(subject.structure, 'methods of the kind "monomial"')
         equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
         started = perf_counter()
         fit = _fit(equations, gram, subject.structure, self._regressor())

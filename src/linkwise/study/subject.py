@@ -4,27 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from linkwise.argument_types import checked_class
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.errors import LinkwiseError, StudyError
+from linkwise.errors import LinkwiseError, SimulationError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.host_support import refuse_hosts
 from linkwise.model.link import BASE
-from linkwise.model.memory_support import refuse_memory
+from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.simulation.checks import check_link, check_state
 from linkwise.simulation.simulate import simulate
 from linkwise.text import near_miss
 
 _ALL = ("x", "v", "a")
+_KINDS = (*_ALL, "f", "state")
+_PRIOR = (
+    1  # beside the seed: the stream of what is known to within, the noise being drawn from the seed alone
+)
 
 
 @checked_class
@@ -37,7 +43,9 @@ class Subject:
     name : str
         The name in the study.
     structure : Structure
-        The true structure, every coefficient a number.
+        The true structure, every coefficient a number. A coefficient known to within, such as a frequency of a host, has its
+        start as true value; in each cycle an identification is told another one, off by a random error of its standard
+        deviation.
     duration, rate : float
         Length of the records in s, and samples per second in Hz.
     release : mapping of str to float
@@ -49,7 +57,8 @@ class Subject:
     base : str or None
         Displacement of the base in m, as text in t.
     sensors : tuple of str
-        What is measured: kinds ("x", "v", "a") or channels ("x:m1").
+        What is measured: kinds ("x", "v", "a" of every mass and point, "f" of every link, "state" of links with memory) or
+        channels ("x:m1").
     unknown : tuple of str
         What is identified, as in `Structure.unknown`.
     judge : tuple of str
@@ -94,8 +103,6 @@ class Subject:
 
     def __post_init__(self) -> None:
         refuse_rig(self.structure, "studies")
-        refuse_memory(self.structure.links, "studies")
-        refuse_hosts(self.structure, "studies")
         for key, value in (("duration", self.duration), ("rate", self.rate)):
             if not 0.0 < value < float("inf"):
                 raise StudyError(f"must be positive and finite, got {value!r}", key)
@@ -106,8 +113,8 @@ class Subject:
             if not names:
                 raise StudyError("must name at least one", key)
         for name in self.sensors:
-            if name not in _ALL:
-                self._check_channel(name, "sensors", _ALL)
+            if name not in _KINDS:
+                self._check_channel(name, "sensors", _KINDS)
         for key, check in (
             ("unknown", lambda: self.unknown_structure.parameters),
             ("judge", lambda: self.judged_links),
@@ -118,9 +125,40 @@ class Subject:
                 raise StudyError(str(error), key) from None
 
     @cached_property
+    def true_structure(self) -> Structure:
+        """The structure that is simulated, every coefficient a number."""
+        starts = {p.name: p.start for p in self.structure.parameters if p.start is not None}
+        return self.structure.with_values(starts) if starts else self.structure
+
+    @cached_property
     def unknown_structure(self) -> Structure:
         """The structure with its unknowns, which methods identify."""
         return self.structure.unknown(*self.unknown)
+
+    def stated_structure(self, seed: int) -> Structure:
+        """The structure with its unknowns, where what is known to within is off the truth by a random error.
+
+        Parameters
+        ----------
+        seed : int
+            The seed of the errors.
+
+        Returns
+        -------
+        Structure
+            The structure.
+        """
+        structure, rng = self.unknown_structure, np.random.default_rng([seed, _PRIOR])
+        slots = coefficient_slots(structure.masses, structure.links, structure.hosts)
+        stated = {
+            p.name: replace(slots[p.name].coefficient, value=_drawn(p, rng))
+            for p in structure.parameters
+            if math.isfinite(p.sigma)
+        }
+        if not stated:
+            return structure
+        masses, links = replace_coefficients(structure.masses, structure.links, slots, stated)
+        return Structure(structure.name, masses, links, replace_shapes(structure.hosts, stated))
 
     @cached_property
     def judged_links(self) -> tuple[str, ...]:
@@ -135,8 +173,13 @@ class Subject:
             for link in self.unknown_structure.links
             if any(not c.known for c in link.coefficients.values())
         ]
-        nonlinear = [link for link in unknown if "d" in symbols(differentiate(link.law.expression, "d"))]
-        return tuple(link.name for link in nonlinear or unknown)
+        joints = [link for link in unknown if link.name not in self.structure.modes]
+        nonlinear = [
+            link
+            for link in joints
+            if link.law.states or "d" in symbols(differentiate(link.law.expression, "d"))
+        ]
+        return tuple(link.name for link in nonlinear or joints or unknown)
 
     def simulate(self, cycle: int = 0) -> Record:
         """Simulate a cycle without noise.
@@ -149,7 +192,7 @@ class Subject:
         Returns
         -------
         Record
-            Displacements, velocities and accelerations of every mass, and the inputs.
+            Displacements, velocities and accelerations of every mass and point, other sensors, and the inputs.
 
         Raises
         ------
@@ -158,10 +201,10 @@ class Subject:
         """
         factor = 1.0 + self.scatter * cycle
         return simulate(
-            self.structure,
+            self.true_structure,
             duration=self.duration,
             rate=self.rate,
-            sensors=_ALL,
+            sensors=list(dict.fromkeys((*_ALL, *self.sensors))),
             release={name: value * factor for name, value in self.release.items()},
             impulses=self.impulses,
             forces=self.forces,
@@ -181,10 +224,17 @@ class Subject:
         Record
             The channels of the sensors, in their order, and the inputs.
         """
-        channels: dict[str, None] = {}
+        structure, channels = self.structure, dict[str, None]()
+        owners = {
+            **dict.fromkeys(_ALL, structure.places),
+            "f": [link.name for link in structure.links],
+            "state": [
+                f"{structure.links[number].name}.{state}" for number, state in structure.topology.states
+            ],
+        }
         for sensor in self.sensors:
-            kinds = [f"{sensor}:{mass}" for mass in self.structure.mass_names] if sensor in _ALL else [sensor]
-            channels.update(dict.fromkeys(kinds))
+            named = [f"{sensor}:{owner}" for owner in owners[sensor]] if sensor in owners else [sensor]
+            channels.update(dict.fromkeys(named))
         return clean.select([*channels, *clean.inputs])
 
     def document(self) -> dict[str, Any]:
@@ -215,12 +265,7 @@ class Subject:
 
     def _check_excitation(self) -> None:
         for channel in self.release:
-            self._check_channel(channel, f"release.{channel}")
-            if channel[0] == "a":
-                raise StudyError(
-                    "a release takes displacements (x) and velocities (v), got an acceleration",
-                    f"release.{channel}",
-                )
+            self._check_release(channel, f"release.{channel}")
         for index, impulse in enumerate(self.impulses):
             self._check_mass(impulse.mass, f"impulse[{index}].mass")
         for mass, text in self.forces.items():
@@ -234,6 +279,19 @@ class Subject:
                 "base",
             )
 
+    def _check_release(self, name: str, key: str) -> None:
+        self._check_channel(name, key)
+        channel = Channel.parse(name)
+        got = {"a": "an acceleration", "f": "a force"}.get(channel.kind)
+        if got is not None:
+            raise StudyError(f"a release takes displacements (x) and velocities (v), got {got}", key)
+        for host in self.structure.hosts:
+            if channel.mass in host.points:
+                mode = f"{channel.kind}:{host.coordinates[0]}"
+                raise StudyError(
+                    f"a point moves as the modes of its host do; release these, such as {mode}", key
+                )
+
     def _check_time_function(self, key: str, **excitation: Any) -> None:
         try:
             Excitation.of(**excitation)
@@ -246,14 +304,27 @@ class Subject:
         except LinkwiseError as error:
             others = f", or one of the kinds {', '.join(kinds)}" if kinds else ""
             raise StudyError(
-                f"{error}; expected a channel such as v:{self.structure.mass_names[0]}{others}", key
+                f"{error}; expected a channel such as v:{self.structure.places[0]}{others}", key
             ) from None
         if channel.is_input or channel.mass == BASE:
             raise StudyError(f'"{name}" is an input, not the motion of a mass', key)
-        self._check_mass(channel.mass, key)
+        check = {"f": check_link, "state": check_state}.get(channel.kind)
+        if check is None:
+            self._check_mass(channel.mass, key)
+            return
+        try:
+            check(channel.mass, self.structure, name)
+        except SimulationError as error:
+            raise StudyError(error.message, key) from None
 
     def _check_mass(self, name: str, key: str) -> None:
-        names = self.structure.mass_names
-        if name not in names:
+        names = self.structure.places
+        if name not in (*names, *self.structure.modes):
             hint = near_miss(name, names)
             raise StudyError(f'unknown mass "{name}"{hint}; choose from {", ".join(names)}', key)
+
+
+def _drawn(parameter: Parameter, rng: np.random.Generator) -> float:
+    """A value off the true one by the error of what is known to within, inside the bounds."""
+    value = (parameter.start or 0.0) + parameter.sigma * rng.standard_normal()
+    return float(np.clip(value, parameter.lower, parameter.upper))

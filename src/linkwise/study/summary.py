@@ -73,7 +73,7 @@ class StudySummary(JudgedView):
         blocks = ["\n".join([head, *lacks])]
         for (structure, level), group in groupby(self.cells, key=lambda cell: (cell.structure, cell.snr_db)):
             lines: list[tuple[str, ...]] = [
-                ("method", "median %", "worst %", "failed", "untrusted", "of", "seconds")
+                ("method", "median %", "worst %", "failed", "untrusted", "of", "covered", "seconds")
             ]
             lines += [_line(cell_record(cell)) for cell in group]
             blocks.append("\n".join([f"{structure}, {level:g} dB", *align_columns(lines)]))
@@ -126,7 +126,8 @@ def cell_record(cell: Cell) -> dict[str, Any]:
     """A cell as a table line.
 
     NMSE in %: median and 5 and 95 % quantiles over the seeds, a failed one counting as worst, and the worst of those with an
-    answer. `untrusted` counts answers that the method itself does not trust.
+    answer. `untrusted` counts answers that the method itself does not trust; `coverage` is the part of the 95 % `intervals` of
+    coefficients in the others that hold the true value.
     """
     errors = [row.nmse for row in cell.answers if row.nmse is not None]
     return {
@@ -142,6 +143,8 @@ def cell_record(cell: Cell) -> dict[str, Any]:
         "low": cell.low,
         "high": cell.high,
         "worst": max(errors, default=None),
+        "coverage": cell.coverage,
+        "intervals": cell.intervals,
         "seconds": cell.seconds,
     }
 
@@ -151,5 +154,11 @@ def _line(record: dict[str, Any]) -> tuple[str, ...]:
         record["method"],
         *("-" if record[key] is None else f"{record[key]:.3g}" for key in ("median", "worst")),
         *(str(record[key]) for key in ("failed", "untrusted", "done")),
+        covered(record["coverage"], record["intervals"]),
         "-" if record["seconds"] is None else f"{record['seconds']:.3g}",
     )
+
+
+def covered(coverage: float | None, intervals: int) -> str:
+    """How many intervals hold the true value, such as "94 % of 250"; a dash without intervals."""
+    return "-" if coverage is None else f"{100.0 * coverage:.3g} % of {intervals}"

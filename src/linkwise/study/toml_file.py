@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.resources import files
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ class _Structure(msgspec.Struct, forbid_unknown_fields=True):
     bnes: int | None = None
     file: str | None = None
     toml: str | None = None
+    values: dict[str, float] = {}
     release: dict[str, float] = {}
     impulse: list[_Impulse] = []
     forces: dict[str, str] = {}
@@ -181,18 +183,22 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
         )
     try:
         if entry.bnes is not None:
-            return bnes_chain(entry.bnes)
-        structure = (
-            read_structure(folder / entry.file)
-            if entry.file is not None
-            else parse_structure(entry.toml or "", f"{source}, {path}.toml")
-        )
+            structure = bnes_chain(entry.bnes)
+        elif entry.file is not None:
+            structure = read_structure(folder / entry.file)
+        else:
+            structure = parse_structure(entry.toml or "", f"{source}, {path}.toml")
     except LinkwiseError as error:
         raise StudyError(str(error), f"{source}, {path}.{given[0]}") from None
-    if structure.parameters:
+    try:
+        structure = structure.with_values(entry.values) if entry.values else structure
+    except LinkwiseError as error:
+        raise StudyError(str(error), f"{source}, {path}.values") from None
+    unknown = [p.name for p in structure.parameters if p.start is None or not isfinite(p.sigma)]
+    if unknown:
         raise StudyError(
-            f"{structure.parameters[0].name} is unknown, but the structure must be simulated before it is identified; give it "
-            "a number here, and name in `unknown` what is to be identified",
+            f"{unknown[0]} is unknown, but the structure must be simulated before it is identified; give it a number here or "
+            "in `values`, and name in `unknown` what is to be identified",
             f"{source}, {path}.{given[0]}",
         )
     return structure
