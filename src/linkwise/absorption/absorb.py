@@ -117,9 +117,8 @@ def _run(
     """One of the two runs, the vibration of its primary masses, and the run with its crossings and what harvesters took."""
     motion = SimulatedMotion.of(schedule)
     runs = single_run(motion, potentials.tops(0), powers)
-    columns = [schedule.structure.mass_names.index(name) for name in comparison.primaries]
     positions = rest_positions([comparison.resting_structure], comparison.primaries)
-    vibration = Vibration(runs, columns, positions)
+    vibration = Vibration(runs, [schedule.structure], comparison.primaries, positions)
     base = schedule.excitation.base
     x_base = None if base is None else base.value(schedule.times)
     run = AbsorptionRun(

@@ -17,7 +17,6 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression
 from linkwise.model.excitation import Excitation
-from linkwise.model.host_support import refuse_hosts
 from linkwise.model.memory_support import require_rest_at_zero
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
@@ -46,7 +45,6 @@ class Comparison:
     def of(cls, structure: Structure, options: AbsorptionOptions) -> Comparison:
         """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
         refuse_rig(structure, "comparisons with and without sinks")
-        refuse_hosts(structure, "comparisons with and without sinks")
         require_rest_at_zero(structure.links, "comparisons with and without sinks")
         _ = (
             [link.values for link in structure.links],
@@ -93,7 +91,7 @@ class Comparison:
 
     @cached_property
     def primaries(self) -> tuple[str, ...]:
-        """The masses that no sink carries, which both structures have."""
+        """The points of hosts, and the masses that no sink carries, which both structures have."""
         return primary_masses(self.structure, self.sinks)
 
     @cached_property

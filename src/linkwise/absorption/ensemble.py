@@ -164,10 +164,10 @@ def _baseline(
     potentials = Potentials.of([schedule.structure for schedule in schedules])
     first = comparisons[0]
     values = np.full((4, len(first.primaries), len(comparisons)), np.nan)
-    columns = [schedules[0].structure.mass_names.index(name) for name in first.primaries]
 
     def collect(runs: Runs, numbers: Indices) -> None:
-        vibration = Vibration(runs, columns, [positions[run] for run in numbers])
+        structures = [schedules[run].structure for run in numbers]
+        vibration = Vibration(runs, structures, first.primaries, [positions[run] for run in numbers])
         level = first.options.settle * vibration.peak
         values[:, :, numbers] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
 
@@ -193,10 +193,10 @@ def _with_sinks(
         if envelopes
         else None
     )
-    columns = [first.structure.mass_names.index(name) for name in first.primaries]
 
     def collect(runs: Runs, numbers: Indices) -> None:
-        vibration = Vibration(runs, columns, [positions[run] for run in numbers])
+        structures = [schedules[run].structure for run in numbers]
+        vibration = Vibration(runs, structures, first.primaries, [positions[run] for run in numbers])
         by_name = quantity_values(
             first, runs, vibration, potentials.of_runs(numbers), baseline.of_runs(numbers)
         )

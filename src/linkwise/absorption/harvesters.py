@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -40,7 +41,7 @@ def with_harvesters(structure: Structure, harvesters: Harvesters) -> Structure:
                 f"the damping of a harvester must be positive, got {damping!r} N s/m", f'link "{name}"'
             )
         added.append(Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": damping}))
-    return Structure(structure.name, structure.masses, (*structure.links, *added)) if added else structure
+    return replace(structure, links=(*structure.links, *added)) if added else structure
 
 
 def delivered_powers(structure: Structure, harvesters: Harvesters) -> dict[str, Expression]:

@@ -8,18 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.absorption.barriers import Barriers, barriers
+from linkwise.absorption.places import moving_alike
 from linkwise.arrays import Floats, Indices
 from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
 class Potentials:
-    """The potentials of L links in W structures of the shape of `first`.
+    """The potentials of L links in W `structures` of one shape.
 
     `values` (W,) of each coefficient by link, `masses` (n, W) kg, and the `barriers` of each link, (W, K) m and (W,) J.
     """
 
-    first: Structure
+    structures: tuple[Structure, ...]
     values: tuple[dict[str, Floats], ...]
     masses: Floats
     barriers: tuple[Barriers, ...]
@@ -37,7 +38,7 @@ class Potentials:
         )
         masses = np.stack([structure.mass_values for structure in structures], axis=1)
         return cls(
-            first,
+            tuple(structures),
             values,
             masses,
             tuple(
@@ -58,7 +59,7 @@ class Potentials:
     def of_runs(self, runs: Indices) -> Potentials:
         """The potentials of some of the structures."""
         return Potentials(
-            self.first,
+            tuple(self.structures[run] for run in runs),
             tuple({name: value[runs] for name, value in values.items()} for values in self.values),
             self.masses[:, runs],
             tuple(Barriers(link.tops[runs], link.floor[runs]) for link in self.barriers),
@@ -66,9 +67,9 @@ class Potentials:
 
     def stored(self, x: Floats, x_base: Floats | None) -> Floats:
         """(N, W) J above the lowest wells at displacements `x` (N, n, W) m; `x_base` (N,) m, None if the base rests."""
-        d = elongations(self.first, x, x_base)
+        d = elongations(self.structures, x, x_base)
         energy = np.zeros((x.shape[0], x.shape[2]))
-        for number, (link, values) in enumerate(zip(self.first.links, self.values, strict=True)):
+        for number, (link, values) in enumerate(zip(self.structures[0].links, self.values, strict=True)):
             energy += link.law.potential(d[..., number], values)
         return energy - self.floor
 
@@ -77,9 +78,12 @@ class Potentials:
         return np.asarray(0.5 * np.einsum("tiw,iw->tw", v * v, self.masses))
 
 
-def elongations(structure: Structure, x: Floats, x_base: Floats | None) -> Floats:
-    """(N, W, L) m: elongations of all links in W runs at displacements `x` (N, n, W) m; `x_base` (N,) m of the base."""
-    samples, size, runs = x.shape
-    repeated = None if x_base is None else np.repeat(x_base, runs)
-    flat = structure.elongations(x.transpose(0, 2, 1).reshape(-1, size), repeated)
-    return flat.reshape(samples, runs, -1)
+def elongations(structures: Sequence[Structure], x: Floats, x_base: Floats | None) -> Floats:
+    """(N, W, L) m: elongations of all links in W structures at displacements `x` (N, n, W) m; `x_base` (N,) m of the base."""
+    parts = []
+    for structure, alike in moving_alike(structures):
+        samples, size, runs = x[..., alike].shape
+        repeated = None if x_base is None else np.repeat(x_base, runs)
+        flat = structure.elongations(x[..., alike].transpose(0, 2, 1).reshape(-1, size), repeated)
+        parts.append(flat.reshape(samples, runs, -1))
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
+from linkwise.absorption.places import dissipators
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.runs import Runs
 from linkwise.absorption.vibration import Vibration, reduction, root_sum_square
@@ -81,12 +82,12 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
             quantities.append(AbsorptionQuantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
     quantities += [
         AbsorptionQuantity(
-            f"share:{link.name}",
+            f"share:{name}",
             "",
-            f"energy dissipated by {link.name}",
-            link.name not in comparison.absorbing,
+            f"energy dissipated by {name}",
+            name not in comparison.absorbing,
         )
-        for link in comparison.structure.links
+        for name in dissipators(comparison.structure)
     ]
     quantities += [
         AbsorptionQuantity(f"crossings:{sink.link}", "", f"well crossings of {sink.link}")
@@ -114,7 +115,10 @@ def quantity_values(
     supplied = runs.supplied - potentials.floor
     total, dissipated = supplied[-1], runs.dissipated[-1]
     names = [link.name for link in comparison.structure.links]
-    shares = dict(zip(names, dissipated / total, strict=True))
+    shares = {
+        name: dissipated[numbers].sum(axis=0) / total
+        for name, numbers in dissipators(comparison.structure).items()
+    }
     crossings = {
         sink.link: np.array([float(len(run[names.index(sink.link)])) for run in runs.crossings])
         for sink in comparison.sinks

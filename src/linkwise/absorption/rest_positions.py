@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.absorption.places import place_motion
 from linkwise.absorption.potentials import Potentials
 from linkwise.analysis.equilibria import equilibria
 from linkwise.arrays import Floats
@@ -45,9 +46,11 @@ def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) ->
 
 
 def _stable(structure: Structure, primaries: Sequence[str]) -> RestPositions:
-    columns = [structure.mass_names.index(name) for name in primaries]
     try:
-        stable = [point.x[columns] for point in equilibria(structure).stable]
+        stable = [
+            place_motion([structure], point.x[None, :, None], primaries)[0, :, 0]
+            for point in equilibria(structure).stable
+        ]
     except StructureError:
         stable = []
-    return RestPositions(np.unique(np.array(stable), axis=0) if stable else np.zeros((1, len(columns))))
+    return RestPositions(np.unique(np.array(stable), axis=0) if stable else np.zeros((1, len(primaries))))

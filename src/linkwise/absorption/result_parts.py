@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from linkwise.absorption.places import dissipators, place_motion
 from linkwise.absorption.sinks import Sink
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.model.names import index_of
 from linkwise.model.structure import Structure
 
 
@@ -94,9 +97,9 @@ class AbsorptionRun:
     structure : Structure
         The structure that was run.
     x, v : (N, n) ndarray
-        Displacements in m and velocities in m/s of all masses.
+        Displacements in m and velocities in m/s of all masses; of a mode its coordinate.
     envelope : (N, P) ndarray
-        Largest excursion in m of the primary masses from each sample on.
+        Largest excursion in m of the primary masses and points from each sample on.
     supplied : (N,) ndarray
         Energy in J at the start and work done on the structure since.
     stored : (N,) ndarray
@@ -149,14 +152,22 @@ class AbsorptionRun:
         error = self.supplied - self.stored - self.dissipated.sum(axis=1)
         return float(np.abs(error).max() / np.abs(self.supplied).max())
 
+    @cached_property
+    def dissipated_by(self) -> dict[str, Floats]:
+        """(N,) energy in J that each host, by all its modes, and each other link has dissipated."""
+        return {
+            name: self.dissipated[:, numbers].sum(axis=1)
+            for name, numbers in dissipators(self.structure).items()
+        }
+
     @checked
     def share(self, link: str) -> float:
-        """The part of the energy supplied that a link has dissipated by the end.
+        """The part of the energy supplied that a link or a host has dissipated by the end.
 
         Parameters
         ----------
         link : str
-            Name of the link.
+            Name of the link or the host.
 
         Returns
         -------
@@ -168,8 +179,52 @@ class AbsorptionRun:
         ValueError
             If there is no such link.
         """
+        if link in self.dissipated_by:
+            return float(self.dissipated_by[link][-1] / self.total)
         names = [link.name for link in self.structure.links]
         return float(self.dissipated[-1, names.index(link)] / self.total)
+
+    @checked
+    def displacement(self, place: str) -> Floats:
+        """Displacement of a mass or of a point of a host.
+
+        Parameters
+        ----------
+        place : str
+            Its name.
+
+        Returns
+        -------
+        (N,) ndarray
+            Displacement in m.
+        """
+        return place_motion([self.structure], self.x[..., None], [place])[:, 0, 0]
+
+    @checked
+    def host_energy(self, host: str) -> Floats:
+        """Kinetic and potential energy of the modes of a host.
+
+        Parameters
+        ----------
+        host : str
+            Name of the host.
+
+        Returns
+        -------
+        (N,) ndarray
+            Energy in J.
+
+        Raises
+        ------
+        StructureError
+            If there is no such host.
+        """
+        hosts = {own.name: own for own in self.structure.hosts}
+        energy = np.zeros(len(self.x))
+        for mode in index_of(hosts, host, "host", "hosts").coordinates:
+            number, link = self.structure.mass_names.index(mode), self.structure.link(mode)
+            energy += 0.5 * self.v[:, number] ** 2 + link.potential(self.x[:, number])
+        return energy
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +337,7 @@ def energy_document(run: AbsorptionRun) -> dict[str, Any]:
     return {
         "put_in": run.total,
         "remaining": float(run.remaining[-1]),
-        "shares": {link.name: run.share(link.name) for link in run.structure.links},
+        "shares": {name: run.share(name) for name in run.dissipated_by},
         "closure": run.closure,
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from linkwise.absorption.crossings import after_onset, crossings, distinct
 from linkwise.absorption.harvesters import delivered_energy
+from linkwise.absorption.places import have_equal_shapes
 from linkwise.absorption.potentials import Potentials, elongations
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
@@ -80,10 +81,11 @@ def batch_runs(
     """Runs of schedules that differ in numbers only, and (W,) which of them came to their end.
 
     `potentials` are those of their structures, `powers` those that their links deliver, in W. The runs are made side by side
-    in double precision, or `one_by_one`, as they are if a law is not smooth or has memory.
+    in double precision, or `one_by_one`, as they are if a law is not smooth or has memory, or shapes of hosts differ.
     """
     memory = any(link.law.states for link in schedules[0].structure.links)
-    if one_by_one or memory or powers or not can_batch(schedules[0]):
+    alike = have_equal_shapes(potentials.structures)
+    if one_by_one or memory or powers or not (alike and can_batch(schedules[0])):
         return _one_by_one(schedules, potentials, powers)
     schedule = schedules[0]
     batch = run_batch(schedules, [link.tops for link in potentials.barriers])
@@ -97,7 +99,7 @@ def batch_runs(
         + potentials.stored(start[:, :size], x_base_at_start)
         + potentials.floor
     )
-    d = elongations(schedule.structure, batch.x, x_base)
+    d = elongations(potentials.structures, batch.x, x_base)
     crossed = []
     for run in range(len(schedules)):
         tops = potentials.tops(run)

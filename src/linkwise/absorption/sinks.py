@@ -23,9 +23,9 @@ class Sink:
     link : str
         The name of the link.
     mass : str or None
-        The mass that it carries; None if it holds a primary mass to the ground or the base.
+        The mass that it carries; None if it joins points, or holds a point or a primary mass to the ground or the base.
     host : str
-        What the mass is linked to: another mass, "ground" or "base".
+        What the mass is linked to: another mass, a point, "ground" or "base".
 
     Examples
     --------
@@ -57,17 +57,18 @@ def find_sinks(structure: Structure, names: Sequence[str] = ()) -> tuple[Sink, .
 
 
 def primary_masses(structure: Structure, sinks: Sequence[Sink]) -> tuple[str, ...]:
-    """The masses that no sink carries, in the order of the structure."""
+    """The points of hosts and the masses that no sink carries, in the order of the structure."""
     carried = {sink.mass for sink in sinks}
-    return tuple(name for name in structure.mass_names if name not in carried)
+    return tuple(name for name in structure.places if name not in carried)
 
 
 def _bistable_links(structure: Structure) -> list[str]:
-    bistable = [link.name for link in structure.links if len(wells(link)) > 1]
+    links = [link for link in structure.links if link.name not in structure.modes]
+    bistable = [link.name for link in links if len(wells(link)) > 1]
     if not bistable:
         raise StructureError(
             f"no link of {structure.name or 'this structure'} has more than one stable well, so there is no sink to be found; "
-            f"name the sinks among the links {', '.join(link.name for link in structure.links)}",
+            f"name the sinks among the links {', '.join(link.name for link in links)}",
             arguments=("sinks",),
         )
     return bistable
@@ -81,6 +82,8 @@ def _sink(structure: Structure, name: str) -> Sink:
         for end in masses
         if _neighbours(structure, end) == {neighbour for neighbour in ends if neighbour != end}
     ]
+    if not masses:
+        return Sink(name, None, ends[1] if ends[0] in structure.points else ends[0])
     if len(masses) == 1:
         host = ends[1] if masses[0] == ends[0] else ends[0]
         return Sink(name, masses[0] if leaves else None, host)

@@ -20,6 +20,7 @@ from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.variants import Variants
 from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
+from linkwise.model.parameters import SHAPE_UNIT, is_shape
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.runtime import available_memory
@@ -163,6 +164,8 @@ def _unit(structure: Structure, name: str) -> str:
             )
         return "m" if kind == "x" else "m/s"
     structure.coefficient(name)
+    if is_shape(name):
+        return SHAPE_UNIT
     owner, _, key = name.rpartition(".")
     return "kg" if key == "mass" and owner in structure.mass_names else structure.link(owner).law.units[key]
 

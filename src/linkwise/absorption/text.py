@@ -55,18 +55,26 @@ def headline(absorption: Absorption) -> tuple[str, ...]:
     more = f" and {len(absorption.sinks) - _MANY} more" if len(absorption.sinks) > _MANY else ""
     with_sinks, without = absorption.settled
     return (
-        f"With its sinks the RMS of the primary masses is {smaller(absorption.rms_reduction)} over "
+        f"With its sinks the RMS of the {primary(absorption)} is {smaller(absorption.rms_reduction)} over "
         f"{absorption.time[-1]:g} s.",
         f"The sinks ({names}{more}) took {percent(absorption.sinks_share)} of the energy; for comparison they are "
         f"{absorption.removal}.",
-        f"All primary masses below {100 * absorption.settle:g} % of their peak: {seconds(with_sinks)} with sinks, "
+        f"All {primary(absorption)} below {100 * absorption.settle:g} % of their peak: {seconds(with_sinks)} with sinks, "
         f"{seconds(without)} without.",
     )
 
 
+def primary(absorption: Absorption) -> str:
+    """What is to come to rest: primary masses, points of hosts, or both."""
+    points = set(absorption.with_sinks.structure.points)
+    ours = [mass.name in points for mass in absorption.masses]
+    return "points" if all(ours) else "primary masses and points" if any(ours) else "primary masses"
+
+
 def mass_rows(absorption: Absorption) -> Rows:
     """Peak, RMS, settling time and rate of decay of each primary mass, with and without sinks."""
-    titles = ("mass", "peak", "without", "RMS", "without", "settled", "without", "decay", "without")
+    first = "point" if primary(absorption) == "points" else "mass"
+    titles = (first, "peak", "without", "RMS", "without", "settled", "without", "decay", "without")
     return [titles, *(_mass_row(mass) for mass in absorption.masses)]
 
 
@@ -82,16 +90,18 @@ def _mass_row(mass: MassChange) -> tuple[str, ...]:
 def energy_rows(absorption: Absorption) -> Rows:
     """The energy supplied, and the parts of it that each link dissipated and that are left."""
     with_sinks, without = absorption.with_sinks, absorption.without
-    common = {link.name for link in without.structure.links}
     rows: Rows = [
         ("energy", "with sinks", "without"),
         ("supplied", f"{with_sinks.total:.4g} J", f"{without.total:.4g} J"),
         ("left at the end", percent(_remaining(with_sinks)), percent(_remaining(without))),
         ("all sinks", percent(absorption.sinks_share), ""),
     ]
-    for link in with_sinks.structure.links:
-        share = percent(without.share(link.name)) if link.name in common else "-"
-        rows.append((link.name, percent(with_sinks.share(link.name)), share))
+    for name in with_sinks.dissipated_by:
+        share = percent(without.share(name)) if name in without.dissipated_by else "-"
+        rows.append((name, percent(with_sinks.share(name)), share))
+    for host in with_sinks.structure.hosts:
+        mean = [f"{run.host_energy(host.name).mean():.4g} J" for run in (with_sinks, without)]
+        rows.append((f"mean energy in {host.name}", *mean))
     return rows
 
 

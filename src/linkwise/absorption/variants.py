@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from linkwise.absorption.comparison import Comparison
+from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
 
 
@@ -40,8 +41,10 @@ class Variants:
 
 def _changes_baseline(comparison: Comparison, structure: Structure, name: str) -> bool:
     """Whether a parameter may change the structure without sinks."""
-    if ":" in name or any(
-        coefficient.same_as for link in structure.links for coefficient in link.coefficients.values()
+    if (
+        ":" in name
+        or is_shape(name)
+        or any(coefficient.same_as for link in structure.links for coefficient in link.coefficients.values())
     ):
         return True
     if any(mass.mass.same_as for mass in structure.masses):

@@ -9,23 +9,26 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.absorption.decay import Decay
+from linkwise.absorption.places import place_motion
 from linkwise.absorption.rest_positions import RestPositions
 from linkwise.absorption.runs import Runs
 from linkwise.arrays import Floats
+from linkwise.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
 class Vibration:
-    """The P primary masses of W runs, `columns` of their motions, about the rest positions that they end nearest to."""
+    """The P primary masses and points, `places`, of W runs of `structures`, about the rest positions nearest to their ends."""
 
     runs: Runs
-    columns: Sequence[int]
+    structures: Sequence[Structure]
+    places: Sequence[str]
     positions: Sequence[RestPositions]
 
     @cached_property
     def rest(self) -> Floats:
         """(P, W) m: where the masses come to rest."""
-        last = self.runs.x[-1, list(self.columns)]
+        last = place_motion(self.structures, self.runs.x[-1:], self.places)[0]
         return np.stack(
             [positions.nearest(last[:, run]) for run, positions in enumerate(self.positions)], axis=1
         )
@@ -33,8 +36,9 @@ class Vibration:
     @cached_property
     def decay(self) -> Decay:
         """The excursions (N, P, W) from there."""
-        columns = list(self.columns)
-        return Decay(self.runs.time, self.runs.x[:, columns] - self.rest, self.runs.v[:, columns])
+        x = place_motion(self.structures, self.runs.x, self.places)
+        v = place_motion(self.structures, self.runs.v, self.places)
+        return Decay(self.runs.time, x - self.rest, v)
 
     @property
     def peak(self) -> Floats:

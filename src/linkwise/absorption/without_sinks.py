@@ -50,9 +50,9 @@ def without_sinks(
 def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
     removed = {sink.mass for sink in sinks if sink.mass is not None}
     names = {sink.link for sink in sinks}
-    links = tuple(
-        link for link in structure.links if link.name not in names and not removed & set(link.between)
-    )
+    gone = [link for link in structure.links if link.name in names or removed & set(link.between)]
+    states = {f"{link.name}.{state}" for link in gone for state in link.law.states}
+    links = tuple(link for link in structure.links if link not in gone)
     masses = tuple(mass for mass in structure.masses if mass.name not in removed)
     left = _structure(structure, masses, links, "removed")
     return WithoutSinks(
@@ -61,7 +61,7 @@ def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation
             {
                 name: value
                 for name, value in excitation.release.items()
-                if name.partition(":")[2] not in removed
+                if name.partition(":")[2] not in removed | states
             },
             tuple(impulse for impulse in excitation.impulses if impulse.mass not in removed),
             {mass: force for mass, force in excitation.forces.items() if mass not in removed},
@@ -71,6 +71,14 @@ def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation
 
 
 def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
+    hosted = next((sink for sink in sinks if {sink.host, sink.mass} & set(structure.points)), None)
+    if hosted is not None:
+        raise StructureError(
+            f"the sink is linked to the point {hosted.host}: locked, it would change the modes of the host; compare with the "
+            "sinks removed",
+            f'link "{hosted.link}"',
+            arguments=("without",),
+        )
     fixed = next((sink for sink in sinks if sink.mass is None or sink.host in (GROUND, BASE)), None)
     if fixed is not None:
         raise StructureError(
@@ -180,7 +188,7 @@ def _structure(
     )
     bodies = tuple(replace(mass, mass=replace(mass.mass, same_as=None)) for mass in masses)
     try:
-        return Structure(f"{structure.name}, sinks {removal}", bodies, independent)
+        return Structure(f"{structure.name}, sinks {removal}", bodies, independent, structure.hosts)
     except StructureError as error:
         raise StructureError(
             f"no valid structure is left with the sinks {removal}: {error.message}", error.where

@@ -140,7 +140,7 @@ def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float)
         (result.with_sinks, mass.with_sinks, IDENTIFIED, "with sinks"),
     )
     for run, decay, color, text in runs:
-        x = run.x[:, run.structure.mass_names.index(mass.name)] - decay.rest
+        x = run.displacement(mass.name) - decay.rest
         axes.plot(*envelope(result.time, x * factor), color=color, linewidth=0.7, label=text)
     before_tail = _before_tail(result)
     for (run, _, _, text), (line, shade) in zip(runs, (("--", "#555555"), ("-", TRUE)), strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -97,14 +98,14 @@ def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
 def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:
     """Sinks from below, then the other links, then what is left."""
     run = result.with_sinks if with_sinks else result.without
-    names = [link.name for link in run.structure.links]
-    colors = {name: color for name, color in _colors(result).items() if name in names}
-    shares, remaining = 100.0 * run.shares, 100.0 * run.remaining
-    bands = [shares[:, names.index(name)] for name in colors]
+    remaining = 100.0 * run.remaining
+    shares = {name: 100.0 * energy / run.total for name, energy in run.dissipated_by.items()}
+    colors = {name: color for name, color in _colors(result).items() if name in shares}
+    bands = [shares[name] for name in colors]
     labels = [label(name) for name in colors]
-    others = [number for number, name in enumerate(names) if name not in colors]
-    if others and float(shares[-1, others].sum()) > 0.0:
-        bands.append(shares[:, others].sum(axis=1))
+    others = [share for name, share in shares.items() if name not in colors]
+    if others and float(sum(share[-1] for share in others)) > 0.0:
+        bands.append(np.sum(others, axis=0))
         labels.append("other links")
     thin = slice(None, None, max(1, len(result.time) // _POINTS))
     axes.stackplot(
@@ -115,14 +116,14 @@ def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:
         linewidth=0.0,
     )
     axes.set_xlim(result.time[0], result.time[-1])
-    axes.set_ylim(0.0, max(100.0, float((shares.sum(axis=1) + remaining).max())))
+    axes.set_ylim(0.0, max(100.0, float((sum(shares.values()) + remaining).max())))
     axes.grid(False)
 
 
 def _colors(result: Absorption) -> dict[str, str]:
-    """The links that get a band of their own in both runs: sinks in the colours of the series, the others in greys."""
+    """The links and hosts with a band of their own in both runs: sinks in the colours of the series, the others in greys."""
     run = result.with_sinks
-    names = [link.name for link in run.structure.links]
+    names = list(run.dissipated_by)
     by_share = sorted(names, key=lambda name: -run.share(name))
     largest = [name for name in by_share if name in result.absorbing][:_SINKS]
     largest += [name for name in by_share if name not in result.absorbing][:_OTHERS]

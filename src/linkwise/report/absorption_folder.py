@@ -137,7 +137,7 @@ def _write_histories(result: Answer, folder: Path) -> None:
         for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
             names += [f"x:{mass.name}{label}", f"envelope:{mass.name}{label}"]
             columns += [
-                side.x[:, side.structure.mass_names.index(mass.name)],
+                side.displacement(mass.name),
                 np.ascontiguousarray(side.envelope[:, number]),
             ]
         for end, label in zip(bands, ("lower", "upper"), strict=False):
@@ -146,10 +146,8 @@ def _write_histories(result: Answer, folder: Path) -> None:
     _write_columns(folder / "decay.csv", names, columns)
     names, columns = ["time"], [absorption.time]
     for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
-        names += [
-            f"{name}{label}" for name in ("put in", "stored", *(link.name for link in side.structure.links))
-        ]
-        columns += [side.supplied, side.stored, *side.dissipated.T]
+        names += [f"{name}{label}" for name in ("put in", "stored", *side.dissipated_by)]
+        columns += [side.supplied, side.stored, *side.dissipated_by.values()]
     _write_columns(folder / "energy.csv", names, columns)
     with (folder / "crossings.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

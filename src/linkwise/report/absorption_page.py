@@ -12,7 +12,7 @@ from linkwise.absorption.intervals_text import interval_headline, interval_rows
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.sweep_text import map_headline, map_rows
-from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows
+from linkwise.absorption.text import crossing_rows, energy_rows, harvest_rows, headline, mass_rows, primary
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.section_page import section_page
@@ -37,7 +37,10 @@ def _masses(reported: Reported[Answer]) -> Section:
         "of an exponential through the peaks that none later exceeds."
     )
     return Section(
-        "Primary masses", [text], rows=mass_rows(plain), figure=lambda: plot.decay_figure(reported.result)
+        primary(plain).capitalize(),
+        [text],
+        rows=mass_rows(plain),
+        figure=lambda: plot.decay_figure(reported.result),
     )
 
 
