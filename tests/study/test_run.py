@@ -323,6 +323,19 @@ duration = 2.0
 rate = 300.0
 unknown = ["payload"]
 
+[[structure]]
+name = "rig"
+toml = '''
+[[link]]
+name = "damper"
+between = ["base", "ground"]
+law = "bouc-wen"
+coefficients = { k = 2000.0, c = 50.0, F = 100.0, x0 = "1 mm", s = 0.7 }
+'''
+base = "0.01*sin(5*t)*sin(0.7*t) + 0.003*sin(17*t)"
+duration = 6.0
+rate = 200.0
+
 [[method]]
 kind = "ml"
 [[method]]
@@ -333,14 +346,14 @@ convention = "states"
 """
 
 
-def test_links_with_memory_and_hosts_are_studied(tmp_path: Path) -> None:
+def test_links_with_memory_hosts_and_rigs_are_studied(tmp_path: Path) -> None:
     """Rows are those of the library, intervals hold the truth, and methods that do not take them say so."""
     path = tmp_path / "mine.toml"
     path.write_text(JOINT_AND_BEAM, encoding="utf-8")
     with studies_here():
         rows = lw.run_study(path, tmp_path / "out", workers=1)
     study = lw.read_study(path)
-    for name, link in (("joint", "joint"), ("beam", "payload")):
+    for name, link in (("joint", "joint"), ("beam", "payload"), ("rig", "damper")):
         subject = study.subject(name)
         clean = subject.simulate()
         fit = lw.identify(subject.measured(clean).with_noise(40.0, seed=32), subject.stated_structure(32))
@@ -350,9 +363,10 @@ def test_links_with_memory_and_hosts_are_studied(tmp_path: Path) -> None:
         assert row.status == "converged" and set(row.standard_errors) == {p.name for p in fit.parameters}
     cells = {(cell.structure, cell.method): cell for cell in lw.study_summary(tmp_path / "out").cells}
     assert cells["joint", "ml"].intervals == 10 and cells["beam", "ml"].intervals == 8
-    for name in ("joint", "beam"):
+    assert cells["rig", "ml"].intervals == 10 and cells["rig", "ml"].masses == 0
+    for name in ("joint", "beam", "rig"):
         # 0.5 is seven standard deviations off 95 % for eight independent intervals; those of a link go together
         assert (cells[name, "ml"].coverage or 0.0) >= 0.5 and (cells[name, "ml"].nmse or 1.0) < 0.01
         for method in ("weak", "monomial, states"):
             ((reason, count),) = cells[name, method].reasons
-            assert count == 2 and "is not supported in method" in reason
+            assert count == 2 and "not supported in method" in reason

@@ -15,6 +15,7 @@ from linkwise.expression import polynomial
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.link import Link
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.sindy.conventions import Convention, noisy_states
@@ -52,6 +53,7 @@ class MonomialMethod(StudyMethod):
         self._regressor()
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        refuse_rig(subject.structure, 'methods of the kind "monomial"')
         refuse_memory(subject.structure.links, 'methods of the kind "monomial"')
         refuse_hosts(subject.structure, 'methods of the kind "monomial"')
         equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)

@@ -63,7 +63,7 @@ def run(study: Study, store: Store, executor: Executor, progress: Progress) -> N
     done = store.done()
     rows = [row for row in store.rows() if row.case in done]
     pending = [case for case in study.cases() if case not in done]
-    timing = Timing(rows, pending, {subject.name: subject.structure.size for subject in study.subjects})
+    timing = Timing(rows, pending, {subject.name: subject.structure.size or 1 for subject in study.subjects})
     queue = _Queue(study, executor, timing, pending)
 
     def report() -> None:

@@ -17,7 +17,6 @@ from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.link import BASE
 from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
-from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.records.channel import Channel
@@ -58,7 +57,7 @@ class Subject:
         Displacement of the base in m, as text in t.
     sensors : tuple of str
         What is measured: kinds ("x", "v", "a" of every mass and point, "f" of every link, "state" of links with memory) or
-        channels ("x:m1").
+        channels ("x:m1"). By default displacements, and forces of links alone on a rig.
     unknown : tuple of str
         What is identified, as in `Structure.unknown`.
     judge : tuple of str
@@ -102,7 +101,6 @@ class Subject:
     seen = DeprecatedAttribute(Deprecated("measured", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
-        refuse_rig(self.structure, "studies")
         for key, value in (("duration", self.duration), ("rate", self.rate)):
             if not 0.0 < value < float("inf"):
                 raise StudyError(f"must be positive and finite, got {value!r}", key)
@@ -204,7 +202,7 @@ class Subject:
             self.true_structure,
             duration=self.duration,
             rate=self.rate,
-            sensors=list(dict.fromkeys((*_ALL, *self.sensors))),
+            sensors=list(dict.fromkeys((*_ALL, *self._sensors))),
             release={name: value * factor for name, value in self.release.items()},
             impulses=self.impulses,
             forces=self.forces,
@@ -232,10 +230,15 @@ class Subject:
                 f"{structure.links[number].name}.{state}" for number, state in structure.topology.states
             ],
         }
-        for sensor in self.sensors:
+        for sensor in self._sensors:
             named = [f"{sensor}:{owner}" for owner in owners[sensor]] if sensor in owners else [sensor]
             channels.update(dict.fromkeys(named))
         return clean.select([*channels, *clean.inputs])
+
+    @property
+    def _sensors(self) -> tuple[str, ...]:
+        """The sensors; of links alone on a rig by default load cells."""
+        return ("f",) if self.structure.on_rig and self.sensors == ("x",) else self.sensors
 
     def document(self) -> dict[str, Any]:
         """The table of a study file that defines this subject, the structure included.
@@ -303,9 +306,9 @@ class Subject:
             channel = Channel.parse(name)
         except LinkwiseError as error:
             others = f", or one of the kinds {', '.join(kinds)}" if kinds else ""
-            raise StudyError(
-                f"{error}; expected a channel such as v:{self.structure.places[0]}{others}", key
-            ) from None
+            places, links = self.structure.places, self.structure.links
+            example = f"v:{places[0]}" if places else f"f:{links[0].name}"
+            raise StudyError(f"{error}; expected a channel such as {example}{others}", key) from None
         if channel.is_input or channel.mass == BASE:
             raise StudyError(f'"{name}" is an input, not the motion of a mass', key)
         check = {"f": check_link, "state": check_state}.get(channel.kind)
