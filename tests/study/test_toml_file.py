@@ -275,3 +275,49 @@ def test_a_mistake_in_points_and_states_is_named(old: str, new: str, message: st
     assert old in MADE
     with pytest.raises(lw.StudyError, match=message):
         parse_study(MADE.replace(old, new), "m.toml", Path())
+
+
+VARIED = MADE.replace(
+    "[[method]]",
+    """
+[[structure.variant]]
+name = "short"
+duration = 0.5
+[[structure.variant]]
+name = "stiff"
+values = { "joint.k" = 400.0 }
+[[method]]""",
+).replace("duration = 1.0", 'name = "beam"\nduration = 1.0')
+
+
+def test_variants_take_all_but_their_own_keys_from_the_structure() -> None:
+    study = parse_study(VARIED, "m.toml", Path())
+    plain, short, stiff = study.subjects
+    assert [subject.name for subject in study.subjects] == ["beam", "beam, short", "beam, stiff"]
+    assert (plain.duration, short.duration, stiff.duration) == (1.0, 0.5, 1.0)
+    assert short.structure == plain.structure and short.release == plain.release
+    values = [subject.true_structure.link("joint").values for subject in study.subjects]
+    assert [value["k"] for value in values] == [200.0, 200.0, 400.0] and {value["F"] for value in values} == {
+        3.0
+    }
+    again = build_study(json.loads(study.text()), "again", Path())
+    assert again.text() == study.text() and len(again.subjects) == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "duration = 0.5",
+            "durattion = 0.5",
+            r'structure\[0\]\.variant\[0\]: unknown key "durattion"; did you mean',
+        ),
+        ('name = "short"\n', "", r"structure\[0\]\.variant\[0\]\.name: give the variant a name"),
+        ('"short"', '"stiff"', r"structure: 'beam, stiff' is listed 2 times"),
+        ('"joint.k" = 400.0', '"joint.q" = 4.0', r'variant\[1\]\.values: unknown coefficient "joint\.q"'),
+    ],
+)
+def test_a_mistake_in_a_variant_is_named(old: str, new: str, message: str) -> None:
+    assert old in VARIED
+    with pytest.raises(lw.StudyError, match=message):
+        parse_study(VARIED.replace(old, new), "m.toml", Path())

@@ -13,7 +13,7 @@ CellKey = tuple[str, float, str]
 
 
 class Timing:
-    """Measured times of cases by cell, and the expected times of those pending; `masses` are those of each structure, at least 1."""
+    """Measured times of cases by cell, and the expected times of those pending; `masses` by structure, at least 1."""
 
     def __init__(self, done: list[Row], pending: list[Case], masses: Mapping[str, int]) -> None:
         self._seconds: dict[CellKey, float] = {}

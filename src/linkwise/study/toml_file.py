@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib.resources import files
 from math import isfinite
 from pathlib import Path
@@ -48,6 +49,7 @@ class _Structure(msgspec.Struct, forbid_unknown_fields=True):
     unknown: tuple[str, ...] = ("all",)
     judge: tuple[str, ...] = ()
     scatter: float = 0.0
+    variant: list[dict[str, Any]] = []
 
 
 METHOD_TABLES: Registry[type[MethodTable]] = Registry(
@@ -130,7 +132,9 @@ def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
     """The study that the tables of a study file define; relative paths are from `folder`."""
     document: _Document = decode(data, _Document, source, "", StudyError)
     subjects = tuple(
-        _subject(entry, f"structure[{i}]", source, folder) for i, entry in enumerate(document.structure)
+        _subject(table, path, source, folder)
+        for i, entry in enumerate(document.structure)
+        for table, path in _with_variants(entry, data["structure"][i], f"structure[{i}]", source)
     )
     methods = tuple(_method(entry, f"method[{i}]", source) for i, entry in enumerate(document.method))
     try:
@@ -147,12 +151,31 @@ def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
         raise StudyError(error.message, f"{source}, {error.where}") from None
 
 
+def _with_variants(
+    entry: _Structure, table: dict[str, Any], path: str, source: str
+) -> Iterator[tuple[_Structure, str]]:
+    """A structure as it stands, and each of its variants: the keys of the variant in place of its own; with their paths."""
+    yield entry, path
+    for i, variant in enumerate(entry.variant):
+        place = f"{path}.variant[{i}]"
+        own: _Structure = decode({**table, **variant, "variant": []}, _Structure, source, place, StudyError)
+        if not variant.get("name"):
+            raise StudyError(
+                "give the variant a name, which is added to that of the structure", f"{source}, {place}.name"
+            )
+        name = f"{_name(entry)}, {own.name}" if _name(entry) else own.name
+        yield msgspec.structs.replace(own, name=name, values={**entry.values, **own.values}), place
+
+
+def _name(entry: _Structure) -> str:
+    return entry.name or (f"bnes{entry.bnes}" if entry.bnes else "")
+
+
 def _subject(entry: _Structure, path: str, source: str, folder: Path) -> Subject:
     structure = _structure(entry, path, source, folder)
-    name = entry.name or (f"bnes{entry.bnes}" if entry.bnes else structure.name)
     try:
         return Subject(
-            name=name or path,
+            name=_name(entry) or structure.name or path,
             structure=structure,
             duration=entry.duration,
             rate=entry.rate,
