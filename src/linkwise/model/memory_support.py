@@ -29,12 +29,12 @@ def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
             )
 
 
-def refuse_memory(links: Iterable[Link], feature: str) -> None:
-    """Raise StructureError if one of the links has states, which `feature` does not take."""
+def refuse_memory(links: Iterable[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
+    """Raise StructureError if one of the links has states, which `feature` does not take, and say what to do `instead`."""
     for link in links:
         if link.law.states:
             states = ", ".join(link.law.states)
             raise StructureError(
-                f"the law has memory (state {states}), which is not supported in {feature}; use a law of d and v alone",
+                f"the law has memory (state {states}), which is not supported in {feature}; {instead}",
                 f'link "{link.name}"',
             )

@@ -110,7 +110,7 @@ class PhysicsInformedSindy(Estimator):
             If there are several records, a law is not linear in an unknown, or the columns are collinear.
         """
         refuse_rig(structure, 'method "sindy"')
-        refuse_memory(structure.links, 'method "sindy"')
+        refuse_memory(structure.links, 'method "sindy"', "maximum likelihood takes it")
         refuse_hosts(structure, 'method "sindy"')
         record = self.only_record(records)
         _require_no_priors(structure)

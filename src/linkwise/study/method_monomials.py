@@ -54,7 +54,9 @@ class MonomialMethod(StudyMethod):
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         refuse_rig(subject.structure, 'methods of the kind "monomial"')
-        refuse_memory(subject.structure.links, 'methods of the kind "monomial"')
+        refuse_memory(
+            subject.structure.links, 'methods of the kind "monomial"', "maximum likelihood takes it"
+        )
         refuse_hosts(subject.structure, 'methods of the kind "monomial"')
         equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
         started = perf_counter()

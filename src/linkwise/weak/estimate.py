@@ -91,7 +91,7 @@ class WeakForm(Estimator):
             If there are several records, no displacements, or a parameter that the record does not determine.
         """
         refuse_rig(structure, 'method "weak"')
-        refuse_memory(structure.links, 'method "weak"')
+        refuse_memory(structure.links, 'method "weak"', "maximum likelihood takes it")
         refuse_hosts(structure, 'method "weak"')
         given = self.only_record(records)
         frame = framed(given, structure)
