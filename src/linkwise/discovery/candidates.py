@@ -319,7 +319,8 @@ def candidates_for(
     remembering = offered_memory(terms)
     if hosts and remembering:
         raise IdentificationError(
-            f"beside a host laws with memory are not found yet: leave {', '.join(remembering)} out of the terms"
+            f"beside a host laws with memory are not found yet: leave {', '.join(remembering)} out of the terms, and identify "
+            "a structure with that law in the link that is suspected"
         )
     return replace(candidates, memory=remembering)
 
