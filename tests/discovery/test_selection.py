@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from itertools import count
+from itertools import count, permutations
 from types import SimpleNamespace
 from typing import Any
 
@@ -61,15 +61,25 @@ def test_fewer_links_are_preferred_only_where_the_search_for_them_settled() -> N
     assert not selected(2, settled=False).has_fewer_links(selected(4))
 
 
-def visited(residuals: np.ndarray, sigma: float, terms: int) -> Selection:
-    """A selection of so many terms whose fit went by a noise `sigma`, with residuals (N,) of one channel in metres."""
+def visited(
+    residuals: np.ndarray,
+    sigma: float,
+    terms: int,
+    *,
+    status: AnnealingStatus = AnnealingStatus.CONVERGED,
+    q: float = 1e-4,
+    continuity: float = 0.0,
+) -> Selection:
+    """A selection of so many terms whose fit went by a noise `sigma`, with residuals (N,) of one channel in metres.
+
+    The fit ended with a `status` at a relaxation `q`, where its segments leave a `continuity`.
+    """
+    data = float(np.sum((residuals / sigma) ** 2))
     misfit = SimpleNamespace(
-        residuals=residuals[:, None, None] / sigma,
-        data=float(np.sum((residuals / sigma) ** 2)),
-        cost=lambda q: float(np.sum((residuals / sigma) ** 2)),
+        residuals=residuals[:, None, None] / sigma, data=data, cost=lambda q: data + continuity / q**2
     )
-    optimum = SimpleNamespace(q=1e-4, noise=1.0, scales=SimpleNamespace(sigma=np.array([sigma])))
-    fit = SimpleNamespace(status=AnnealingStatus.CONVERGED, misfit=misfit, optimum=optimum)
+    optimum = SimpleNamespace(q=q, noise=1.0, scales=SimpleNamespace(sigma=np.array([sigma])))
+    fit = SimpleNamespace(status=status, misfit=misfit, optimum=optimum, random_forces=())
     structure = SimpleNamespace(parameters=(None,) * terms)
     penalty = Penalty(10.0, 0.0, np.zeros(terms, dtype=np.intp), frozenset())
     return Selection(frozenset(map(str, range(terms))), structure, fit, None, penalty, True, 1)  # type: ignore[arg-type]
@@ -89,6 +99,23 @@ def test_selections_are_compared_at_the_same_noise() -> None:
     assert alike.criterion(noise) == pytest.approx(better.criterion(noise), rel=1e-12)
     more = visited(residuals, 1.0, terms=4)
     assert best_of([more, better]) is better
+
+
+def test_without_a_tight_fit_the_best_of_those_that_converged_is_taken() -> None:
+    """Whatever was visited first; costs at a loose relaxation are compared at the tightest one."""
+    residuals = np.random.default_rng(6).normal(size=2000)
+    exhausted = visited(residuals, 1.0, terms=2, status=AnnealingStatus.EXHAUSTED)
+    looser = visited(residuals, 1.0, terms=2, q=0.1, continuity=0.5)
+    tighter = visited(1.02 * residuals, 1.0, terms=2, q=0.01, continuity=0.005)
+    larger = visited(1.02 * residuals, 1.0, terms=3, q=0.01, continuity=0.005)
+    assert not any(selection.converged for selection in (exhausted, looser, tighter, larger))
+    assert looser.fit.misfit.cost(0.1) < tighter.fit.misfit.cost(0.01)
+    for order in permutations((exhausted, looser, tighter, larger)):
+        assert best_of(order) is tighter
+    stuck = visited(1.1 * residuals, 1.0, terms=2, status=AnnealingStatus.STUCK)
+    assert best_of([stuck, exhausted]) is exhausted and best_of([exhausted, stuck]) is exhausted
+    exact = visited(1.5 * residuals, 1.0, terms=5)
+    assert best_of([tighter, exact, exhausted]) is exact
 
 
 def test_laws_that_run_away_in_the_first_round_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

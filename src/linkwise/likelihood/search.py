@@ -147,7 +147,8 @@ def _resumed(
 ) -> AnnealingFit:
     """A search that ended before it converged, taken up again from its values and states with looser links.
 
-    Close to its end it may creep along a bend of the likelihood, which looser links straighten.
+    Close to its end it may creep along a bend of the likelihood, which looser links straighten. Where the second search does
+    not converge either, the one with the lower cost at the tighter of their links is returned.
     """
     looser = replace(
         _WARM,
@@ -157,7 +158,12 @@ def _resumed(
         max_steps=schedule.max_steps,
     )
     again = annealer(segments, fit.point, fit.scales, looser)
-    return replace(again, path=(*fit.path, *again.path))
+    path = (*fit.path, *again.path)
+    tight = min(fit.q, again.q)
+    if again.status is AnnealingStatus.CONVERGED or again.misfit.cost(tight) <= fit.misfit.cost(tight):
+        return replace(again, path=path)
+    interrupted = again.status is AnnealingStatus.INTERRUPTED
+    return replace(fit, status=again.status if interrupted else fit.status, path=path)
 
 
 def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer) -> AnnealingFit | None:
