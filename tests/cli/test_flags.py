@@ -18,6 +18,13 @@ def test_flags_of_the_arguments_are_appended() -> None:
     assert with_flags(RecordError("dead.", "run.csv")) == "run.csv: dead."
 
 
+def test_a_question_ends_no_second_time() -> None:
+    error = RecordError(
+        "2 cells where the header has 3; is another line the header?", "a.csv", arguments=("header",)
+    )
+    assert with_flags(error) == f"{error} On the command line: --header LINE."
+
+
 def test_every_flag_is_an_option_of_a_command() -> None:
     options = {
         name

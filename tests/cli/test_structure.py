@@ -9,10 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from structures import named, structure
+from structures import link, named, structure
 
 import linkwise as lw
-from linkwise.cli import run
+from linkwise.cli import COMMANDS, run
+from linkwise.cli.structure import structure as structure_commands
+
+PENDULUM = structure({"bob": 1.0}, link("string", "bob-ground", "m*g*sin(d/L)", m=1.0, g=9.81, L=1.0))
 
 
 @pytest.mark.parametrize("unknown", [None, "nes", "all"])
@@ -60,6 +63,7 @@ def test_show_names_only_the_first_of_many_rests(tmp_path: Path, capsys: pytest.
     [
         (lw.bnes_chain(2).unknown("nes"), "coefficients are unknown"),
         (lw.bnes_chain(22), "more than 20 masses"),
+        (PENDULUM, 'link "string": the force vanishes at more than 64 elongations'),
     ],
 )
 def test_show_says_why_it_shows_no_rests(
@@ -135,7 +139,8 @@ def test_a_place_that_cannot_be_written_is_named(
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["structure", "bnes"], ["structure", "show"], ["simulate"], ["identify"], ["limit"]]
+    "command",
+    [[], *([name] for name in COMMANDS), *(["structure", name] for name in structure_commands.commands)],
 )
 def test_every_help_has_an_example(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*command, "--help"]) == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import runpy
 from pathlib import Path
@@ -49,6 +50,16 @@ def motion() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any
     rng = np.random.default_rng(5)
     d, v, z = rng.normal(size=(3, 50)) * [[0.02], [0.3], [0.5]]
     return d, v, z
+
+
+def test_the_command_names_its_files_alone_as_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lw.write_structure(lw.bnes_chain(2), tmp_path / "chain.toml")
+    names = [str(tmp_path / "forces.py"), str(tmp_path / "numbers.csv")]
+    assert run(["export", str(tmp_path / "chain.toml"), *names, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"files": names}
+    assert all(Path(name).is_file() for name in names)
 
 
 def test_all_functions_of_laws_are_tried() -> None:

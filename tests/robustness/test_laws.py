@@ -44,6 +44,23 @@ def test_a_force_that_is_not_finite_is_told(law: str) -> None:
         assert "fault" not in str(error) and len(str(error)) < 1000
 
 
+@pytest.mark.parametrize("law", ["k*d + c*v + p*abs(d)**1.5", "k*d + c*v + p*d*sqrt(abs(d))"])
+def test_a_root_that_the_integrator_cannot_follow_through_zero_is_told_with_a_law_that_it_can(
+    law: str,
+) -> None:
+    release = {"x:m": 0.01}
+    spring = {"k": 1000.0, "c": 1.0, "p": 1e4}
+    with pytest.raises(lw.SimulationError, match=r"link a has a root .* write \(x\*\*2 \+ 1e-14\)\*\*0\.75"):
+        lw.simulate(
+            structure({"m": 1.0}, link("a", "m-ground", law, **spring)),
+            release=release,
+            duration=0.2,
+            rate=400.0,
+        )
+    smooth = link("a", "m-ground", "k*d + c*v + p*(d**2 + 1e-14)**0.75", **spring)
+    assert len(lw.simulate(structure({"m": 1.0}, smooth), release=release, duration=0.2, rate=400.0)) == 81
+
+
 @pytest.mark.parametrize(("k", "c"), [(1e308, 1.0), (1.0, 1e308), (1.7e308, 1.7e308)])
 def test_modes_of_coefficients_near_the_largest_number_are_refused(k: float, c: float) -> None:
     with pytest.raises(lw.StructureError, match="is too large for its masses: its modes are not finite"):

@@ -75,6 +75,11 @@ REFUSED = {
         storey(mass=lw.Coefficient.unknown()),
         'mass "m1" is unknown, and with a:base alone',
     ),
+    "doubtful mass": (
+        ["rel:x:m1", "a:base"],
+        storey(mass=lw.Coefficient(1.0, known=False, sigma=0.01)),
+        'mass "m1" is known to within a deviation only, and with a:base alone',
+    ),
     "twice": (["rel:x:m1", "x:m1", "x:base"], storey(), "show the same motion"),
 }
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 import linkwise as lw
+from linkwise.atomic import to_json
 from linkwise.cli.console import tell
 from linkwise.cli.listed_help import listing
 from linkwise.cli.options import FILE
@@ -24,7 +25,8 @@ else:
 @click.command(cls=listing("FORMATS", lambda: formats.listed_formats()))
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
-def export(answer: Path, files: tuple[Path, ...]) -> None:
+@click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON and nothing else.")
+def export(answer: Path, files: tuple[Path, ...], as_json: bool) -> None:
     """Write an answer for other programs, each FILE in the format of its suffix.
 
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number.
@@ -45,4 +47,7 @@ def export(answer: Path, files: tuple[Path, ...]) -> None:
         tell(f"note: {content.note}")
     for file in files:
         lw.export_answer(answer, file)
-        click.echo(f"written to {file}")
+        if not as_json:
+            click.echo(f"written to {file}")
+    if as_json:
+        click.echo(to_json({"files": [str(file) for file in files]}))

@@ -31,7 +31,10 @@ FLAGS = {
 def with_flags(error: LinkwiseError) -> str:
     """The message of an error, and the flags that set the arguments it names."""
     flags = [FLAGS[name] for name in error.arguments if name in FLAGS]
-    return f"{str(error).rstrip('.')}. On the command line: {', '.join(flags)}." if flags else str(error)
+    if not flags:
+        return str(error)
+    message = str(error).rstrip(".")
+    return f"{message}{'' if message.endswith('?') else '.'} On the command line: {', '.join(flags)}."
 
 
 @contextmanager

@@ -21,7 +21,15 @@ SHOWN = 4  # stable equilibria
 
 @click.group()
 def structure() -> None:
-    """Write or show a structure file."""
+    """Write or show a structure file.
+
+    \b
+    Examples:
+      linkwise structure bnes --dof 10 --unknown nes -o chain.toml
+      linkwise structure show chain.toml
+      linkwise structure laws bouc-wen
+      linkwise structure host wing_modes.csv -o wing.toml
+    """
 
 
 structure.add_command(host)
@@ -76,7 +84,13 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
     if shapes is not None:
         for path in lw.plot.save(lw.plot.shapes_figure(subject), _without_suffix(shapes)):
             tell(f"note: {path} is written")
-    rests = _rests(subject)
+    why = _why_no_rests(subject)
+    rests = None
+    if why is None:
+        try:
+            rests = _rests(subject)
+        except lw.StructureError as error:  # as where the force of a link vanishes without end
+            why = str(error)
     if as_json:
         text = to_json({**tomllib.loads(lw.format_structure(subject)), "equilibria": rests})
         click.echo(text)
@@ -99,7 +113,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
         click.echo(f"  {link.name:10} {link.between[0]} - {link.between[1]}: {link.law.text}; {numbers}")
         for line in _state_lines(link):
             click.echo(f"  {'':10} {line}")
-    click.echo(_rest_lines(subject, rests))
+    click.echo(_rest_lines(rests) if rests else f"  equilibria and modes are not shown: {why}")
 
 
 @structure.command()
@@ -201,10 +215,17 @@ def _with_memory(subject: lw.Structure) -> list[str]:
     return [link.name for link in subject.links if link.law.states]
 
 
-def _rests(subject: lw.Structure) -> dict[str, Any] | None:
-    """Stable equilibria and their modes as plain data; None where coefficients are unknown or masses too many."""
-    if subject.parameters or subject.size > MANY or _with_memory(subject):
-        return None
+def _why_no_rests(subject: lw.Structure) -> str | None:
+    """Why equilibria are not searched for, where they are not."""
+    if with_memory := _with_memory(subject):
+        return f"link {with_memory[0]} has memory"
+    if subject.parameters:
+        return "coefficients are unknown"
+    return f"it has more than {MANY} masses" if subject.size > MANY else None
+
+
+def _rests(subject: lw.Structure) -> dict[str, Any]:
+    """Stable equilibria and their modes as plain data."""
     points = lw.equilibria(subject)
     stable = [rest for rest in points if rest.stable]
     return {
@@ -225,12 +246,7 @@ def _rest(subject: lw.Structure, rest: lw.Equilibrium) -> dict[str, Any]:
     }
 
 
-def _rest_lines(subject: lw.Structure, rests: dict[str, Any] | None) -> str:
-    if rests is None:
-        why = "coefficients are unknown" if subject.parameters else f"it has more than {MANY} masses"
-        if _with_memory(subject):
-            why = f"link {_with_memory(subject)[0]} has memory"
-        return f"  equilibria and modes are not shown: {why}"
+def _rest_lines(rests: dict[str, Any]) -> str:
     lines = [
         f"  equilibria: {rests['stable']} stable, {rests['unstable']} unstable. {rests['note']}".rstrip()
     ]

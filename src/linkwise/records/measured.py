@@ -37,7 +37,10 @@ def sampled_columns(
         samples = np.asarray(array)
         if samples.shape != times.shape:
             raise RecordError(
-                f"has shape {samples.shape}, but time has shape {times.shape}", file, channel=name
+                f"has shape {samples.shape}, but time has shape {times.shape}; one sample of each channel belongs to each "
+                "time: give a channel that was sampled more slowly NaN where it has no sample",
+                file,
+                channel=name,
             )
         notes += column_notes(name, samples, file, lines)
         values[timeline.index, column] = samples

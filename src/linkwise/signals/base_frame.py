@@ -121,11 +121,12 @@ def _require_links_to_base(record: Record, structure: Structure) -> None:
             f'link "{grounded[0]}" ends at the ground and another at the base, so the displacement of the base is needed, '
             f"which {has} determines only up to drift: give a channel x:{BASE}, or let every link end at the base"
         )
-    unknown = [mass.name for mass in structure.masses if mass.mass.value is None or not mass.mass.known]
+    unknown = [mass for mass in structure.masses if mass.mass.value is None or not mass.mass.known]
     if unknown:
+        doubt = "known to within a deviation only" if np.isfinite(unknown[0].mass.sigma) else "unknown"
         raise IdentificationError(
-            f'mass "{unknown[0]}" is unknown, and with {has} alone the excitation is proportional to the masses: weigh it, '
-            f"or give a channel x:{BASE}"
+            f'mass "{unknown[0].name}" is {doubt}, and with {has} alone the excitation is proportional to the masses: weigh '
+            f"it and state one number, or give a channel x:{BASE}"
         )
 
 

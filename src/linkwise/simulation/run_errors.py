@@ -6,10 +6,15 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
+from linkwise.expression import Call, Expression, Power, walk
 from linkwise.model.link import Link
 from linkwise.simulation.schedule import RunSchedule
 
 _MOST_LINKS = 6  # whose elongations a message shows
+_ROOT = (
+    "; the law of link {} has a root or a power that is no integer, which the integrator cannot follow through 0: write "
+    "(x**2 + 1e-14)**0.75 for abs(x)**1.5, as the named law hertz does"
+)
 
 
 def sticking(schedule: RunSchedule, time: float, link: Link | None) -> SimulationError:
@@ -46,10 +51,12 @@ def not_finite(schedule: RunSchedule, time: float, state: Floats) -> SimulationE
     d = structure.elongations(x, 0.0 if base is None else float(base.value(time)))
     number = int(np.argmax(np.abs(x)))
     elongations = list(zip(structure.links, d, strict=True))[:_MOST_LINKS]
+    rooted = next((link for link in structure.links if any(map(_is_root, walk(link.law.expression)))), None)
     return SimulationError(
         f"a force is not finite after {time:g} s: the displacement of mass {structure.mass_names[number]} is "
         f"{x[number]:.3g} m and the elongations are "
-        + ", ".join(f"{link.name} {value:.3g} m" for link, value in elongations),
+        + ", ".join(f"{link.name} {value:.3g} m" for link, value in elongations)
+        + (_ROOT.format(rooted.name) if rooted else ""),
         time,
         structure.mass_names[number],
     )
@@ -65,3 +72,10 @@ def too_many_steps(schedule: RunSchedule, time: float, state: Floats, steps: int
         time,
         mass,
     )
+
+
+def _is_root(node: Expression) -> bool:
+    """Whether a node of a law has no Taylor series where its argument is 0."""
+    if isinstance(node, Power):
+        return not isinstance(node.exponent, int)
+    return isinstance(node, Call) and node.function == "sqrt"

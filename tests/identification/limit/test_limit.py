@@ -314,7 +314,7 @@ def test_refuses_what_cannot_be_planned(chain: lw.Structure, changes: dict[str, 
 
 def test_needs_numbers_to_plan_around(chain: lw.Structure) -> None:
     with pytest.raises(
-        lw.IdentificationError, match=r"nes1\.alpha, nes1\.beta, nes1\.c has none: write a number"
+        lw.IdentificationError, match=r"nes1\.alpha, nes1\.beta, nes1\.c lack: write a number"
     ):
         lw.limit(chain.unknown("nes"), duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
 

@@ -144,8 +144,8 @@ def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure,
     without_number = [parameter.name for parameter in structure.parameters if parameter.start is None]
     if without_number:
         raise IdentificationError(
-            f"a test can be planned only around numbers that are expected, and {', '.join(without_number)} has none: write a "
-            "number, or { start = ... } for an unknown one"
+            f"a test can be planned only around numbers that are expected, which {', '.join(without_number)} lack"
+            f"{'s' if len(without_number) == 1 else ''}: write a number, or {{ start = ... }} for an unknown one"
         )
     true = structure.with_values({p.name: p.start for p in structure.parameters if p.start is not None})
     if unknown:
