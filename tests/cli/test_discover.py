@@ -83,7 +83,7 @@ def test_a_delay_without_a_time_is_found(files: Path, capsys: pytest.CaptureFixt
 def test_an_error_that_cannot_be_admitted_is_wrong_usage(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(arguments(files, "--let", "drift")) == 1
+    assert run(arguments(files, "--let", "drift")) == 2
     assert 'unknown error of a sensor "drift"' in capsys.readouterr().err
 
 

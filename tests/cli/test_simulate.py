@@ -49,6 +49,15 @@ def test_impulse_force_and_base_reach_the_structure(chain: Path) -> None:
     assert "force:m2" in forced.channels
 
 
+def test_a_structure_that_nothing_sets_in_motion_is_told(
+    chain: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["simulate", str(chain), *GRID, "-o", str(chain.parent / "still.csv")]) == 0
+    assert "note: nothing sets the structure in motion; give --release" in capsys.readouterr().err
+    assert simulated(chain, "--release", "v:m1=1.0").values.any()
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize("column", [":push", ":force:m1"])
 def test_force_from_a_file(chain: Path, column: str, tmp_path: Path) -> None:
     drive = tmp_path / "drive.csv"

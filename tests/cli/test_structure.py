@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 from structures import link, named, structure
 
 import linkwise as lw
-from linkwise.cli import COMMANDS, run
+from linkwise.cli import COMMANDS, linkwise, run
 from linkwise.cli.structure import structure as structure_commands
 
 PENDULUM = structure({"bob": 1.0}, link("string", "bob-ground", "m*g*sin(d/L)", m=1.0, g=9.81, L=1.0))
@@ -146,6 +149,39 @@ def test_every_help_has_an_example(command: list[str], capsys: pytest.CaptureFix
     assert run([*command, "--help"]) == 0
     example = re.split("Examples?:\n", capsys.readouterr().out)[-1]
     assert example.strip().startswith(" ".join(["linkwise", *command]))
+
+
+def commands_with_help() -> Iterator[click.Command]:
+    """All commands, those of groups too."""
+    yield linkwise
+    for name in COMMANDS:
+        command = linkwise.commands[name]
+        yield command
+        yield from command.commands.values() if isinstance(command, click.Group) else ()
+
+
+def examples() -> list[str]:
+    """The lines of help that are commands, those that go on put together."""
+    lines = [
+        line.strip()
+        for command in commands_with_help()
+        for line in (command.help or "").replace("\\\n", " ").splitlines()
+    ]
+    return [line for line in lines if line.startswith("linkwise ")]
+
+
+def test_every_example_of_help_is_right_usage() -> None:
+    """Parsed and not run: --hum x:m2=50 was refused for want of a unit."""
+    texts = examples()
+    assert len(texts) > 50
+    for text in texts:
+        words = shlex.split(text)[1:]
+        command: click.Command = linkwise
+        while isinstance(command, click.Group):
+            command = command.commands[words.pop(0)]
+        command.make_context(command.name, words)
+    with pytest.raises(click.UsageError, match="loud"):
+        linkwise.commands["identify"].make_context("identify", ["a.csv", "b.toml", "--hum", "x:m1=loud"])
 
 
 def test_a_reader_that_goes_away_is_no_error() -> None:

@@ -129,6 +129,7 @@ def test_a_unit_that_is_not_that_of_the_header_is_told(tmp_path: Path) -> None:
         ),
         ("calibration = 0.5", "calibration: 0.5 is 50 % of what the sensor shows; write '0.5 %'"),
         ('[channel."x:m1"]\ncalibration = -0.1', "a standard deviation must not be negative"),
+        ('[channel."x:m1"]\nnoise = 0.0', "a noise of 0 takes every sample as exact"),
         ('[channel."x:m1"]\ncolumn = "Laser 9"', "x:m1 is mapped to column 'Laser 9', which does not exist"),
         ('[channel."v:m7"]\nnoise = 1', "channel v:m7: is not in the record"),
         ('rate = "fast"', "rate: 'fast' cannot be read"),

@@ -59,6 +59,15 @@ def test_a_known_delay_is_taken_out() -> None:
     assert not corrected.uncertainty
 
 
+def test_what_is_found_beside_a_value_that_was_removed_is_told() -> None:
+    """An offset of 1 mm that is stated as 0.3 +- 0.1 mm is found as 0.7 mm."""
+    record = lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None] + 1e-3)
+    told = "x:m1: what is found of its offset comes on top of the value stated."
+    assert told in with_statements(record, {"x:m1": statement(offset="0.3 mm +- 0.1 mm")}).notes
+    for offset in ("0.3 mm", "+- 0.1 mm", "unknown"):
+        assert told not in with_statements(record, {"x:m1": statement(offset=offset)}).notes
+
+
 def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
     known = lw.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf)
     again = lw.SensorStatement.of(attributes_of(known, "v:m1"), "v:m1")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from linkwise.cli.options import (
     json_option,
     keyword_group,
     pairs,
+    quantity,
     truth_option,
 )
 from linkwise.cli.random_force_options import random_force_options
@@ -85,11 +85,8 @@ def _mass(name: str, text: str) -> float | str:
     """A plain number, one with a unit of mass, or "unknown"; UsageError for anything else."""
     if text.strip() == "unknown":
         return "unknown"
-    given: float | str = text
-    with suppress(ValueError):  # of a text with a unit
-        given = float(text)
     try:
-        return lw.to_si(given, "kg")
+        return quantity(text, "kg")
     except lw.LinkwiseError as error:
         raise click.UsageError(f"--mass {name}: {error}") from error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 import linkwise as lw
-from linkwise.cli.options import split
+from linkwise.cli.options import quantity, split
 
 
 def _drifts(
@@ -34,7 +34,7 @@ def _hums(
 
 def _quantity(option: str, text: str, value: str, unit: str) -> float:
     try:
-        return lw.to_si(value, unit)
+        return quantity(value, unit)
     except lw.LinkwiseError as error:
         raise click.UsageError(f"{option} {text}: {error}") from error
 

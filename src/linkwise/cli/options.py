@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import fields
 from functools import wraps
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+import linkwise as lw
 from linkwise.registry import Registry
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -70,6 +72,14 @@ def number(text: str, option: str, example: str) -> float:
         return float(text)
     except ValueError:
         raise click.UsageError(f"{option}: {text!r} is not a number, as in {option} {example}.") from None
+
+
+def quantity(text: str, unit: str) -> float:
+    """A plain number, which is in the SI `unit`, or one with a unit of its own; LinkwiseError for anything else."""
+    given: float | str = text
+    with suppress(ValueError):  # of a text with a unit
+        given = float(text)
+    return lw.to_si(given, unit)
 
 
 def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:

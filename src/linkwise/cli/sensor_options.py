@@ -9,6 +9,8 @@ import click
 
 from linkwise.cli.options import comma_separated, pairs
 
+_KINDS = ("gain", "offset", "delay")
+
 
 def _calibration(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
@@ -34,6 +36,15 @@ def _percentage(text: str) -> float:
     return value
 
 
+def _admitted(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    """Errors of sensors, of the kinds that are listed in the help."""
+    kinds = comma_separated(context, option, texts)
+    for kind in kinds:
+        if kind not in _KINDS:
+            raise click.UsageError(f'unknown error of a sensor "{kind}"; choose from {", ".join(_KINDS)}.')
+    return kinds
+
+
 def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
     """The options, with a `remark` at the end of what each does."""
     return (
@@ -48,9 +59,9 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
         click.option(
             "--let",
             "admit",
-            metavar="gain,offset,delay",
+            metavar=",".join(_KINDS),
             multiple=True,
-            callback=comma_separated,
+            callback=_admitted,
             help=f"Errors of sensors that are added to the model if the diagnosis names them{remark}.",
         ),
     )

@@ -9,7 +9,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.cli.console import progress
+from linkwise.cli.console import progress, tell
 from linkwise.cli.excitation_options import (
     ExcitationOptions,
     SamplingOptions,
@@ -77,6 +77,8 @@ def simulate(
         lw.write_record(record, output)
         step(lw.ProgressReport(1.0, "energy and horizon"))
         summary = _summary(record, output)
+    if not any(keywords[kind] for kind in ("release", "impulses", "forces")) and keywords["base"] is None:
+        tell("note: nothing sets the structure in motion; give --release, --impulse, --force or --base.")
     if noise is not None:
         summary["noise"] = {"decibel": noise, "seed": seed}
     click.echo(to_json(summary) if as_json else _summary_text(subject, summary))

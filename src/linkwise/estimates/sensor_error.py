@@ -43,7 +43,7 @@ class SensorErrorEstimate:
     def description(self) -> str:
         """In words, with its standard error."""
         size = {
-            "offset": f"is off by {self.value:.4g} throughout",
+            "offset": f"is off by {self.value:.4g} {self.unit}".removesuffix(" ?") + " throughout",
             "gain": f"shows {self.value:.6g} of its motion",
             "delay": f"is late by {1e3 * self.value:.4g} ms",
         }[self.kind]

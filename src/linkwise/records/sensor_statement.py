@@ -188,6 +188,8 @@ def _value(key: str, given: object, unit: str) -> Any:
         sigma = _si(given, "" if key == "calibration" else unit)
         if sigma < 0.0:
             raise LinkwiseError(f"a standard deviation must not be negative, got {given!r}")
+        if key == "noise" and sigma == 0.0:
+            raise LinkwiseError("a noise of 0 takes every sample as exact; leave it out, and it is estimated")
         if key == "calibration" and sigma >= _NO_CALIBRATION and not str(given).strip().endswith("%"):
             raise LinkwiseError(
                 f"{given} is {100.0 * sigma:g} % of what the sensor shows; write '{given} %' for a percentage"
@@ -254,6 +256,12 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             notes.append(_taken_out(name, gain.value, offset.value))
         if statement.delay is not None and statement.delay.value:
             late[name] = statement.delay.value
+        corrected = {"gain": gain.value != 1.0, "offset": offset.value, "delay": late.get(name)}
+        doubtful = [kind for kind, given in corrected.items() if given and getattr(known, kind)]
+        if doubtful:
+            notes.append(
+                f"{name}: what is found of its {' and '.join(doubtful)} comes on top of the value stated."
+            )
         if statement.interpolation is not None:
             runs[name] = statement.interpolation
     changed = replace(
