@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from structures import named, structure
 
 import linkwise as lw
 from linkwise.estimates.force_curve import force_curve
@@ -47,3 +48,21 @@ def test_curve_of_a_measured_record_has_what_was_measured(measured: lw.Estimate,
 def test_curve_without_any_force_has_no_samples(measured: lw.Estimate) -> None:
     blind = replace(measured, compute_motion=lambda: replace(measured.motion, compute_residual=lambda: None))
     assert len(force_curve(blind, "nes1").sample_d) == 0
+
+
+@pytest.mark.parametrize("known_truth", [True, False])
+def test_samples_of_a_link_with_memory_are_less_what_its_states_add(known_truth: bool) -> None:
+    """A hysteretic damper alone on a rig: its force over the elongation is a loop, its elastic part a line."""
+    joint = named("joint", "base-ground", "bouc-wen", k=800.0, c=0.3, F=3.0, s=0.5, x0=0.005)
+    rig = structure({}, joint)
+    drive = lw.TimeFunction("0.01*sin(6*t)*exp(-t/4)")
+    clean = lw.simulate(rig, base=drive, duration=6.0, rate=200.0, sensors=("f:joint",))
+    record = clean.with_noise(50.0, seed=3)
+    estimate = lw.identify(record, rig.unknown("joint.k", "joint.F"))
+    shown = estimate if known_truth else replace(estimate, record=replace(record, simulated=None))
+    curve = force_curve(shown, "joint")
+    off = curve.sample_force - 800.0 * curve.sample_d
+    noise = estimate.noise["f:joint"].sigma
+    assert len(off) > 1000 and np.sqrt(np.mean(off**2)) < 2.0 * noise  # the loop is 40 times as wide
+    loop = clean.channel("f:joint") - 800.0 * clean.channel("x:base")
+    assert np.sqrt(np.mean(loop**2)) > 40.0 * noise

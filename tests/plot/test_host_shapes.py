@@ -29,10 +29,14 @@ def test_lines_are_the_shapes_at_the_points() -> None:
 
 
 def test_bars_are_two_standard_deviations_either_way() -> None:
-    for given, expected in ((wing(), 0.0), (wing().known_to_within(shape=0.05), 4.0 * 0.05)):
-        bars = some(lw.plot.shapes(given).containers)[0].get_children()[-1]
-        assert isinstance(bars, LineCollection)
-        np.testing.assert_allclose([np.ptp(ends[:, 1]) for ends in bars.get_segments()], expected, atol=1e-12)
+    bars = some(lw.plot.shapes(wing().known_to_within(shape=0.05)).containers)[0].get_children()[-1]
+    assert isinstance(bars, LineCollection)
+    np.testing.assert_allclose([np.ptp(ends[:, 1]) for ends in bars.get_segments()], 4.0 * 0.05, atol=1e-12)
+
+
+def test_shapes_that_are_known_have_no_bars() -> None:
+    for container in some(lw.plot.shapes(wing()).containers):
+        assert not any(isinstance(part, LineCollection) for part in container.get_children())
 
 
 def test_every_host_has_a_panel() -> None:

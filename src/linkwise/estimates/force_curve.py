@@ -35,7 +35,8 @@ class ForceCurve:
     true : array of shape (G,) or None
         The true force in N, where known.
     sample_d, sample_force : array of shape (P,)
-        Elongations in m and forces in N less the identified damping, at samples of the record; empty where no force is known.
+        Elongations in m and forces in N less the identified damping and memory, at samples of the record; empty where no
+        force is known.
     samples_are_true : bool
         Whether these forces are simulated rather than measured.
     """
@@ -136,27 +137,32 @@ def _elastic(link: Link, d: Floats) -> Floats:
 
 
 def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
-    """Elongation (P,) m and force minus the identified damping (P,) N at the samples of the record.
+    """Elongation (P,) m and force minus the identified damping and memory (P,) N at the samples of the record.
 
     The force is the true one of a simulated record, else the measured one, else there is none.
     """
+    link = estimate.link(name).link
     index = [link.name for link in estimate.structure.links].index(name)
+    states = link.zero_states
     simulated, motion = estimate.record.simulated, estimate.motion
     if simulated is not None:
         truth, base = simulated.structure, simulated.base
         rate = None if base is None else np.gradient(base, 1.0 / estimate.record.rate)
         d = truth.elongations(simulated.displacement, base)[:, index]
         v = truth.elongations(simulated.velocity, rate)[:, index]
-        states = {
+        true_states = {
             key.rpartition(".")[2]: s for key, s in simulated.states.items() if key.startswith(f"{name}.")
         }
-        force = truth.link(name).force(d, v, states)
+        force = truth.link(name).force(d, v, true_states)
+        states = {**states, **{state: true_states[state] for state in states if state in true_states}}
+        identified = link.force(d, v, states)
     elif motion.force is not None:
         d, v, force = motion.d[:, index], motion.v[:, index], motion.force[:, index]
+        remembered = link.law.states and motion.identified_force is not None
+        identified = motion.identified_force[:, index] if remembered else link.force(d, v, states)
     else:
         return np.empty(0), np.empty(0)
-    link = estimate.link(name).link
-    elastic = force - (link.force(d, v, link.zero_states) - _elastic(link, d))
+    elastic = force - (identified - _elastic(link, d))
     finite = np.isfinite(elastic) & np.isfinite(d)
     return d[finite], elastic[finite]
 

@@ -55,7 +55,9 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
             axes.errorbar(
                 places,
                 [mode.shape[point] for point in points],
-                [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations],
+                [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
+                if any(deviations)
+                else None,
                 color=SERIES[number % len(SERIES)],
                 linestyle=_STYLES[number // len(SERIES) % len(_STYLES)],
                 marker="o",
