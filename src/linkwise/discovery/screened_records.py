@@ -17,6 +17,7 @@ from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.discovery.term_parameters import first_values
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
+from linkwise.records.common_samples import common_samples
 from linkwise.records.record import Record
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
 from linkwise.weak.estimate import weak_search
@@ -46,6 +47,7 @@ class ScreenedRecords:
             first = screen_links(records[0], candidates)
             result = ScreenResult(first, frozenset(candidates.by_name))
             return cls(records, (), candidates, False, result, first, ())
+        records = [common_samples(record) or record for record in records]
         displaced = [with_displacements(record, candidates.masses) for record in records]
         motions = [read_displacements(record, candidates.full_structure) for record in displaced]
         rates = [record.rate for record in displaced]

@@ -170,6 +170,6 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
 
 def _samples_label(curve: ForceCurve) -> str:
     """What the samples are, and how many of them lie beyond the frame."""
-    taken = "damping and memory" if curve.link.states else "damping"
-    description = f"{'true' if curve.samples_are_true else 'measured'} minus {taken}"
+    identified = "damping and memory" if curve.link.states else "damping"
+    description = f"{'true' if curve.samples_are_true else 'measured'} minus {identified}"
     return f"{description} ({100 * curve.outside:.0f} % outside)" if curve.outside >= 0.005 else description

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import RecordError
+from linkwise.records.common_samples import sampled_every
 
 _ORDER = (
     4  # order of the differences taken before the window, which keep slow motion from leaking into high bins
@@ -78,7 +79,8 @@ def noise_sigma(samples: ArrayLike) -> Floats:
 
     Notes
     -----
-    Incomplete blocks are left out, and blocks are shorter where gaps are frequent. The standard error is about 1.2 % at N =
+    Incomplete blocks are left out, and blocks are shorter where gaps are frequent; a channel that was sampled at a lower rate
+    is judged by its own samples. The standard error is about 1.2 % at N =
     6001 and decreases with sqrt(N). For noise that is not white, the quarter of the cells with the least power determines
     the result.
     """
@@ -172,6 +174,11 @@ def _sigma(channels: Floats, computed: BlockSpectra | None) -> Floats:
         reusable = computed is not None and computed.block == block and pending.all()
         spectra = computed if computed is not None and reusable else _spectra(channels[pending], block)
         sigma[pending] = np.sqrt(_levels(spectra, fewest))
+    for channel in np.flatnonzero(np.isnan(sigma)):
+        present = np.isfinite(channels[channel])
+        every = sampled_every(present)
+        if every > 1:  # sampled at a lower rate than others
+            sigma[channel] = _sigma(channels[channel : channel + 1, np.argmax(present) :: every], None)[0]
     return sigma
 
 

@@ -261,5 +261,5 @@ def _require_whole_windows(patches: list[Patch], window: Window) -> None:
     if patches and max(patch.windows for patch in patches) < MIN_WINDOWS:
         raise IdentificationError(
             f"too many samples are missing: no mass has {MIN_WINDOWS} complete windows of {window.length} samples; fill "
-            "single gaps first, or record again"
+            "single gaps first, keep the samples that all sensors have, or record again"
         )

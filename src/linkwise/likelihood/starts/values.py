@@ -15,6 +15,7 @@ from linkwise.likelihood.starts.hosts import equivalent_start, host_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
+from linkwise.records.common_samples import common_samples
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
@@ -167,7 +168,7 @@ def _best_weak_fit(
 ) -> ValuesAndDeviations:
     """The weak fit with the smallest standard deviations, in the geometric mean, among those to each of the records."""
     fits, failure = [], None
-    for record in records:
+    for record in (common_samples(record) or record for record in records):
         try:
             fits.append(weak_search(record, structure, read_displacements(record, structure), known)[1])
         except IdentificationError as error:

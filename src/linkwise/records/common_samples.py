@@ -1,0 +1,48 @@
+"""The samples that all sensors have of a record whose sensors were sampled at different rates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from linkwise.arrays import Bools
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+_MOTION = ("x", "v", "a")
+
+
+def common_samples(record: Record) -> Record | None:
+    """A record at the lowest of the rates at which the motion of its masses was sampled.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    Record or None
+        The record at every so-manyth of its samples, without a filter; None where most samples that all displacements,
+        velocities and accelerations have follow one another.
+    """
+    moving = [name for name in record.responses if Channel.parse(name).kind in _MOTION]
+    complete = np.isfinite(record.select(moving).values).all(axis=1)
+    every = sampled_every(complete)
+    if every < 2:
+        return None
+    first = int(np.argmax(complete))
+    return replace(
+        record,
+        start=record.start + first / record.rate,
+        rate=record.rate / every,
+        values=record.values[first::every],
+        simulated=None,
+    )
+
+
+def sampled_every(present: Bools) -> int:
+    """Samples from most of those that are `present` (N,) to the next one; 1 with less than two of them."""
+    places = np.flatnonzero(present)
+    return int(np.median(np.diff(places))) if len(places) > 1 else 1

@@ -1,0 +1,91 @@
+"""Records whose channels were sampled at different rates: from what they say together to what is found from all of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judged import masses
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.records.common_samples import common_samples, sampled_every
+from linkwise.signals.channel_noise import channel_noise
+
+
+def two_rates(every: int, first: int = 0) -> lw.Record:
+    """The paper's chain at 1000 Hz, its sink at a part of that rate; 30 dB."""
+    record = chain_record(2).with_noise(30.0, seed=31)
+    values = record.values.copy()
+    missing = np.ones(len(record), dtype=bool)
+    missing[first::every] = False
+    values[missing, 1] = np.nan
+    return replace(record, values=values)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_common_samples_are_those_of_the_slower_channel(first: int) -> None:
+    record = two_rates(3, first)
+    common = common_samples(record)
+    assert common is not None
+    assert common.rate == pytest.approx(record.rate / 3, rel=1e-12)
+    assert common.start == pytest.approx(first / record.rate, rel=1e-12)
+    np.testing.assert_array_equal(common.values, record.values[first::3])
+
+
+def test_a_record_with_some_gaps_has_one_rate() -> None:
+    record = two_rates(1)
+    assert common_samples(record) is None
+    values = record.values.copy()
+    values[100:900, 0] = np.nan
+    values[::7, 1] = np.nan
+    assert common_samples(replace(record, values=values)) is None
+    assert sampled_every(np.zeros(5, dtype=bool)) == 1
+
+
+@pytest.mark.parametrize("every", [2, 5])
+def test_noise_of_a_slower_channel_is_that_of_its_samples(every: int) -> None:
+    """It was taken for rounding, 1e-12 of the motion."""
+    record = two_rates(every)
+    slower, complete = channel_noise(record)["x:m2"], channel_noise(two_rates(1))["x:m2"]
+    # 1.2 % of standard error at 6001 samples, five of them at a part of these
+    assert slower == pytest.approx(complete, rel=5.0 * 0.012 * np.sqrt(every))
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_laws_are_found_from_all_samples_of_channels_at_two_rates(every: int) -> None:
+    record, chain = two_rates(every), lw.bnes_chain(2)
+    fit = lw.identify(record, chain.unknown("nes"))
+    assert fit.trusted and fit.samples == 6001 + len(range(0, 6001, every))
+    for name in ("alpha", "beta", "c"):
+        found, true = fit.coefficient(f"nes1.{name}"), chain.coefficient(f"nes1.{name}").value
+        assert found.standard_error is not None
+        assert abs(found.value - true) < 4.0 * found.standard_error
+    alone = common_samples(record)
+    assert alone is not None
+    fewer = lw.identify(alone, chain.unknown("nes")).coefficient("nes1.alpha").standard_error
+    assert fewer is not None and fit.coefficient("nes1.alpha").standard_error < fewer
+    with pytest.raises(lw.IdentificationError, match="keep the samples that all sensors have"):
+        lw.identify(record, chain.unknown("nes"), method="weak")
+
+
+def test_links_are_discovered_from_channels_at_two_rates() -> None:
+    discovery = lw.discover(two_rates(2), masses(lw.bnes_chain(2)))
+    assert discovery.trusted
+    assert {link.name for link in discovery.structure.links} == {"m1-ground", "m2-m1"}
+
+
+def test_a_slower_channel_is_told_once_with_its_rate() -> None:
+    (alert,) = lw.inspect(two_rates(4)).alerts
+    assert (alert.kind, alert.channel) == ("dropped", "x:m2")
+    assert "in one of 4 rows, so that its rate is 250 Hz" in alert.message
+
+
+def test_a_slow_load_cell_does_not_thin_the_motion() -> None:
+    record = two_rates(1)
+    slow = np.full((len(record), 1), np.nan)
+    slow[::100] = 1.0
+    channels = (*record.channels, "f:nes1")
+    beside = replace(record, channels=channels, values=np.hstack([record.values, slow]))
+    assert common_samples(beside) is None
