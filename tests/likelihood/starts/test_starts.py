@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_fit, chain_record
-from structures import link, structure
+from structures import link, row_of_masses, structure
 
 import linkwise as lw
 from linkwise.likelihood.starts.coefficients import law_start
@@ -17,6 +17,7 @@ from linkwise.likelihood.starts.inverse_dynamics import (
     masses_from_links,
     needs_integration,
 )
+from linkwise.likelihood.starts.values import starting_values
 from linkwise.signals.channel_noise import channel_noise
 
 
@@ -119,3 +120,33 @@ def test_rates_and_accelerations_alone_identify_a_chain(n: int, kind: str, seed:
     assert abs(present(fit.chi_square_per_sample) - 1.0) < 0.05 * np.sqrt(6.0 / 3.0)
     # all deviations within four standard errors, of 5 to 10 coefficients a run: wrong once in 1000
     assert np.abs(deviations(fit, true)).max() < 4.0
+
+
+HIDDEN = row_of_masses(
+    [1.0, 0.5, 0.3],
+    a=("k*d + k3*d**3 + c*v", {"k": 1000.0, "k3": 1e5, "c": 0.5}),
+    b=("k*d + k3*d**3 + c*v", {"k": 600.0, "k3": 2e5, "c": 0.3}),
+    h=("k*d + c*v", {"k": 300.0, "c": 0.2}),
+)
+
+
+def test_a_hidden_mass_needs_starts_for_its_own_links_only() -> None:
+    """Of the other links the weak form tells them, as it does where the mass has no unknown."""
+    release, asked = {"v:m1": 0.8}, HIDDEN.unknown("all")
+    record = lw.simulate(HIDDEN, release=release, duration=8.0, rate=200.0, sensors=("x:m1", "x:m2"))
+    record = record.with_noise(40.0, seed=4)
+    own = {"h.k": 240.0, "h.c": 0.3}
+    values, _ = starting_values([record], asked, own)
+    by_name = dict(zip([p.name for p in asked.parameters], values, strict=True))
+    assert {name: by_name[name] for name in own} == own
+    fit = lw.identify(record, asked, method=lw.MaximumLikelihood(starts=own))
+    assert fit.trusted
+    for parameter in asked.parameters:
+        found, true = fit.coefficient(parameter.name), HIDDEN.coefficient(parameter.name).value
+        assert found.standard_error is not None and abs(found.value - true) < 4.0 * found.standard_error
+    with pytest.raises(
+        lw.IdentificationError, match=r"no starting value for .* no information on h\.k, h\.c"
+    ):
+        lw.identify(record, asked)
+    with pytest.raises(lw.IdentificationError, match=r"no starting value for a\.k.* no information on h\.c"):
+        lw.identify(record, asked, method=lw.MaximumLikelihood(starts={"h.k": 240.0}))

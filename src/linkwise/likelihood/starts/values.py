@@ -142,6 +142,11 @@ def _values(
             estimated, deviations = (weak or partial(_best_weak_fit, integrated or records))(structure, known)
     except IdentificationError as error:
         missing = [p.name for p in parameters if p.name not in known]
+        if 0 < len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
+            values = {p.name: known[p.name] for p in parameters if p.name in known}
+            others = _values(records, structure.with_values(values), {}, weak)[0]
+            values |= dict(zip(missing, others, strict=True))
+            return np.array([values[p.name] for p in parameters]), None
         if missing:
             more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
             raise IdentificationError(
