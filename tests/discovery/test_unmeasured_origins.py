@@ -44,3 +44,16 @@ def test_a_law_that_is_odd_about_its_origin_is_certain() -> None:
     assert {term.term for term in discovery.kept} == {"d", "d**3", "v"}
     assert discovery.trusted and all(term.certain for term in some(discovery.kept))
     assert not any("not odd" in remark for remark in discovery.remarks)
+
+
+def test_a_constant_force_beside_all_powers_starts_from_these() -> None:
+    """It only shifts an elongation that accelerations do not tell: the equations of the start were singular."""
+    true = oscillator("k*d + k3*d**3 + c*v", mass=1.0, k=4000.0, k3=4e7, c=1.5)
+    drive = {"m1": "8*sin(2*pi*(2 + 1.5*t)*t)"}
+    record = lw.simulate(true, forces=drive, duration=10.0, rate=200.0, sensors=("a",)).with_noise(
+        40.0, seed=2
+    )
+    discovery = lw.discover(record, {"m1": 1.0}, terms="1, v, d, d**2, d**3, v*abs(v)")
+    assert {term.term for term in discovery.kept} == {"v", "d", "d**3"} and discovery.trusted
+    constant = next(term for term in discovery.terms if term.term == "1")
+    assert not constant.kept and constant.margin > 10.0

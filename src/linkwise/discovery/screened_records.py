@@ -63,6 +63,8 @@ class ScreenedRecords:
                 or most_significant_tree(displaced, motions, candidates)
                 or result.significant
             )
+            # a constant force may only shift elongations that were not measured, so that the equations are singular
+            first -= {entry.name for entry in candidates.entries if entry.term.is_constant}
         untested = len(candidates.entries) - len(result.tested)
         remarks = (*inactive_remark(inactive), *_untested_remark(untested))
         return cls(displaced, motions, candidates, integrated, result, first, remarks)
