@@ -6,9 +6,11 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from functools import singledispatch
 from math import floor, isfinite, log10
+from textwrap import fill
 
 _MARKED = ("=", "+", "-", "@", "\t", "\r", "'")  # with which a formula may begin, and the apostrophe itself
 _FAR_FROM_NOISE = 1e4  # chi-square from which its decimals say nothing
+_WIDTH = 100  # at which sentences are wrapped
 LONGEST = 2000  # characters of a message: what a screen shows beside what was typed
 
 
@@ -19,6 +21,16 @@ def shortened(message: str, most: int = LONGEST) -> str:
     half = most // 2
     left_out = len(message) - 2 * half
     return f"{message[:half]} [... {left_out} characters ...] {message[-half:]}"
+
+
+def paragraph(text: str) -> str:
+    """A text in lines that a terminal shows whole."""
+    return fill(text, _WIDTH)
+
+
+def remark_lines(remark: str) -> str:
+    """What a reader must not miss, as a paragraph with a mark in front."""
+    return fill(f"! {remark}", _WIDTH, subsequent_indent="  ")
 
 
 def csv_cell(value: object) -> object:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import inf, isfinite
-from textwrap import fill
 
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
@@ -15,6 +14,8 @@ from linkwise.text import (
     format_duration,
     format_error,
     format_value,
+    paragraph,
+    remark_lines,
 )
 from linkwise.verdict import Decision
 
@@ -23,7 +24,6 @@ Rows = list[tuple[str, ...]]
 _LINKS = 24  # that are printed; a longer list is in the result folder
 _DOUBTFUL = 12
 _RUNNERS_UP = 5
-_WIDTH = 100  # at which sentences are wrapped
 
 TERM_HEAD = ("", "value", "std. error", "z", "margin", "unit")
 DOUBTFUL_HEAD = ("", "term", "now", "z", "margin", "probability", "would be")
@@ -34,7 +34,7 @@ RUNNER_UP_HEAD = ("model", "criterion above the selected one")
 def discovery_text(discovery: Discovery) -> str:
     """The whole result as text."""
     first, *sentences = headline(discovery)
-    blocks = ["\n".join([first, *(fill(sentence, _WIDTH) for sentence in sentences)])]
+    blocks = ["\n".join([first, *(paragraph(sentence) for sentence in sentences)])]
     links = links_by_certainty(discovery)
     masses = [*mass_rows(discovery), *_mode_rows(discovery)]
     terms = [row for link in links for row in term_rows(discovery, link)]
@@ -61,7 +61,7 @@ def discovery_text(discovery: Discovery) -> str:
         blocks.append("\n".join(["the next best models", *align_columns(rows)]))
     remarks = all_remarks(discovery)
     if remarks:
-        blocks.append("\n".join(fill(f"! {remark}", _WIDTH, subsequent_indent="  ") for remark in remarks))
+        blocks.append("\n".join(remark_lines(remark) for remark in remarks))
     return "\n\n".join(blocks)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import isfinite
-from textwrap import fill
 
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
@@ -14,13 +13,14 @@ from linkwise.text import (
     format_duration,
     format_error,
     format_value,
+    paragraph,
+    remark_lines,
 )
 
 _MANY = 12  # channels or links that are shown
 _RATES = 3  # states of a link whose rates are printed; the result folder has all
 _SHAPES = 6  # of modes at points, that are shown
 _CAUSES = 4  # of what is left, that are shown
-_WIDTH = 100  # at which sentences are broken
 _HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 
@@ -56,9 +56,7 @@ def text_table(estimate: Estimate) -> str:
     if len(estimate.diagnosis) > 1:
         blocks.append(_diagnosis(estimate))
     if estimate.findings:
-        blocks.append(
-            "\n".join(fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in estimate.findings)
-        )
+        blocks.append("\n".join(remark_lines(finding) for finding in estimate.findings))
     return "\n\n".join(blocks)
 
 
@@ -68,7 +66,7 @@ def _verdict(estimate: Estimate) -> str:
     chi = "" if value is None else f", chi-square {format_chi_square(value)}"
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
     summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {format_duration(estimate.seconds)})"
-    return f"{head}\n{fill(summary, _WIDTH)}"
+    return f"{head}\n{paragraph(summary)}"
 
 
 def _shapes(estimate: Estimate) -> str:

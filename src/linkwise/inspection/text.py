@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.result import ChannelSummary, Inspection, labels
-from linkwise.text import align_columns, as_text
+from linkwise.text import align_columns, as_text, remark_lines
 
 HEAD = (
     "channel", "samples", "missing", "minimum", "maximum", "rms", "noise", "SNR dB", "bits", "up to Hz", "per period", "unit",
@@ -27,10 +27,10 @@ def headline(inspection: Inspection) -> str:
 
 
 def alert_lines(inspection: Inspection) -> list[str]:
-    """The headline, and a line for each alert."""
+    """The headline, and a paragraph for each alert."""
     return [
         headline(inspection),
-        *(f"! {alert_text(inspection, alert)}" for alert in inspection.alerts),
+        *(remark_lines(alert_text(inspection, alert)) for alert in inspection.alerts),
     ]
 
 

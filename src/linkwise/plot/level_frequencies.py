@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -51,6 +52,7 @@ def level_modes(
     if quantity == "frequency":
         values = 100.0 * comparison.frequency_changes
         errors = 100.0 * comparison.frequency_errors / comparison.frequencies[0]
+    values = np.where(comparison.lost, np.nan, values)
     with axes_for(ax, legend=legend) as axes:
         for mode in range(values.shape[1]):
             axes.errorbar(

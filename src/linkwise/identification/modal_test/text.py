@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from textwrap import fill
-
 from linkwise.identification.modal_test.result import HostEstimate
-from linkwise.text import align_columns, as_text, format_duration, format_error, format_value
+from linkwise.text import (
+    align_columns,
+    as_text,
+    format_duration,
+    format_error,
+    format_value,
+    paragraph,
+    remark_lines,
+)
 
-_WIDTH = 100
 _POINTS = 6  # whose shapes are printed
 
 
@@ -38,6 +43,6 @@ def modal_test_text(estimate: HostEstimate) -> str:
                 f"up to {format_error(max(errors))}",
             )
         )
-    blocks = [f"{head}\n{fill(summary, _WIDTH)}", "\n".join(align_columns(rows))]
-    blocks += [fill(f"! {remark}", _WIDTH, subsequent_indent="  ") for remark in estimate.remarks]
+    blocks = [f"{head}\n{paragraph(summary)}", "\n".join(align_columns(rows))]
+    blocks += [remark_lines(remark) for remark in estimate.remarks]
     return "\n\n".join(blocks)

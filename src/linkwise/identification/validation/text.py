@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from textwrap import fill
-
 from linkwise.identification.validation.result import Validation
-from linkwise.text import align_columns, as_text, format_error, format_value
+from linkwise.text import align_columns, as_text, format_error, format_value, paragraph, remark_lines
 
-_WIDTH = 100  # at which sentences are wrapped
 CHANNEL_HEAD = ("channel", "RMSE", "allowed", "one step", "noise", "NMSE, %", "fit, %", "unit")
 COEFFICIENT_HEAD = ("coefficient", "answer", "this record", "apart", "unit")
 
@@ -15,14 +12,12 @@ COEFFICIENT_HEAD = ("coefficient", "answer", "this record", "apart", "unit")
 @as_text.register
 def validation_text(validation: Validation) -> str:
     """The whole result as text."""
-    blocks = ["\n".join(fill(line, _WIDTH) for line in headline(validation))]
+    blocks = ["\n".join(paragraph(line) for line in headline(validation))]
     blocks.append("\n".join(align_columns([CHANNEL_HEAD, *channel_rows(validation)])))
     if validation.coefficients:
         blocks.append("\n".join(align_columns([COEFFICIENT_HEAD, *coefficient_rows(validation)])))
     if validation.findings:
-        blocks.append(
-            "\n".join(fill(f"! {entry}", _WIDTH, subsequent_indent="  ") for entry in validation.findings)
-        )
+        blocks.append("\n".join(remark_lines(entry) for entry in validation.findings))
     return "\n\n".join(blocks)
 
 

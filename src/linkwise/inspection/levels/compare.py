@@ -10,7 +10,7 @@ from linkwise.argument_types import checked
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
-from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, LevelComparison
+from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, UNDAMPED, LevelComparison
 from linkwise.inspection.levels.ring_down import ring_down
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
@@ -19,7 +19,6 @@ from linkwise.records.record import Record
 from linkwise.records.sequence import record_list
 from linkwise.signals.channel_noise import channel_noise
 
-_UNDAMPED = 2e-4  # damping of what is no mode, but a line of the force or its distortion
 _MOST = 6  # modes that are followed, where their number is not given: those that respond most
 
 
@@ -162,7 +161,7 @@ def _followed(refined: RefinedModes) -> list[int]:
     peaks = np.abs(refined.residues).max(axis=(1, 2)) / refined.damping
     errors = refined.relative_errors
     firm = (
-        (refined.damping > _UNDAMPED)
+        (refined.damping > UNDAMPED)
         & (errors[:, 0] < OF_BANDWIDTH * refined.damping)
         & (errors[:, 1] < OF_DAMPING)
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.argument_types import checked
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.html import JudgedView
 from linkwise.inspection.levels.distortion import Distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
@@ -21,6 +21,8 @@ _SIGNIFICANT = 4.0
 _FREQUENCY, _DAMPING = 5e-4, 0.05  # relative changes that matter: less is what temperature and sensors do
 OF_BANDWIDTH, OF_DAMPING = 0.1, 0.05
 """Standard errors of the frequency, over half the bandwidth, and of the damping, relative, of a mode that can be followed."""
+UNDAMPED = 2e-4
+"""Damping of what is no mode, but a line of the force or its distortion."""
 _GROWTH = 2.0  # times what linear modes leave of the lowest level, noise allowed for: shares of taps scatter by less
 
 
@@ -83,6 +85,11 @@ class LevelComparison(JudgedView):
         """(R, n) changes of the damping from that at the lowest level, relative."""
         return np.asarray(self.damping / self.damping[0] - 1.0)
 
+    @property
+    def lost(self) -> Bools:
+        """(R, n) whether a mode could not be followed to a level, where what explains its record is no mode."""
+        return np.asarray(self.damping <= UNDAMPED)
+
     @checked
     def moved(self, level: int) -> tuple[int, ...]:
         """The modes whose frequency or damping differs from that at the lowest level by more than errors and what matters.
@@ -105,7 +112,7 @@ class LevelComparison(JudgedView):
             change = np.abs(values[level] - values[0])
             both = np.hypot(errors[level], errors[0])
             has_moved |= (change > _SIGNIFICANT * both) & (change > least * values[0])
-        return tuple(int(mode) + 1 for mode in np.flatnonzero(has_moved))
+        return tuple(int(mode) + 1 for mode in np.flatnonzero(has_moved & ~self.lost[level]))
 
     @property
     def first_nonlinear(self) -> int | None:
@@ -122,6 +129,7 @@ class LevelComparison(JudgedView):
         unclear = (self.frequency_errors > OF_BANDWIDTH * self.damping * self.frequencies) | (
             self.damping_errors > OF_DAMPING * self.damping
         )
+        unclear |= self.lost
         excess = np.maximum(self.left - self.noise, 0.0)
         grown = excess > _GROWTH * excess[0] + self.noise + self.noise[0]
         holds = {

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from linkwise.inspection.levels.result import LevelComparison
-from linkwise.text import align_columns, as_text, format_error, format_value
+from linkwise.text import align_columns, as_text, format_error, format_value, paragraph
 
 
 @as_text.register
 def levels_text(comparison: LevelComparison) -> str:
     """The verdict, then a table of modes over level, distortion, and what modes do as they ring down."""
-    blocks = ["\n".join(headline(comparison)), "\n".join(align_columns(mode_rows(comparison)))]
+    blocks = [
+        "\n".join(map(paragraph, headline(comparison))),
+        "\n".join(align_columns(mode_rows(comparison))),
+    ]
     distorted = distortion_rows(comparison)
     if len(distorted) > 1:
         blocks.append("\n".join(align_columns(distorted)))
@@ -30,10 +33,11 @@ def _claim(comparison: LevelComparison) -> str:
     if first is None:
         claim = "Linear" if comparison.trusted else "Perhaps linear"
         return f"{claim} up to a peak force of {top:.3g} N: no mode moves with the level by more than its errors."
-    modes = ", ".join(str(mode) for mode in comparison.moved(first))
+    moved = comparison.moved(first)
+    modes = f"mode{'s' if len(moved) > 1 else ''} {', '.join(map(str, moved))}"
     return (
-        f"Not linear from a peak force of {comparison.levels[first]:.3g} N on ({comparison.labels[first]}): mode {modes} "
-        f"differ{'s' if len(comparison.moved(first)) == 1 else ''} from {comparison.levels[0]:.3g} N by more than errors."
+        f"Not linear from a peak force of {comparison.levels[first]:.3g} N on ({comparison.labels[first]}): {modes} "
+        f"differ{'s' if len(moved) == 1 else ''} from {comparison.levels[0]:.3g} N by more than errors."
     )
 
 
@@ -47,10 +51,13 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
         for mode in range(comparison.frequencies.shape[1]):
             f, df = comparison.frequencies[level, mode], comparison.frequency_errors[level, mode]
             d, dd = 100.0 * comparison.damping[level, mode], 100.0 * comparison.damping_errors[level, mode]
+            record = (label, f"{comparison.levels[level]:.3g}") if mode == 0 else ("", "")
+            if comparison.lost[level, mode]:
+                rows.append((*record, str(mode + 1), *[""] * 4, "lost"))
+                continue
             rows.append(
                 (
-                    label if mode == 0 else "",
-                    f"{comparison.levels[level]:.3g}" if mode == 0 else "",
+                    *record,
                     str(mode + 1),
                     format_value(float(f), float(df)),
                     format_error(float(df)),
