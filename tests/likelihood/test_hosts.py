@@ -215,20 +215,28 @@ def mistaken(seed: int, part: float = 0.02) -> lw.Host:
     return replace(beam().hosts[0], modes=tuple(modes))
 
 
-def test_sensitivities_to_shapes_are_those_of_differences() -> None:
-    """Of samples and of the ends of segments, with shapes at points with a link, a force and sensors."""
+REMEMBERED = {"stiffness": 50.0, "pull": 30.0, "tau": 0.01}
+
+
+@pytest.mark.parametrize("remembers", [False, True])
+def test_sensitivities_to_shapes_are_those_of_differences(*, remembers: bool) -> None:
+    """Of samples and of the ends of segments, with shapes at points with a link, perhaps with memory, a force and sensors."""
     structure = beside(beam(), beam().hosts[0].known_to_within(shape=0.02))
+    if remembers:
+        creep = link("creep", "sink-beam.tip", "stiffness*z", {"z": "v + pull*d - z/tau"})
+        structure = with_links(structure, creep)
     shown, count = record()[:100], 20
     segments = cut_segments([shown], structure, System.of(structure), samples=5, refine=4)
     segments = replace(segments, tangent_refine=4)
     values = [
-        structure.coefficient(p.name).value or CANTILEVER_SINK[p.name.removeprefix("nes.")]
+        structure.coefficient(p.name).value or (CANTILEVER_SINK | REMEMBERED)[p.name.rpartition(".")[2]]
         for p in structure.parameters
     ]
     theta = np.array(values) * (1.0 + 0.03 * np.sin(np.arange(len(values))))  # off what the structure states
     truth = shown.simulated
     assert truth is not None
-    nodes = np.concatenate([truth.displacement[::5].T, truth.velocity[::5].T])
+    inner = np.full((int(remembers), count), 1e-3)
+    nodes = np.concatenate([truth.displacement[::5].T, truth.velocity[::5].T, inner])
     scales = Scales(np.ones(3), np.ones(len(nodes)), np.abs(theta))
 
     def misfit(values: np.ndarray) -> Misfit:

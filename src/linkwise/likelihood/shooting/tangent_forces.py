@@ -177,6 +177,11 @@ class TangentForces:
         x, u = (states[:, kind][:, modes[which]] for kind in (0, 1))
         change = weight * (self.by_d[:, link] * x + self.by_v[:, link] * u)
         self.by_shape = link, columns[which], change.astype(np.float32)
+        for state, owner in enumerate(self.owners.tolist()):
+            for pair in np.flatnonzero(link == owner):
+                slope = self.rate_by_d[:, state] * x[:, pair] + self.rate_by_v[:, state] * u[:, pair]
+                change = (slope * weight[pair]).astype(np.float32)
+                self.rate_by_parameter.append((state, columns[which[pair]], change))
 
     def _push(self, masses: Indices, which: Indices, weights: Floats, force: Floats, step: Floats) -> None:
         """Count the forces `which` (k,) of `force`, weighted, on masses (k,), none of which occurs twice for a force."""
