@@ -48,6 +48,8 @@ class ModalFit:
         Of frequency, damping and shape, mode by mode, where noise explains the residuals.
     block_ratios : array of shape (n (2 + m),)
         Standard errors by the scatter between blocks of the records over those of `covariance`, at least 1.
+    sensitivities : array of shape (n (2 + m),)
+        By how much the response changes with each, the others held: the root of the sum of squares in units of `noise`.
     noise : array of shape (C,)
         Root mean squares of the residuals.
     residuals : tuple of array of shape (C, N)
@@ -61,6 +63,7 @@ class ModalFit:
     shapes: Floats
     covariance: Floats
     block_ratios: Floats
+    sensitivities: Floats
     noise: Floats
     residuals: tuple[Floats, ...]
     converged: bool
@@ -74,7 +77,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
     for _ in range(_ROUNDS):
         theta, converged = _searched(problem, theta, noise)
         noise = problem.levels(theta)
-    covariance, ratios = _errors(problem, theta, noise)
+    covariance, ratios, sensitivities = _errors(problem, theta, noise)
     own = slice(0, problem.modes * problem.width)
     by_mode = theta[own].reshape(problem.modes, problem.width)
     order = np.argsort(by_mode[:, 0])
@@ -88,6 +91,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         shapes=by_mode[order, 2:],
         covariance=covariance[np.ix_(numbers, numbers)],
         block_ratios=ratios[numbers],
+        sensitivities=sensitivities[numbers],
         noise=noise,
         residuals=residuals,
         converged=converged,
@@ -106,8 +110,8 @@ def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> SearchEnd:
     )
 
 
-def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """The covariance (p, p) from the curvature, and ratios (p,) of errors by blocks."""
+def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, Floats, Floats]:
+    """The covariance (p, p) from the curvature, ratios (p,) of errors by blocks, and sensitivities (p,) of the response."""
     equations = problem.equations(theta, noise, blocks=problem.blocks(theta))
     curvature = equations.linear.curvature
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
@@ -118,7 +122,7 @@ def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats
     scatter = scores.T @ scores * (blocks / (blocks - 1))
     robust = (inverse @ scatter @ inverse).diagonal()
     quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
-    return inverse, np.maximum(quantiles * np.sqrt(robust / inverse.diagonal()), 1.0)
+    return inverse, np.maximum(quantiles * np.sqrt(robust / inverse.diagonal()), 1.0), scale
 
 
 class _Equations(NamedTuple):

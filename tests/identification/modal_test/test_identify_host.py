@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from structures import CANTILEVER
 from tapped_beam import SHAPES, beam, shaken, tapped
 
 import linkwise as lw
@@ -56,25 +57,16 @@ def test_a_structure_that_is_not_linear_is_not_trusted() -> None:
     assert estimate.verdicts[0] in (lw.Verdict.NOISE_MISMATCH, lw.Verdict.COLOURED_RESIDUALS)
 
 
-def test_errors_of_modes_that_are_not_quite_linear_are_those_of_the_scatter_of_parts() -> None:
-    one, other = (
-        lw.identify_host(shaken(seed, cubic=3e2, samples=10000).with_noise(60.0, seed=seed))
-        for seed in (21, 22)
-    )
-    for estimate in (one, other):
-        assert estimate.verdicts == (lw.Verdict.NOISE_MISMATCH,)
-        assert "not quite linear, they are those of this level" in estimate.remarks[0]
-        assert len(estimate.host.modes) == 3
-    differences = [
-        (first.value - second.value) / np.hypot(first.sigma, second.sigma)
-        for first, second in (
-            (mode.frequency, again.frequency)
-            for mode, again in zip(one.host.modes[1:], other.host.modes[1:], strict=True)
-        )
-        if first.value is not None and second.value is not None
-    ]
-    # joint standard errors: of two values beyond 4 once in 8000; in those of the noise, 1e-5 Hz, they are beyond 100
-    assert len(differences) == 2 and np.abs(differences).max() < 4.0
+@pytest.mark.parametrize("seed", [21, 22])
+def test_errors_of_modes_that_are_not_quite_linear_hold_those_at_rest(seed: int) -> None:
+    estimate = lw.identify_host(shaken(seed, cubic=3e2, samples=10000).with_noise(60.0, seed=seed))
+    assert estimate.verdicts == (lw.Verdict.NOISE_MISMATCH,)
+    assert "not quite linear, they are those of this level" in estimate.remarks[0]
+    # the spring at this level moves the first frequency by 8 and 29 of the standard errors that the scatter leaves
+    assert np.abs(errors(estimate.host)).max() < 3.0
+    assert estimate.host.modes[0].frequency.sigma < 0.01 * CANTILEVER[0]  # and is known
+    exact = lw.identify_host(shaken(seed, samples=10000).with_noise(60.0, seed=seed)).host.modes[0]
+    assert exact.frequency.sigma < 0.01 * estimate.host.modes[0].frequency.sigma
 
 
 def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:

@@ -31,6 +31,10 @@ _FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (
     0.5,
     0.2,
 )  # bounds to which such a mode is known, relative
+_STANDS_IN = 4.0
+"""Times what linear modes leave of the response: what they take in beside it of a force that is not linear, which makes their
+errors. Of random motion it is 1.2 for the force of a cubic spring, 1.3 for Coulomb friction, 2.4 for quadratic damping and up
+to 5 for hysteresis; of a decay, whose size changes slowly, more."""
 _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
 
@@ -115,7 +119,11 @@ def identify_host(
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
     inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    errors = (errors * fit.block_ratios if inexact else errors).reshape(len(faint), -1)
+    if inexact:
+        errors = np.maximum(
+            errors * fit.block_ratios, _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
+        )
+    errors = errors.reshape(len(faint), -1)
     host = _host(measured, fit, errors, faint)
     unscaled = _unscaled(fit, errors, faint)
     return HostEstimate(
@@ -183,16 +191,27 @@ def _deviation_by_chance(samples: int) -> float:
     return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / samples))
 
 
-def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
-    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
+def _beside_noise(measured: ModalMeasurement, fit: ModalFit) -> tuple[Floats, Floats]:
+    """(C,) sums of squares of what the modes leave beside noise, and of the response."""
     noise, power, samples = (np.zeros(len(fit.noise)) for _ in range(3))
     for run in measured.runs:
         known = np.isfinite(run.responses).sum(axis=1)
         noise += run.noise**2 * known
         power += np.nansum(run.responses**2, axis=1)
         samples += known
-    beside_noise = np.maximum(fit.noise**2 * samples - noise, 0.0)
+    return np.maximum(fit.noise**2 * samples - noise, 0.0), power
+
+
+def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
+    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
+    beside_noise, power = _beside_noise(measured, fit)
     return float(np.sqrt(np.max(beside_noise / np.maximum(power, np.finfo(float).tiny))))
+
+
+def _unexplained(measured: ModalMeasurement, fit: ModalFit) -> float:
+    """What the modes leave beside noise: the root of the sum of squares in units of the residuals, as sensitivities are."""
+    beside_noise, _ = _beside_noise(measured, fit)
+    return float(np.sqrt(np.sum(beside_noise / fit.noise**2)))
 
 
 def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool, white: bool) -> Verdict:
@@ -210,8 +229,8 @@ def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> 
     if left > 0.0:
         remarks.append(
             f"Linear modes leave {100.0 * left:.2g} % of the response beside noise. If the structure is not quite linear, "
-            "they are those of this level, and may be others at a lower one; standard errors are those of the scatter "
-            "between parts of the records."
+            "they are those of this level, and may be others at a lower one; standard errors count that: each is a change "
+            "that moves the response by four times what the modes leave, or that of the scatter between parts of the records."
         )
     names = [name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint]
     if names:
