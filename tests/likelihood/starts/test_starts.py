@@ -85,6 +85,20 @@ def test_a_nonlinear_coefficient_needs_a_start() -> None:
         law_start(noisy(2, "v", 1000), slip, channel_noise(noisy(2, "v", 1000)), {})
 
 
+def test_a_nonlinear_coefficient_starts_beside_linear_ones_that_forces_tell() -> None:
+    def chain(**values: float) -> lw.Structure:
+        slip = link("slip1", "m1-ground", "k*d + F*tanh(v/s)", **values)
+        return structure({"m1": 1.0, "m2": 0.01}, slip, lw.bnes_chain(2).link("nes1"))
+
+    true = {"k": 30000.0, "F": 8.0, "s": 0.3}
+    run = lw.simulate(chain(**true), release={"v:m1": 3.0}, duration=3.0, rate=1000.0, sensors=["v"])
+    record = run.with_noise(30.0, seed=2010)
+    starts = law_start(record, chain(), channel_noise(record), {"slip1.s": 0.2})
+    assert starts["slip1.k"] == pytest.approx(true["k"], rel=0.1)  # annealing needs 20 %
+    for name in ("F", "s"):  # they were not numbers
+        assert 0.5 * true[name] < starts[f"slip1.{name}"] < 2.0 * true[name]
+
+
 def test_masses_follow_from_elongations() -> None:
     true = lw.bnes_chain(4)
     record = chain_record(4, sensors=("v",))

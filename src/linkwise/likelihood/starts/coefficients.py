@@ -62,8 +62,7 @@ def link_start(
     trials = []
     for cutoff in _CUTOFFS:
         d, v = (highpass(signal[number], 1.0 / signals.step, cutoff) for signal in (signals.d, signals.v))
-        guess = _regressed(link, d, v, signals.force[number], values, free)
-        start = dict(values) | dict(zip(free, map(float, guess), strict=True))
+        start = dict(values) | _regressed(link, d, v, signals.force[number], values, free)
         trials.append(_improved(windows, link, start, free))
     return min(trials, key=lambda trial: trial[0])[1]
 
@@ -75,11 +74,15 @@ def _regressed(
     force: Floats,
     values: Mapping[str, float],
     free: tuple[str, ...],
-) -> Floats:
-    """The free coefficients (p,) by least squares on the forces (N,)."""
-    partials = link.law.partials(d, v, dict(values) | dict.fromkeys(free, 0.0))
-    columns = np.stack([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in free], axis=1)
-    return _least_squares(columns, force - partials.force)
+) -> dict[str, float]:
+    """The free coefficients in which the law is linear, by least squares on the forces (N,); others keep their values."""
+    linear = [name for name in free if name in link.law.linear]
+    if not linear:
+        return {}
+    partials = link.law.partials(d, v, dict(values) | dict.fromkeys(linear, 0.0))
+    columns = np.stack([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in linear], axis=1)
+    solved = _least_squares(columns, force - partials.force)
+    return dict(zip(linear, map(float, solved), strict=True))
 
 
 def _least_squares(columns: Floats, right: Floats) -> Floats:
