@@ -110,6 +110,11 @@ def test_maps_over_sinks_on_hosts_are_those_on_masses() -> None:
         np.testing.assert_allclose(hosted[name], masses[name], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(hosted["rms_reduction:frame.m1"], masses["rms_reduction:m1"], rtol=1e-6)
     assert hosted.best("sinks_share") == masses.best("sinks_share")
+    alone = lw.absorb(on_host(betas[0]), **TAP)
+    energies = [run.host_energy("frame").mean() for run in (alone.with_sinks, alone.without)]
+    reductions = hosted["energy_reduction:frame"]
+    assert reductions[0] == pytest.approx(1.0 - energies[0] / energies[1], rel=1e-6)
+    assert hosted.best("energy_reduction:frame") == {"sink.beta": betas[int(reductions.argmax())]}
     shares = np.sum([hosted["share:frame"], hosted["share:sink"], hosted["remaining"]], axis=0)
     np.testing.assert_allclose(shares, 1.0, atol=1e-9)
 

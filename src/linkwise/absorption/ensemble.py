@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.places import mean_host_energies
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.quantities import (
     AbsorptionQuantity,
@@ -164,15 +165,18 @@ def _baseline(
     potentials = Potentials.of([schedule.structure for schedule in schedules])
     first = comparisons[0]
     values = np.full((4, len(first.primaries), len(comparisons)), np.nan)
+    energy = np.full((len(first.structure.hosts), len(comparisons)), np.nan)
 
     def collect(runs: Runs, numbers: Indices) -> None:
         structures = [schedules[run].structure for run in numbers]
         vibration = Vibration(runs, structures, first.primaries, [positions[run] for run in numbers])
         level = first.options.settle * vibration.peak
         values[:, :, numbers] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
+        energy[:, numbers] = mean_host_energies(structures, runs.x, runs.v)
 
     runner.run(schedules, potentials, collect)
-    return BaselineQuantities(*values)
+    peak, rms, level, settled = values
+    return BaselineQuantities(peak, rms, level, settled, energy)
 
 
 def _with_sinks(

@@ -1,4 +1,4 @@
-"""Motion of masses and of points of hosts in several structures of one shape, and what dissipates in a structure."""
+"""Motion of masses and of points of hosts in several structures of one shape, energy in hosts, and what dissipates."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.model.host import Host
 from linkwise.model.structure import Structure
 
 
@@ -46,3 +47,21 @@ def dissipators(structure: Structure) -> dict[str, list[int]]:
         for host in structure.hosts
     }
     return hosts | {name: [number] for name, number in numbers.items() if name not in structure.modes}
+
+
+def host_energy(structure: Structure, host: Host, x: Floats, v: Floats) -> Floats:
+    """(N,) J: kinetic and potential energy of the modes of a host, from the motion (N, n) of masses and modes."""
+    energy = np.zeros(len(x))
+    for mode in host.coordinates:
+        number, link = structure.mass_names.index(mode), structure.link(mode)
+        energy += 0.5 * v[:, number] ** 2 + link.potential(x[:, number])
+    return energy
+
+
+def mean_host_energies(structures: Sequence[Structure], x: Floats, v: Floats) -> Floats:
+    """(H, W) J: mean energies over the samples in the hosts of W structures of one shape, `x` and `v` (N, n, W)."""
+    means = np.zeros((len(structures[0].hosts), len(structures)))
+    for run, structure in enumerate(structures):
+        for row, host in enumerate(structure.hosts):
+            means[row, run] = host_energy(structure, host, x[..., run], v[..., run]).mean()
+    return means

@@ -8,7 +8,7 @@ import numpy as np
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
-from linkwise.absorption.places import dissipators
+from linkwise.absorption.places import dissipators, mean_host_energies
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.runs import Runs
 from linkwise.absorption.vibration import Vibration, reduction, root_sum_square
@@ -48,17 +48,20 @@ class AbsorptionQuantity:
 
 @dataclass(frozen=True, eq=False)
 class BaselineQuantities:
-    """The vibration of the P primary masses without sinks in R runs: `peak`, `rms`, `level` m and `settled` s, (P, R)."""
+    """The vibration of the P primary masses without sinks in R runs: `peak`, `rms`, `level` m and `settled` s, (P, R), and the
+    mean `energy` (H, R) J in H hosts.
+    """
 
     peak: Floats
     rms: Floats
     level: Floats
     settled: Floats
+    energy: Floats
 
     def of_runs(self, runs: Indices) -> BaselineQuantities:
         """Some of the runs, in any order and number."""
         return BaselineQuantities(
-            *(values[:, runs] for values in (self.peak, self.rms, self.level, self.settled))
+            *(values[:, runs] for values in (self.peak, self.rms, self.level, self.settled, self.energy))
         )
 
 
@@ -80,6 +83,12 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
             quantities.append(AbsorptionQuantity(f"settled:{name}", "s", f"settling time of {name}", True))
             quantities.append(AbsorptionQuantity(f"rms_reduction:{name}", "", f"RMS reduction of {name}"))
             quantities.append(AbsorptionQuantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
+    quantities += [
+        AbsorptionQuantity(
+            f"energy_reduction:{host.name}", "", f"reduction of the mean energy in {host.name}"
+        )
+        for host in comparison.structure.hosts
+    ]
     quantities += [
         AbsorptionQuantity(
             f"share:{name}",
@@ -138,6 +147,9 @@ def quantity_values(
         values[f"settled:{name}"] = settled[row]
         values[f"rms_reduction:{name}"] = rms[row]
         values[f"peak_reduction:{name}"] = peaks[row]
+    energies = mean_host_energies(vibration.structures, runs.x, runs.v)
+    for host, energy, without in zip(comparison.structure.hosts, energies, baseline.energy, strict=True):
+        values[f"energy_reduction:{host.name}"] = reduction(energy, without)
     values |= {f"share:{name}": share for name, share in shares.items()}
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
     duration = runs.time[-1]

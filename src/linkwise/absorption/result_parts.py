@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.places import dissipators, place_motion
+from linkwise.absorption.places import dissipators, host_energy, place_motion
 from linkwise.absorption.sinks import Sink
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
@@ -220,11 +220,7 @@ class AbsorptionRun:
             If there is no such host.
         """
         hosts = {own.name: own for own in self.structure.hosts}
-        energy = np.zeros(len(self.x))
-        for mode in index_of(hosts, host, "host", "hosts").coordinates:
-            number, link = self.structure.mass_names.index(mode), self.structure.link(mode)
-            energy += 0.5 * self.v[:, number] ** 2 + link.potential(self.x[:, number])
-        return energy
+        return host_energy(self.structure, index_of(hosts, host, "host", "hosts"), self.x, self.v)
 
 
 @dataclass(frozen=True, eq=False)
