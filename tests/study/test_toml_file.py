@@ -321,3 +321,16 @@ def test_a_mistake_in_a_variant_is_named(old: str, new: str, message: str) -> No
     assert old in VARIED
     with pytest.raises(lw.StudyError, match=message):
         parse_study(VARIED.replace(old, new), "m.toml", Path())
+
+
+def test_all_unknowns_beside_a_host_are_those_of_links() -> None:
+    """Modes without a start could not be identified; they are where they are named."""
+    text = MADE.replace('unknown = ["joint"]', "").replace('frequency_sigma = "1 %"', "")
+    (subject,) = parse_study(text, "m.toml", Path()).subjects
+    assert {p.name for p in subject.unknown_structure.parameters} == {
+        f"joint.{key}" for key in ("k", "c", "F", "x0", "s")
+    }
+    (named,) = parse_study(
+        MADE.replace('["joint"]', '["joint", "beam.mode1.damping"]'), "m.toml", Path()
+    ).subjects
+    assert "beam.mode1.damping" in {p.name for p in named.unknown_structure.parameters}

@@ -59,7 +59,7 @@ class Subject:
         What is measured: kinds ("x", "v", "a" of every mass and point, "f" of every link, "state" of links with memory) or
         channels ("x:m1"). By default displacements, and forces of links alone on a rig.
     unknown : tuple of str
-        What is identified, as in `Structure.unknown`.
+        What is identified, as in `Structure.unknown`; "all" are all links, but no modes of hosts.
     judge : tuple of str
         The links whose force is compared with the truth, as in `Structure.unknown`; by default the unknown ones with a
         nonlinear stiffness, or all unknown ones if there are none.
@@ -131,7 +131,10 @@ class Subject:
     @cached_property
     def unknown_structure(self) -> Structure:
         """The structure with its unknowns, which methods identify."""
-        return self.structure.unknown(*self.unknown)
+        modes = self.structure.modes
+        joints = [link.name for link in self.structure.links if link.name not in modes] if modes else []
+        named = (joints if joints and name == "all" else [name] for name in self.unknown)
+        return self.structure.unknown(*(name for names in named for name in names))
 
     def stated_structure(self, seed: int) -> Structure:
         """The structure with its unknowns, where what is known to within is off the truth by a random error.
