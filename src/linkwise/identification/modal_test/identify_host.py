@@ -235,8 +235,8 @@ def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> 
     names = [name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint]
     if names:
         remarks.append(
-            f"{', '.join(names)} hardly stands above the noise and may stand for modes beyond the band that the force "
-            "excites: it is stated as known to within wide bounds."
+            f"{', '.join(names)} hardly {'stands' if len(names) == 1 else 'stand'} above the noise and may stand for modes "
+            "beyond the band that the force excites: stated as known to within wide bounds."
         )
     if unscaled:
         remarks.append(
