@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judged import masses
+from present import present
 from problems import chain_record
 
 import linkwise as lw
@@ -27,8 +28,7 @@ def two_rates(every: int, first: int = 0) -> lw.Record:
 @pytest.mark.parametrize("first", [0, 1])
 def test_common_samples_are_those_of_the_slower_channel(first: int) -> None:
     record = two_rates(3, first)
-    common = common_samples(record)
-    assert common is not None
+    common = present(common_samples(record))
     assert common.rate == pytest.approx(record.rate / 3, rel=1e-12)
     assert common.start == pytest.approx(first / record.rate, rel=1e-12)
     np.testing.assert_array_equal(common.values, record.values[first::3])
@@ -59,13 +59,11 @@ def test_laws_are_found_from_all_samples_of_channels_at_two_rates(every: int) ->
     fit = lw.identify(record, chain.unknown("nes"))
     assert fit.trusted and fit.samples == 6001 + len(range(0, 6001, every))
     for name in ("alpha", "beta", "c"):
-        found, true = fit.coefficient(f"nes1.{name}"), chain.coefficient(f"nes1.{name}").value
-        assert found.standard_error is not None
-        assert abs(found.value - true) < 4.0 * found.standard_error
-    alone = common_samples(record)
-    assert alone is not None
-    fewer = lw.identify(alone, chain.unknown("nes")).coefficient("nes1.alpha").standard_error
-    assert fewer is not None and fit.coefficient("nes1.alpha").standard_error < fewer
+        found, true = fit.coefficient(f"nes1.{name}"), present(chain.coefficient(f"nes1.{name}").value)
+        assert abs(found.value - true) < 4.0 * present(found.standard_error)
+    fewer = lw.identify(present(common_samples(record)), chain.unknown("nes"))
+    wider, narrower = (present(each.coefficient("nes1.alpha").standard_error) for each in (fewer, fit))
+    assert narrower < wider
     with pytest.raises(lw.IdentificationError, match="keep the samples that all sensors have"):
         lw.identify(record, chain.unknown("nes"), method="weak")
 

@@ -80,6 +80,11 @@ REFUSED = {
         storey(mass=lw.Coefficient(1.0, known=False, sigma=0.01)),
         'mass "m1" is known to within a deviation only, and with a:base alone',
     ),
+    "no base for a link": (
+        ["x:m1"],
+        storey(),
+        "a link ends at the base, whose displacement the record lacks",
+    ),
     "twice": (["rel:x:m1", "x:m1", "x:base"], storey(), "show the same motion"),
 }
 

@@ -154,12 +154,12 @@ def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
             key.rpartition(".")[2]: s for key, s in simulated.states.items() if key.startswith(f"{name}.")
         }
         force = truth.link(name).force(d, v, true_states)
-        states = {**states, **{state: true_states[state] for state in states if state in true_states}}
-        identified = link.force(d, v, states)
+        known = {state: true_states.get(state, at_rest) for state, at_rest in states.items()}
+        identified = link.force(d, v, known)
     elif motion.force is not None:
         d, v, force = motion.d[:, index], motion.v[:, index], motion.force[:, index]
-        remembered = link.law.states and motion.identified_force is not None
-        identified = motion.identified_force[:, index] if remembered else link.force(d, v, states)
+        with_memory = motion.identified_force if states else None
+        identified = link.force(d, v, states) if with_memory is None else with_memory[:, index]
     else:
         return np.empty(0), np.empty(0)
     elastic = force - (identified - _elastic(link, d))

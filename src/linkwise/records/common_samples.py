@@ -28,7 +28,7 @@ def common_samples(record: Record) -> Record | None:
         velocities and accelerations have follow one another.
     """
     moving = [name for name in record.responses if Channel.parse(name).kind in _MOTION]
-    complete = np.isfinite(record.select(moving).values).all(axis=1)
+    complete = np.asarray(np.isfinite(record.select(moving).values).all(axis=1))
     every = sampled_every(complete)
     if every < 2:
         return None

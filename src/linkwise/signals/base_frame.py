@@ -83,6 +83,10 @@ def framed(record: Record, structure: Structure) -> FramedRecord:
     known = any(f"{kind}:{BASE}" in record.channels for kind in _KINDS)
     on_base = any(BASE in link.between for link in structure.links)
     grounded = any(GROUND in link.between for link in structure.links)
+    if on_base and not known and not relative:
+        raise IdentificationError(
+            "a link ends at the base, whose displacement the record lacks: give a channel x:base, v:base or a:base"
+        )
     moves = known and not displaced and (on_base or bool(relative and not grounded))
     if not relative and not moves:
         return FramedRecord(record, {name: name for name in channels})
