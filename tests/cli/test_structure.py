@@ -55,6 +55,14 @@ def test_show_tells_masses_links_and_rests(tmp_path: Path, capsys: pytest.Captur
     assert "27.83 Hz" in out
 
 
+def test_show_tells_which_coefficient_is_shared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = lw.format_structure(lw.bnes_chain(2).unknown("nes1.c")).replace("c = 1.0", 'c = "=nes1.c"')
+    (tmp_path / "chain.toml").write_text(text)
+    assert run(["structure", "show", str(tmp_path / "chain.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "c = nes1.c in N s/m" in out and "c = unknown N s/m" in out
+
+
 def test_show_names_only_the_first_of_many_rests(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lw.write_structure(lw.bnes_chain(6), tmp_path / "chain.toml")
     assert run(["structure", "show", str(tmp_path / "chain.toml")]) == 0

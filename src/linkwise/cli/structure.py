@@ -191,7 +191,8 @@ def _state_lines(link: lw.Link) -> list[str]:
 
 def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
     """Frequency, damping and shape of every mode."""
-    lines = [f"  {host.name:10} {len(host.modes)} modes; shapes in 1/sqrt(kg) at {', '.join(host.points)}"]
+    count = "1 mode" if len(host.modes) == 1 else f"{len(host.modes)} modes"
+    lines = [f"  {host.name:10} {count}; shapes in 1/sqrt(kg) at {', '.join(host.points)}"]
     for name, mode in zip(host.coordinates, host.modes, strict=True):
         frequency, damping = (subject.link(name).coefficients[key] for key in ("frequency", "damping"))
         shape = "  ".join(
@@ -203,6 +204,8 @@ def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
 
 
 def _shown(coefficient: lw.Coefficient) -> str:
+    if coefficient.same_as is not None:
+        return f"{coefficient.same_as} in"
     if coefficient.sigma < math.inf:
         return f"{coefficient.value:g} +- {coefficient.sigma:g}"
     if coefficient.known or coefficient.value is not None:
