@@ -93,9 +93,9 @@ def test_a_constant_force_acts_from_the_ground_only() -> None:
 def test_a_search_that_takes_too_many_steps_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stop with play, which no term on offer is: the search goes on to a second subset unless steps run out."""
     law = "k*d + c*v + q*(max(d - 0.02, 0) + min(d + 0.02, 0))"
-    stop = oscillator(law, k=987.0, c=6.0, q=1200.0)
-    force = wide_force(np.random.default_rng(7321))
-    record = lw.simulate(stop, forces={"m1": force}, duration=6.0, rate=RATE).with_noise(40.0, seed=7321)
+    stop = oscillator(law, k=987.0, c=6.0, q=600.0)
+    force = wide_force(np.random.default_rng(7301))
+    record = lw.simulate(stop, forces={"m1": force}, duration=6.0, rate=RATE).with_noise(40.0, seed=7301)
     settled = lw.discover(record, {"m1": 1.0})
     monkeypatch.setattr(inexact_laws, "_MOST_STEPS", 0)
     cut = lw.discover(record, {"m1": 1.0})

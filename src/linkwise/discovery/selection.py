@@ -75,16 +75,11 @@ class Selection:
         """(C,) the standard deviations of the noise of the channels that the fit went by, which it may have lowered."""
         return self.fit.optimum.scales.sigma * self.fit.optimum.noise
 
-    @property
-    def penalty_of_terms(self) -> float:
-        """The penalty on all terms of the structure."""
-        return self.penalty.total(list(range(len(self.structure.parameters))))
-
     def criterion(self, noise: Floats) -> float:
         """Cost with a `noise` (C,) plus penalty; infinite if the fit did not converge."""
         if not self.converged:
             return np.inf
-        return cost_of(self.fit, noise) + self.penalty_of_terms
+        return cost_of(self.fit, noise) + self.penalty.total(list(range(len(self.structure.parameters))))
 
 
 def leaves_only_noise(fit: LikelihoodFit) -> bool:
@@ -92,29 +87,25 @@ def leaves_only_noise(fit: LikelihoodFit) -> bool:
     return _converged(fit) and not fit.chi_square_off
 
 
-def cost_of(fit: LikelihoodFit, noise: Floats, q: float | None = None) -> float:
-    """-2 log likelihood of a fit if the channels have a `noise` (C,), at the relaxation `q`, by default where it ended."""
+def cost_of(fit: LikelihoodFit, noise: Floats) -> float:
+    """-2 log likelihood of a fit at the relaxation where it ended, if the channels have a `noise` (C,)."""
     misfit, optimum = fit.misfit, fit.optimum
     squares = np.sum(misfit.residuals**2, axis=(0, 2)) * (optimum.scales.sigma / noise) ** 2
-    links = misfit.cost(optimum.q if q is None else q) - misfit.data
-    return float(np.sum(squares)) + links / optimum.noise**2
+    return float(np.sum(squares)) + (misfit.cost(optimum.q) - misfit.data) / optimum.noise**2
 
 
 def best_of(selections: Sequence[Selection]) -> Selection:
     """The selection with the lowest criterion, the first of those that are as low.
 
     All are compared at the same noise, the least that any of them found: residuals are no less than noise, whatever the laws.
-    Where none converged at a tight q, those that converged at all go before others, compared at the tightest q among them.
+    Where none converged at a tight q, it is the first that converged at all, else the first.
     """
     converged = [selection for selection in selections if selection.converged]
     if converged:
         noise = np.min([selection.noise for selection in converged], axis=0)
         return min(converged, key=lambda selection: selection.criterion(noise))
-    ended = [selection for selection in selections if selection.fit.status is AnnealingStatus.CONVERGED]
-    rivals = ended or selections
-    noise = np.min([selection.noise for selection in rivals], axis=0)
-    tight = min(selection.fit.optimum.q for selection in rivals)
-    return min(rivals, key=lambda rival: cost_of(rival.fit, noise, tight) + rival.penalty_of_terms)
+    ended = (selection for selection in selections if selection.fit.status is AnnealingStatus.CONVERGED)
+    return next(ended, selections[0])
 
 
 def link_motions(selection: Selection) -> dict[str, tuple[Floats, Floats]]:
