@@ -83,7 +83,7 @@ REFUSED = {
     "no base for a link": (
         ["x:m1"],
         storey(),
-        "a link ends at the base, whose displacement the record lacks",
+        'the link "frame" ends at the base, and the record has no motion of it',
     ),
     "twice": (["rel:x:m1", "x:m1", "x:base"], storey(), "show the same motion"),
 }

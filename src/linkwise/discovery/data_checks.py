@@ -62,7 +62,6 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
         return _check_hosted(records, candidates)
     names = [mass.name for mass in candidates.masses]
     _require_sensors(records, names)
-    _require_base_motion(records, candidates)
     ratios = np.max([_signal_to_noise(record, names) for record in records], axis=0)
     at_rest = [name for name, ratio in zip(names, ratios, strict=True) if ratio < _AT_REST]
     if len(at_rest) == len(names):
@@ -183,18 +182,6 @@ def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
             raise IdentificationError(
                 f"no channel measures the motion of {_enumerate(unseen)}, and links to a mass that is not measured cannot be "
                 f"discovered; add a channel x:{unseen[0]}, or identify a structure of known links",
-                arguments=("channels",),
-            )
-
-
-def _require_base_motion(records: Sequence[Record], candidates: Candidates) -> None:
-    """IdentificationError if a stated link ends at the base, and its motion was not measured."""
-    based = [link.name for pair in candidates.pairs for link in pair.stated if BASE in link.between]
-    for record in records:
-        if based and "x:base" not in record.channels:
-            raise IdentificationError(
-                f'the link "{based[0]}" ends at the base, and the record has no motion of it; add a channel x:base, v:base or '
-                "a:base, or let the link end at the ground if the base did not move",
                 arguments=("channels",),
             )
 

@@ -81,13 +81,15 @@ def framed(record: Record, structure: Structure) -> FramedRecord:
     relative = [name for name, channel in channels.items() if channel.relative]
     displaced = f"x:{BASE}" in record.channels
     known = any(f"{kind}:{BASE}" in record.channels for kind in _KINDS)
-    on_base = any(BASE in link.between for link in structure.links)
+    based = [link.name for link in structure.links if BASE in link.between]
     grounded = any(GROUND in link.between for link in structure.links)
-    if on_base and not known and not relative:
+    if based and not known and not relative and not structure.hosts:
         raise IdentificationError(
-            "a link ends at the base, whose displacement the record lacks: give a channel x:base, v:base or a:base"
+            f'the link "{based[0]}" ends at the base, and the record has no motion of it; add a channel x:base, v:base or '
+            "a:base, or let the link end at the ground if the base did not move",
+            arguments=("channels",),
         )
-    moves = known and not displaced and (on_base or bool(relative and not grounded))
+    moves = known and not displaced and (bool(based) or bool(relative and not grounded))
     if not relative and not moves:
         return FramedRecord(record, {name: name for name in channels})
     if not known:
