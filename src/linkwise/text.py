@@ -24,13 +24,21 @@ def shortened(message: str, most: int = LONGEST) -> str:
 
 
 def paragraph(text: str) -> str:
-    """A text in lines that a terminal shows whole."""
-    return fill(text, _WIDTH)
+    """A text in lines that a terminal shows whole; a path or a name is never broken.
+
+    >>> paragraph("written to " + 99 * "a").split()[-1] == 99 * "a"
+    True
+    """
+    return _wrapped(text)
 
 
 def remark_lines(remark: str) -> str:
     """What a reader must not miss, as a paragraph with a mark in front."""
-    return fill(f"! {remark}", _WIDTH, subsequent_indent="  ")
+    return _wrapped(f"! {remark}", indent="  ")
+
+
+def _wrapped(text: str, indent: str = "") -> str:
+    return fill(text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def csv_cell(value: object) -> object:

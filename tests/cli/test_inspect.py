@@ -80,7 +80,7 @@ def test_several_files_are_told_together(
     [alert] = document["alerts"]
     assert (alert["kind"], alert["channel"], alert["record"]) == ("clipped", "x:m1", str(paths[1]))
     assert run(["inspect", *map(str, paths)]) == 0
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())  # lines are wrapped
     assert f"! {paths[1]}: clipped x:m1" in out and f"{paths[0]}: 2001 samples at 1000 Hz, 0 to 2 s" in out
 
 

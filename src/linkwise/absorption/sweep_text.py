@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from textwrap import fill
-
 import numpy as np
 
 from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.text import percent
-from linkwise.text import align_columns, as_text
+from linkwise.text import align_columns, as_text, paragraph, remark_lines
 
 Rows = list[tuple[str, ...]]
-
-_WIDTH = 100  # at which sentences are wrapped
 
 
 @as_text.register
 def map_text(map_: AbsorptionMap) -> str:
     """The map in a few lines: the grid, and where each quantity is best."""
     rows: Rows = [(*row, "") for row in map_rows(map_)]
-    findings = [fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in map_.findings]
-    headline = fill(" ".join(map_headline(map_)), _WIDTH)
-    return "\n\n".join([headline, "\n".join(align_columns(rows)), *findings])
+    headline = paragraph(" ".join(map_headline(map_)))
+    return "\n\n".join([headline, "\n".join(align_columns(rows)), *map(remark_lines, map_.findings)])
 
 
 def map_headline(map_: AbsorptionMap) -> tuple[str, ...]:

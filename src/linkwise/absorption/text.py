@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from textwrap import fill
-
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.result_parts import AbsorptionRun, MassChange, SinkResult
-from linkwise.text import align_columns, as_text
+from linkwise.text import align_columns, as_text, paragraph, remark_lines
 
 Rows = list[tuple[str, ...]]
 
 _MANY = 12  # masses, links or sinks that are printed
-_WIDTH = 100  # at which sentences are wrapped
 
 
 @as_text.register
 def absorption_text(absorption: Absorption) -> str:
     """The whole result as text."""
-    blocks = ["\n".join(fill(sentence, _WIDTH) for sentence in headline(absorption))]
+    blocks = ["\n".join(paragraph(sentence) for sentence in headline(absorption))]
     tables = [
         (mass_rows(absorption), "masses"),
         (energy_rows(absorption), "links"),
@@ -27,8 +24,7 @@ def absorption_text(absorption: Absorption) -> str:
         tables.append((harvest_rows(absorption), "harvesters"))
     blocks += [_table(rows, contents) for rows, contents in tables]
     if absorption.findings:
-        remarks = (fill(f"! {finding}", _WIDTH, subsequent_indent="  ") for finding in absorption.findings)
-        blocks.append("\n".join(remarks))
+        blocks.append("\n".join(map(remark_lines, absorption.findings)))
     return "\n\n".join(blocks)
 
 
