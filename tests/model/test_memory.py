@@ -230,7 +230,6 @@ REFUSED: dict[str, Callable[[lw.Structure, lw.Record], object]] = {
     "weak": lambda structure, record: lw.identify(record, structure.unknown("joint.k"), method="weak"),
     "sindy": lambda structure, record: lw.identify(record, structure.unknown("joint.k"), method="sindy"),
     "discovery": lambda structure, record: lw.discover(record, structure),
-    "studies": lambda structure, record: lw.Subject("s", structure, duration=1.0, rate=100.0),
 }
 
 
