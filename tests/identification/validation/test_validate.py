@@ -297,3 +297,12 @@ def test_a_channel_in_a_far_too_large_unit_disagrees_without_a_warning() -> None
     values = record.values * [201.168, 1.0]
     found = lw.validate(replace(record, values=values, simulated=None), lw.bnes_chain(2))
     assert not found.trusted
+
+
+def test_an_answer_that_no_state_lets_follow_the_record_is_refused() -> None:
+    """As the values of a search that did not converge may be: its release was not a number."""
+    chain = lw.bnes_chain(2)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    absurd = chain.unknown("nes1.beta").with_values({"nes1.beta": 1e16})
+    with pytest.raises(lw.SimulationError, match="no state is found from which the answer follows"):
+        lw.validate(record, absurd)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
+from linkwise.errors import SimulationError
 from linkwise.identification.validation.free_run import run_from
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE
@@ -99,6 +100,11 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
     channels = record.responses
     start = predictor(np.zeros(1, dtype=int), burn, burn)
     state, root = start.state[:, 0], start.state_root[0]
+    if not (np.isfinite(state).all() and np.isfinite(root).all()):
+        raise SimulationError(
+            f"no state is found from which the answer follows the first {burn} samples of the record: its laws run away along "
+            "that motion; check its coefficients and their units, or identify again"
+        )
     names = [parameter.name for parameter in structure.parameters]
     follow = start.state_by_coefficients[0] @ predictor.root  # (2 n + S, r)
 

@@ -86,7 +86,7 @@ def validate(
     StructureError
         If a coefficient has no value.
     SimulationError
-        If the structure diverges.
+        If the structure diverges, or no state is found from which it follows the start of the record.
     TypeError
         If the record or the answer has another type.
 
