@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -33,6 +35,16 @@ def test_decay_shows_every_primary_mass_with_and_without(eight: lw.Absorption) -
     np.testing.assert_allclose(np.asarray(without.get_ydata()), 1000.0 * eight.without.x[:, 1], rtol=1e-12)
     assert "chaos: one motion of many" in labels(figure) and "settled with sinks" not in labels(figure)
     assert "envelope, 95 % of draws" not in labels(figure)
+
+
+def test_a_structure_without_a_name_leaves_no_gap_in_the_title(eight: lw.Absorption) -> None:
+    unnamed = replace(eight.with_sinks, structure=replace(eight.with_sinks.structure, name=""))
+    for result, title in (
+        (eight, "bistable chain of 8 masses, sinks removed for comparison"),
+        (replace(eight, with_sinks=unnamed), "Sinks removed for comparison"),
+    ):
+        axes = decay_figure(result).axes[0]
+        assert title in [axes.get_title(loc=place) for place in ("left", "center")]
 
 
 def test_bands_are_drawn_where_there_are_any(eight: lw.Absorption) -> None:

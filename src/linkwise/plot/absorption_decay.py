@@ -123,7 +123,10 @@ def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
 
 
 def _title(result: Absorption) -> str:
-    return f"{result.with_sinks.structure.name}, sinks {result.removal} for comparison"
+    name = result.with_sinks.structure.name
+    return (
+        f"{name}, sinks {result.removal} for comparison" if name else f"Sinks {result.removal} for comparison"
+    )
 
 
 def _mass_number(result: Absorption, mass: str | None) -> int:
