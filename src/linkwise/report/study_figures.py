@@ -18,7 +18,7 @@ from linkwise.report.study_page import StudyReport
 MOTION, FORCE, ACCURACY = (
     "How the chains move",
     "What force is found",
-    "Accuracy and time over degrees of freedom",
+    "Accuracy and time over structures",
 )
 _SPREAD = "Medians, and the range of the cycles (5 to 95 %)."
 
