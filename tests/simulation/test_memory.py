@@ -303,3 +303,11 @@ def test_the_release_of_a_state_takes_the_place_of_its_initial_value() -> None:
     for sensor, message in (("f:lnk", "unknown link 'lnk'"), ("state:link", "written state:LINK.NAME")):
         with pytest.raises(lw.SimulationError, match=message):
             lw.simulate(structure, duration=1.0, rate=RATE, sensors=[sensor])
+
+
+@pytest.mark.parametrize("base", ["0", "0*t"])
+def test_a_link_with_memory_on_a_base_at_rest_has_no_force(base: str) -> None:
+    """Its kinks never move, so that there is nothing to detect."""
+    rig = structure({}, named("damper", "base-ground", "bouc-wen", k=500.0, c=1.0, F=5.0, x0=5e-3, s=0.6))
+    record = lw.simulate(rig, base=base, duration=0.1, rate=100.0, sensors=["f:damper"])
+    np.testing.assert_array_equal(record.values, 0.0)

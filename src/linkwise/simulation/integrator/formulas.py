@@ -31,7 +31,6 @@ from linkwise.expression import (
     differentiate,
     kink_and_branch,
     kinks,
-    symbols,
 )
 from linkwise.model.law_programs import dissipated_power
 from linkwise.simulation.integrator.shape import (
@@ -140,19 +139,13 @@ class MotionFormulas:
 
     def kink_events(self) -> list[Any]:
         """Terminal events of the kinks that motion or time can cross; one of coefficients alone keeps its sign."""
-        first = self.layout.unwatched.start
+        first, at_any_time = self.layout.unwatched.start, {heyoka.time: heyoka.make_vars("at")}
         return [
             # without cooldown: `branches.choose_branches` leaves a kink behind before the event is watched again
             heyoka.t_event(formula + heyoka.par[first + number], cooldown=0.0)
-            for (owner, kink), (number, formula) in zip(
-                self._kinks, enumerate(self.kink_formulas), strict=True
-            )
-            if self._moving(owner) & set(symbols(kink))
+            for number, formula in enumerate(self.kink_formulas)
+            if heyoka.get_variables(heyoka.subs(formula, at_any_time))
         ]
-
-    def _moving(self, owner: int) -> set[str]:
-        """Names in the kinks of a link, or of an input, that change with time."""
-        return {"t"} if owner == _INPUT else {"d", "v", *self.shape.links[owner].states}
 
     def elongation(self, link: int) -> Formula:
         """Elongation of a link in m."""
