@@ -225,6 +225,25 @@ def test_what_is_wrong_is_said_with_its_place(case: str) -> None:
         parse_structure(EXAMPLE.replace(old, new), "s.toml")
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "asked"),
+    [
+        ("run.csv", b"time,x:m1\n0,1\n", True),
+        ("run.mat", b"MATLAB 5.0 \xff\xfe", True),
+        ("chain.toml", b"mass = = 1", False),
+        ("chain.toml", b"\xff", False),
+    ],
+)
+def test_a_record_in_place_of_a_structure_is_recognised(
+    tmp_path: Path, name: str, content: bytes, asked: bool
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(StructureError) as error:
+        read_structure(path)
+    assert ("was it exchanged with a record?" in str(error.value)) == asked
+
+
 def test_files_that_cannot_be_read_are_said(tmp_path: Path) -> None:
     with pytest.raises(StructureError, match=r"none\.toml: there is no such file$"):
         read_structure(tmp_path / "none.toml")

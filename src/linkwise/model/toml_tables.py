@@ -27,7 +27,8 @@ def read_toml_text(path: str | Path, error: FileError) -> str:
     except FileNotFoundError:
         raise error("there is no such file", str(path)) from None
     except UnicodeDecodeError as problem:
-        raise error(f"is not UTF-8 text (byte {problem.start}); save it as UTF-8", str(path)) from None
+        advice = _if_another_file(str(path)) or "; save it as UTF-8"
+        raise error(f"is not UTF-8 text (byte {problem.start}){advice}", str(path)) from None
     except OSError as problem:
         raise error(f"cannot be read: {problem.strerror}", str(path)) from None
 
@@ -38,8 +39,15 @@ def parse_toml(text: str, source: str, error: FileError) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as problem:  # also of a number too long and of tables too deep
         reason, _, position = str(problem).partition(" (at ")
-        message = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}"
+        message = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}{_if_another_file(source)}"
         raise error(message, _joined(source, position.rstrip(")"))) from None
+
+
+def _if_another_file(source: str) -> str:
+    """What to look at where a file is named as a record is, for a message."""
+    if Path(source).suffix.lower() in ("", ".toml"):
+        return ""
+    return "; a TOML file is expected here: was it exchanged with a record?"
 
 
 def decode(data: object, kind: type[Table], source: str, path: str, error: FileError) -> Table:
