@@ -119,9 +119,7 @@ class Verdict(Enum):
     )
 
     LINEAR_IN_RANGE = "Linear modes explain every level alike: none moves by more than its errors."
-    MODES_MOVE = (
-        "Modes move with the level by more than their errors: the structure is not linear over these levels."
-    )
+    MODES_MOVE = "Modes move with the level or amplitude by more than their errors: the structure is not linear in this range."
     MODES_NOT_DETERMINED = (
         "The records determine some modes too poorly to tell whether they move with the level. Record for longer or with less "
         "noise, excite more strongly, or follow fewer modes."

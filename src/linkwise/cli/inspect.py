@@ -82,7 +82,8 @@ records_options = grouped(
 @click.option(
     "--levels",
     is_flag=True,
-    help="The records are one test at several levels of force: compare modes, responses and distortion over the level.",
+    help="The records are one test at several levels: compare modes, responses and distortion over the level, and show modes "
+    "as they ring down, of a single record or without a recorded force too.",
 )
 @click.option(
     "--modes",
@@ -98,13 +99,15 @@ def inspect(
 
     Alerts leave the exit code at 0; a file that cannot be read gives 2. --levels asks whether the structure is linear, and
     from which level on it is not: frequencies and damping of the linear modes that explain each record, response functions
-    and coherence, odd and even distortion where the force is periodic, and modes as they ring down.
+    and coherence, odd and even distortion where the force is periodic, and frequency and damping of modes over their amplitude
+    as they ring down, for which one record is enough.
 
     \b
     Examples:
       linkwise inspect run.csv
       linkwise inspect run1.csv run2.csv -o looked
       linkwise inspect soft.csv medium.csv hard.csv --levels -o levels
+      linkwise inspect hammer.csv --levels -o ring_down
       linkwise inspect logger.csv --write-mapping sensors.toml
       linkwise inspect logger.csv --mapping sensors.toml
       linkwise inspect logger.csv --channel "x:m1[mm]=Laser 1" --channel "time[ms]=Time" --json

@@ -34,14 +34,15 @@ class MeasuredRun:
 
     def motions(self, frequency: float, damping: float) -> Floats:
         """(P + 2, 3, N) displacements, velocities and accelerations of a mode under each force of unit size, and free ones."""
-        forced = [force.motion(frequency, damping) for force in self.forces]
-        return np.concatenate([np.array(forced), free_motion(frequency, damping, self.step, self.count)])
+        forced = np.array([force.motion(frequency, damping) for force in self.forces])
+        free = free_motion(frequency, damping, self.step, self.count)
+        return np.concatenate([forced.reshape(-1, 3, self.count), free])
 
     def motion_derivatives(self, frequency: float, damping: float) -> Floats:
         """(2, P + 2, 3, N) derivatives of `motions` by the logarithms of frequency and damping."""
-        forced = [force.derivatives(frequency, damping) for force in self.forces]
+        forced = np.array([force.derivatives(frequency, damping) for force in self.forces])
         free = free_motion_derivatives(frequency, damping, self.step, self.count)
-        return np.concatenate([np.array(forced).swapaxes(0, 1), free], axis=1)
+        return np.concatenate([forced.reshape(-1, 2, 3, self.count).swapaxes(0, 1), free], axis=1)
 
     def shortened(self, count: int) -> MeasuredRun:
         """The first samples."""
@@ -102,17 +103,32 @@ class ModalMeasurement:
                 f"no response was measured at {' or '.join(dict.fromkeys(places[len(responses) :]))}, where the force acts: "
                 "shapes have no scale without one. Hit the structure at a sensor, or add a sensor where it is hit"
             )
-        runs = tuple(
-            MeasuredRun(
-                record.select(responses).values.T.copy(),
-                _deviations(record, responses),
-                tuple(SampledForce(record.channel(channel), record.step) for channel in forces),
-                record.step,
-            )
-            for record in records
-        )
-        kinds = np.array(["xva".index(Channel.parse(channel).kind) for channel in responses])
-        return cls(host, points, kinds, sensed, forced, runs)
+        runs = tuple(_run(record, responses, forces) for record in records)
+        return cls(host, points, _kinds(responses), sensed, forced, runs)
+
+    @classmethod
+    def of_decay(cls, record: Record) -> ModalMeasurement:
+        """The motions of a record on which no force acts."""
+        responses = [channel for channel in record.responses if Channel.parse(channel).kind in "xva"]
+        points = tuple(dict.fromkeys(Channel.parse(channel).mass for channel in responses))
+        sensed = np.array([points.index(Channel.parse(channel).mass) for channel in responses])
+        run = _run(record, responses, ())
+        return cls("", points, _kinds(responses), sensed, np.empty(0, dtype=np.intp), (run,))
+
+
+def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> MeasuredRun:
+    """One record, its responses and its forces."""
+    return MeasuredRun(
+        record.select(responses).values.T.copy(),
+        _deviations(record, responses),
+        tuple(SampledForce(record.channel(channel), record.step) for channel in forces),
+        record.step,
+    )
+
+
+def _kinds(responses: Sequence[str]) -> Indices:
+    """(C,) orders of the derivatives of the displacement."""
+    return np.array(["xva".index(Channel.parse(channel).kind) for channel in responses])
 
 
 def _deviations(record: Record, responses: Sequence[str]) -> Floats:

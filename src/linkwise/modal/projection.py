@@ -122,6 +122,16 @@ class Projection:
         of_modes = weights.reshape(len(weights), len(self.logs), forces + 2)
         return np.asarray(of_modes[:, :, :forces].transpose(1, 0, 2))
 
+    def free_amplitudes(self, run: int) -> Floats:
+        """(n, C) amplitudes of the free motion of each mode at the start of a record, in the unit of each response."""
+        forces = len(self.measured.forced)
+        speed = 2.0 * np.pi * np.exp(self.logs[:, 0])  # rad/s
+        columns = []
+        for kind, fit in zip(self.measured.kinds.tolist(), self._fits[run], strict=True):
+            weights = (fit.weights / fit.basis.norms)[:-1].reshape(len(self.logs), forces + 2)
+            columns.append(np.hypot(*weights[:, forces:].T) * speed ** (kind - 2))
+        return np.array(columns).T
+
     def equations(self, levels: Floats) -> LinearProblem:
         """The sum of squares about `logs`, in units of `levels` (C,)."""
         size = self.logs.size

@@ -43,12 +43,14 @@ class PursuedModes:
     residues: Floats
 
 
-def pursued_modes(measured: ModalMeasurement, count: int | None, progress: Progress) -> PursuedModes:
-    """The modes of a test: `count` of them, or as many as the criterion asks for."""
+def pursued_modes(
+    measured: ModalMeasurement, count: int | None, progress: Progress, *, most: int = _MOST
+) -> PursuedModes:
+    """The modes of a test: `count` of them, or as many as the criterion asks for, `most` at most."""
     runs = tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS])
     part = replace(measured, runs=runs)
     modes = Projection(part, np.empty((0, 2)))
-    most = _MOST if count is None else count
+    most = most if count is None else count
     while len(modes.logs) < most:
         progress(ProgressReport(len(modes.logs) / (most + 1), f"mode {len(modes.logs) + 1}"))
         added = _refined(part, np.concatenate([modes.logs, _best_addition(modes)]))
@@ -65,14 +67,15 @@ class RefinedModes:
     """Modes of a test with `frequencies` in Hz and `damping` (n,), and their standard errors relative to them (n, 2).
 
     Errors are those of the curvature, or of the scatter of scores between blocks of the records where these are larger.
-    `residues` (n, C, P) are in 1/kg. `left` is the power that the modes leave, as a part of that of the responses,
-    `power` (C,).
+    `residues` (n, C, P) are in 1/kg, `free` (n, C) are the amplitudes of free motion at the start of the first record in
+    the unit of each response. `left` is the power that the modes leave, as a part of that of the responses, `power` (C,).
     """
 
     frequencies: Floats
     damping: Floats
     relative_errors: Floats
     residues: Floats
+    free: Floats
     left: float
     power: Floats
 
@@ -101,6 +104,7 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
         damping=np.exp(modes.logs[:, 1]),
         relative_errors=np.sqrt(variance).reshape(modes.logs.shape),
         residues=_residues(modes),
+        free=modes.free_amplitudes(0),
         left=float(np.mean(modes.power / np.maximum(power, np.finfo(float).tiny))),
         power=power / np.maximum(samples, 1),
     )

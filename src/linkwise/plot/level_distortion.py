@@ -10,7 +10,6 @@ from linkwise.argument_types import checked
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.plot.palette import MEASURED, SERIES
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
-from linkwise.plot.titles import PEAK_FORCE
 
 
 @checked
@@ -53,7 +52,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
                     levels, powers, color=colour, marker=marker, markersize=4, linewidth=1.0, label=text
                 )
         log_scale(axes, "x")
-        axes.set_xlabel(PEAK_FORCE)
+        axes.set_xlabel(literal(comparison.level_name))
         axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
     return axes
 

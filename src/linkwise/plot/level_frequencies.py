@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from linkwise.argument_types import checked
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.plot.palette import SERIES
-from linkwise.plot.style import axes_for, label, legend_below, log_scale, sheet
-from linkwise.plot.titles import PEAK_FORCE
+from linkwise.plot.style import axes_for, label, legend_below, literal, log_scale, sheet
 
 
 @checked
@@ -39,7 +38,7 @@ def level_modes(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes drawn on: force in N, change of the frequency in %, or damping in % of the critical one.
+        The axes drawn on: peak of the force or the motion, change of the frequency in %, or damping in % of critical.
 
     Examples
     --------
@@ -67,7 +66,7 @@ def level_modes(
                 label=label(f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"),
             )
         log_scale(axes, "x")
-        axes.set_xlabel(PEAK_FORCE)
+        axes.set_xlabel(literal(comparison.level_name))
         axes.set_ylabel("change of frequency, %" if quantity == "frequency" else "damping, % of critical")
     return axes
 

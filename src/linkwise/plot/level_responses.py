@@ -55,7 +55,13 @@ def level_response(
         for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
             values = response.magnitude if quantity == "magnitude" else response.coherence
             colour = _lighter(SERIES[0], float(shade))
-            axes.plot(response.frequency, values, color=colour, linewidth=0.9, label=label(f"{level:.3g} N"))
+            axes.plot(
+                response.frequency,
+                values,
+                color=colour,
+                linewidth=0.9,
+                label=label(f"{level:.3g} {comparison.unit}"),
+            )
         if quantity == "magnitude":
             log_scale(axes, "y")
             axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")

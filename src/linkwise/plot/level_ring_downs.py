@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from linkwise.argument_types import checked
 from linkwise.inspection.levels.result import LevelComparison
+from linkwise.inspection.levels.text import ring_name
 from linkwise.plot.palette import SERIES
 from linkwise.plot.style import axes_for, label, literal, log_scale, sheet
 
@@ -22,7 +23,7 @@ def ring_down(
     legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the frequency or the damping of a mode over its amplitude as it rings down.
+    """Draw the frequency or the damping of a mode over its amplitude as it rings down, with two standard errors either way.
 
     Parameters
     ----------
@@ -50,14 +51,18 @@ def ring_down(
     'frequency, Hz'
     """
     ring = comparison.ring_downs[number]
-    values = ring.frequency if quantity == "frequency" else 100.0 * ring.damping
+    values, errors = ring.frequency, ring.frequency_error
+    if quantity == "damping":
+        values, errors = 100.0 * ring.damping, 100.0 * ring.damping_error
     with axes_for(ax, legend=legend) as axes:
-        axes.plot(
+        axes.errorbar(
             ring.amplitude,
             values,
-            ".",
+            2.0 * errors,
+            fmt=".",
             color=SERIES[(ring.mode - 1) % len(SERIES)],
-            label=label(f"mode {ring.mode}"),
+            elinewidth=0.8,
+            label=label(ring_name(ring)),
         )
         log_scale(axes, "x")
         axes.ticklabel_format(axis="y", useOffset=False)
@@ -92,5 +97,5 @@ def ring_down_figure(comparison: LevelComparison) -> Figure:
         for number, ring in enumerate(comparison.ring_downs):
             ring_down(comparison, "frequency", number=number, legend=False, ax=panels[2 * number])
             ring_down(comparison, "damping", number=number, legend=False, ax=panels[2 * number + 1])
-            panels[2 * number].set_title(f"mode {ring.mode}", loc="left")
+            panels[2 * number].set_title(ring_name(ring), loc="left")
     return figure

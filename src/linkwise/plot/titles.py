@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from linkwise.model.structure import Link
 
-PEAK_FORCE = "peak force, N"
-
 
 def force_title(link: Link) -> str:
     """Name, ends and law of the link."""

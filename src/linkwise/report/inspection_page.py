@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from markupsafe import Markup
 
 from linkwise import plot
-from linkwise.inspection.levels.text import distortion_rows, mode_rows
+from linkwise.inspection.levels.text import distortion_rows, mode_rows, ring_down_rows
 from linkwise.inspection.levels.text import headline as level_headline
 from linkwise.inspection.result import Inspection, labels
 from linkwise.inspection.text import HEAD, alert_text, channel_row, headline
@@ -23,6 +23,8 @@ def _levels(reported: Reported[Inspection]) -> Section | None:
     levels = reported.result.levels
     if levels is None:
         return None
+    if len(levels.levels) == 1:
+        return Section("Modes", level_headline(levels), rows=mode_rows(levels))
     return Section(
         "Modes over level",
         level_headline(levels),
@@ -34,7 +36,7 @@ def _levels(reported: Reported[Inspection]) -> Section | None:
 def _responses(reported: Reported[Inspection]) -> Section | None:
     """The response functions at each level."""
     levels = reported.result.levels
-    if levels is None:
+    if levels is None or not levels.responses:
         return None
     text = "Absolute value of the response per force, and the part of its power that follows from the force linearly."
     return Section("Response functions", [text], figure=lambda: plot.level_responses_figure(levels))
@@ -60,9 +62,12 @@ def _ring_down(reported: Reported[Inspection]) -> Section | None:
     if levels is None or not levels.ring_downs:
         return None
     text = (
-        "Frequency and damping of modes over their amplitude, after the force of the highest level has ended."
+        "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from windows of "
+        "the decay."
     )
-    return Section("Ring-down", [text], figure=lambda: plot.ring_down_figure(levels))
+    return Section(
+        "Ring-down", [text], rows=ring_down_rows(levels), figure=lambda: plot.ring_down_figure(levels)
+    )
 
 
 def _alerts(reported: Reported[Inspection]) -> Section | None:

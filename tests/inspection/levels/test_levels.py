@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy
 from matplotlib.lines import Line2D
-from structures import oscillator
+from structures import oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.cli import run
@@ -35,6 +35,24 @@ def tap(size: float, cubic: float, sensor: str = "a:m1") -> lw.Record:
         rate=200.0,
         sensors=[sensor],
     )
+
+
+@cache
+def released(cubic: float, size: float = 1.0) -> lw.Record:
+    """Two masses, 5.33 and 10.41 Hz, that start with a velocity."""
+    structure = row_of_masses(
+        [1.0, 0.5],
+        ground=("k*d + c*v", {"k": 3e3, "c": 1.0}),
+        joint=("k*d + k3*d**3 + c*v", {"k": 800.0, "k3": cubic, "c": 0.5}),
+    )
+    release = {"v:m1": -0.2 * size, "v:m2": 0.3 * size}
+    return lw.simulate(structure, release=release, duration=12.0, rate=256.0, sensors=["a:m1", "a:m2"])
+
+
+def linear_frequencies() -> np.ndarray:
+    """Of `released` without its cubic term."""
+    stiffness, mass = np.array([[3800.0, -800.0], [-800.0, 800.0]]), np.diag([1.0, 0.5])
+    return np.asarray(np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi))
 
 
 def test_modes_of_a_linear_structure_stay() -> None:
@@ -134,6 +152,44 @@ def test_a_ring_down_follows_the_backbone() -> None:
     assert np.median(np.abs(ring.damping / ratio - 1.0)) < stiffening
 
 
+def test_one_decay_without_a_force_shows_the_backbone_of_each_mode() -> None:
+    """Two masses, the second on a hardening spring, released: the modes are those of its small motion, and move."""
+    comparison = lw.compare_levels([released(4e6).with_noise(50.0, seed=1)])
+    lower, upper = comparison.ring_downs
+    for ring, true in zip((lower, upper), linear_frequencies(), strict=True):
+        difference, error = ring.ends[0, 1, 0] - true, ring.ends[1, 1, 0]
+        assert (
+            abs(difference) < 4.0 * error + 1e-3 * true
+        )  # the amplitude of the last third still stiffens by less
+        assert ring.moves and ring.frequency[0] > 1.005 * ring.frequency[-1]  # it hardens
+    assert comparison.verdicts == (lw.Verdict.MODES_MOVE,) and comparison.first_nonlinear is None
+    assert comparison.channel in ("a:m1", "a:m2") and comparison.unit == "m/s^2"
+    assert str(comparison).startswith("Not linear: as it rings down, a mode moves from")
+    document = comparison.to_dict()
+    assert document["levels"][0]["motion_peak"] == comparison.levels[0] and document["ring_down"][0]["moves"]
+
+
+def test_modes_of_a_linear_decay_do_not_move() -> None:
+    deviations = []
+    for seed in range(8):
+        comparison = lw.compare_levels([released(0.0).with_noise(40.0, seed=seed)])
+        assert comparison.verdicts == (lw.Verdict.LINEAR_IN_RANGE,)
+        assert str(comparison).startswith(f"Linear up to a peak {comparison.channel} of")
+        assert len(comparison.ring_downs) == 2
+        for ring, true in zip(comparison.ring_downs, linear_frequencies(), strict=True):
+            deviations.append((ring.frequency - true) / ring.frequency_error)
+    squares = np.concatenate(deviations) ** 2
+    assert 0.5 < squares.mean() < 2.0 and squares.max() < 5.0**2
+
+
+def test_decays_of_several_levels_are_compared() -> None:
+    soft, hard = (released(4e6, size).with_noise(50.0, seed=2) for size in (0.02, 1.0))
+    comparison = lw.compare_levels([hard, soft])
+    assert comparison.first_nonlinear == 1 and comparison.moved(1) == (1, 2)
+    assert comparison.responses == () and comparison.distortions == (None, None)
+    assert f"peak {comparison.channel}, m/s^2" in str(comparison)
+
+
 @pytest.mark.parametrize(
     ("law", "kind", "absent"), [({"cubic": 4e8}, "odd", "even"), ({"square": 2e6}, "even", "odd")]
 )
@@ -180,8 +236,16 @@ def test_distortion_of_a_linear_structure_is_noise() -> None:
 
 
 def test_what_a_comparison_needs_is_told() -> None:
-    with pytest.raises(lw.RecordError, match="two records or more, got 1"):
-        lw.compare_levels([tap(1.0, 0.0)])
+    driven = lw.simulate(
+        spring(), forces={"m1": "sin(2*pi*4*t)"}, duration=4.0, rate=200.0, sensors=["a:m1"]
+    ).with_noise(40.0, seed=1)
+    with pytest.raises(lw.RecordError, match="two records or more, and this one alone does not ring down"):
+        lw.compare_levels([driven])
+    unforced = lw.Record(0.0, 200.0, ("a:m1",), driven.channel("a:m1")[-30:, None])
+    with pytest.raises(
+        lw.IdentificationError, match="no applied force was recorded, and a record does not decay"
+    ):
+        lw.compare_levels([unforced])
     values = np.random.default_rng(1).standard_normal((600, 2))
     values[:, 1] = np.where(np.arange(600) == 100, 1.0, 0.0)
     noise = lw.Record(0.0, 200.0, ("a:m1", "force:m1"), values)

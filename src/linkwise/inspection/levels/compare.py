@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.argument_types import checked
+from linkwise.arrays import Indices
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, UNDAMPED, LevelComparison
-from linkwise.inspection.levels.ring_down import ring_down
+from linkwise.inspection.levels.ring_down import decay_of, decaying_modes, ring_downs
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -19,6 +20,7 @@ from linkwise.records.record import Record
 from linkwise.records.sequence import record_list
 from linkwise.signals.channel_noise import channel_noise
 
+_SHORTEST = 50  # samples of a decay
 _MOST = 6  # modes that are followed, where their number is not given: those that respond most
 
 
@@ -31,10 +33,13 @@ def compare_levels(
     The linear modes that explain each record best are followed from the lowest level up. In a linear structure they stay.
     The level of a record is the peak of its forces, which does not depend on how long the record goes on after a tap.
 
+    The level of records without forces is the peak of the motion, and their modes are those of the free decay after it. One
+    record alone shows its modes as they ring down.
+
     Parameters
     ----------
     records : sequence of Record
-        Two records or more with the same channels, applied forces (N) among them, whose peaks are the levels.
+        Records with the same channels. The peaks of the applied forces (N) are the levels; without any, those of the motion.
     modes : int, optional
         Number of modes that are followed; by default those that the lowest level shows, the 6 that respond most.
     progress : Progress
@@ -48,9 +53,9 @@ def compare_levels(
     Raises
     ------
     RecordError
-        If there are fewer than two records, or no mode stands above the noise at the lowest level.
+        If there is no record, no mode stands above the noise at the lowest level, or a single record shows no decay.
     IdentificationError
-        If the records lack a force or a motion, or differ in their channels.
+        If the records lack a motion, or differ in their channels.
     TypeError
         If something else is given.
 
@@ -76,40 +81,44 @@ def compare_levels(
     (2, (), (1,))
     """
     records = record_list(records, "records")
-    if len(records) < 2:
-        raise RecordError(f"levels are compared between two records or more, got {len(records)}")
+    if not records:
+        raise RecordError("levels are compared between two records or more, or one that rings down; got none")
     _require_same_channels(records)
-    measured = [ModalMeasurement.of([record], scaled=False) for record in records]
-    levels = np.array([_level(record) for record in records])
-    order = np.argsort(levels, kind="stable")
-    lowest = measured[order[0]]
-    pursued = pursued_modes(lowest, modes, part(progress, 0.0, 0.5))
-    if not len(pursued.frequencies):
+    forced = any(name.startswith("force:") for name in records[0].channels)
+    channel = None if forced else _loudest(records[0])
+    levels = np.array([_level(record, channel) for record in records])
+    order = np.argsort(levels, kind="stable").tolist()
+    ordered = [records[place] for place in order]
+    measured = [_measurement(record, forced=forced) for record in ordered]
+    if forced or modes is not None:
+        pursued = pursued_modes(measured[0], modes, part(progress, 0.0, 0.5))
+        start = np.stack([pursued.frequencies, pursued.damping], axis=1)
+    else:
+        start = decaying_modes(decay_of(ordered[0]), channel_noise(ordered[0]))
+    if not len(start):
         raise RecordError(
             "no mode stands above the noise at the lowest level; excite the structure more strongly"
         )
-    every = refined_modes(lowest, pursued.frequencies, pursued.damping)
-    selected = list(range(len(every.damping))) if modes is not None else _followed(every)
+    every = refined_modes(measured[0], *start.T)
+    selected = np.arange(len(every.damping)) if modes is not None else _followed(every)
     frequencies, damping = every.frequencies[selected], every.damping[selected]
     by_level: list[RefinedModes] = []
-    for number, place in enumerate(order.tolist()):
-        progress(ProgressReport(0.5 + 0.5 * number / len(records), f"level {number + 1}"))
-        by_level.append(refined_modes(measured[place], frequencies, damping))
+    for number, at_level in enumerate(measured, start=1):
+        progress(ProgressReport(0.5 + 0.5 * (number - 1) / len(records), f"level {number}"))
+        by_level.append(refined_modes(at_level, frequencies, damping))
         frequencies, damping = by_level[-1].frequencies, by_level[-1].damping
-    ordered = [records[place] for place in order.tolist()]
-    response, force = _channels(records[order[0]])
-    highest, last = ordered[-1], by_level[-1]
-    noise = channel_noise(highest)
-    shown = _shown(highest)
-    rings = []
-    for mode in range(len(selected)):
-        sizes = np.abs(last.residues[mode]).max(axis=1)
-        relative = [size / noise[name] for size, name in zip(sizes, shown, strict=True)]
-        best = shown[int(np.argmax(relative))]
-        rings.append(ring_down(highest, best, last.frequencies, mode, noise[best]))
+    rings = ring_downs(ordered[-1], channel_noise(ordered[-1]))
+    if len(records) == 1 and not rings:
+        raise RecordError(
+            "levels are compared between two records or more, and this one alone does not ring down: it has no part without "
+            "a force that is long enough to follow a mode as it decays"
+        )
+    response, force = _channels(ordered[0]) if forced else ("", "")
     return LevelComparison(
         labels=_labels(ordered),
         levels=levels[order],
+        channel=channel,
+        unit="N" if channel is None else ordered[0].unit(channel),
         frequencies=np.array([refined.frequencies for refined in by_level]),
         damping=np.array([refined.damping for refined in by_level]),
         frequency_errors=np.array(
@@ -120,16 +129,40 @@ def compare_levels(
         noise=np.array(
             [_noise_share(record, refined) for record, refined in zip(ordered, by_level, strict=True)]
         ),
-        responses=tuple(ResponseFunction.of(record, response, force) for record in ordered),
-        distortions=tuple(distortion(record, response, force) for record in ordered),
-        ring_downs=tuple(ring for ring in rings if ring is not None),
+        responses=tuple(ResponseFunction.of(record, response, force) for record in ordered if forced),
+        distortions=tuple(distortion(record, response, force) if forced else None for record in ordered),
+        ring_downs=rings,
     )
 
 
-def _level(record: Record) -> float:
-    """The largest magnitude of all forces."""
-    forces = [record.channel(name) for name in record.inputs if name.startswith("force:")]
-    return max(float(np.abs(force).max()) for force in forces)
+def _level(record: Record, channel: str | None) -> float:
+    """The largest magnitude of all forces, or of a channel of the motion."""
+    names = [name for name in record.inputs if name.startswith("force:")] if channel is None else [channel]
+    return max(float(np.nanmax(np.abs(record.channel(name)))) for name in names)
+
+
+def _loudest(record: Record) -> str:
+    """The motion that stands farthest above its noise."""
+    noise = channel_noise(record)
+    shown = _shown(record)
+    if not shown:
+        raise IdentificationError(
+            f"modes need a motion, such as a:beam.tip; the channels are {', '.join(record.channels)}"
+        )
+    return max(shown, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name]))
+
+
+def _measurement(record: Record, *, forced: bool) -> ModalMeasurement:
+    """The responses to forces, or the free decay where no force was recorded."""
+    if forced:
+        return ModalMeasurement.of([record], scaled=False)
+    decay = decay_of(record)
+    if len(decay) < _SHORTEST:
+        raise IdentificationError(
+            f"no applied force was recorded, and {record.source or 'a record'} does not decay freely for {_SHORTEST} samples "
+            "or more: modes follow from an applied force (force:beam.tip) and the motion that it gives, or from a free decay"
+        )
+    return ModalMeasurement.of_decay(decay)
 
 
 def _noise_share(record: Record, modes: RefinedModes) -> float:
@@ -156,17 +189,17 @@ def _require_same_channels(records: Sequence[Record]) -> None:
             )
 
 
-def _followed(refined: RefinedModes) -> list[int]:
+def _followed(refined: RefinedModes) -> Indices:
     """The numbers of the modes that are well determined, at most those that respond most, in the order of frequencies."""
-    peaks = np.abs(refined.residues).max(axis=(1, 2)) / refined.damping
+    size = np.abs(refined.residues).max(axis=(1, 2)) if refined.residues.size else refined.free.max(axis=1)
     errors = refined.relative_errors
     firm = (
         (refined.damping > UNDAMPED)
         & (errors[:, 0] < OF_BANDWIDTH * refined.damping)
         & (errors[:, 1] < OF_DAMPING)
     )
-    some = np.flatnonzero(firm) if firm.any() else np.arange(len(peaks))
-    return sorted(some[np.argsort(-peaks[some])][:_MOST].tolist())
+    some = np.flatnonzero(firm) if firm.any() else np.arange(len(size))
+    return np.sort(some[np.argsort(-(size / refined.damping)[some])][:_MOST])
 
 
 def _channels(record: Record) -> tuple[str, str]:

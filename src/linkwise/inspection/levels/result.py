@@ -13,12 +13,10 @@ from linkwise.html import JudgedView
 from linkwise.inspection.levels.distortion import Distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.ring_down import RingDown
+from linkwise.inspection.levels.significance import DAMPING, FREQUENCY, differ
 from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
-_SIGNIFICANT = 4.0
-"""Standard errors by which a frequency or a damping must differ from those at the lowest level: by chance once in 16 000."""
-_FREQUENCY, _DAMPING = 5e-4, 0.05  # relative changes that matter: less is what temperature and sensors do
 OF_BANDWIDTH, OF_DAMPING = 0.1, 0.05
 """Standard errors of the frequency, over half the bandwidth, and of the damping, relative, of a mode that can be followed."""
 UNDAMPED = 2e-4
@@ -28,14 +26,16 @@ _GROWTH = 2.0  # times what linear modes leave of the lowest level, noise allowe
 
 @dataclass(frozen=True, eq=False)
 class LevelComparison(JudgedView):
-    """Records of one test at several levels, from the lowest to the highest.
+    """Records of one test at several levels, from the lowest to the highest; of a single one, its modes as they ring down.
 
     Attributes
     ----------
     labels : tuple of str
         The records.
     levels : array of shape (R,)
-        Peak of the force of each, in N.
+        Peak of the forces of each in N, or of the motion in `channel` where no force was recorded.
+    channel, unit : str or None, str
+        The channel whose peaks are the levels, None for the forces, and its unit.
     frequencies, damping : array of shape (R, n)
         Of the linear modes that explain each record best, in Hz and as parts of the critical damping.
     frequency_errors, damping_errors : array of shape (R, n)
@@ -43,7 +43,7 @@ class LevelComparison(JudgedView):
     left, noise : array of shape (R,)
         The power of the responses that linear modes do not explain, and that of the noise, as parts of the whole.
     responses : tuple of ResponseFunction
-        The response where most moves to the largest force, of each record.
+        The response where most moves to the largest force, of each record; none where no force was recorded.
     distortions : tuple of Distortion or None
         Odd and even distortion of each record; None where its force is not periodic.
     ring_downs : tuple of RingDown
@@ -65,6 +65,8 @@ class LevelComparison(JudgedView):
 
     labels: tuple[str, ...]
     levels: Floats
+    channel: str | None
+    unit: str
     frequencies: Floats
     damping: Floats
     frequency_errors: Floats
@@ -106,13 +108,16 @@ class LevelComparison(JudgedView):
         """
         has_moved = np.zeros(self.frequencies.shape[1], dtype=bool)
         for values, errors, least in (
-            (self.frequencies, self.frequency_errors, _FREQUENCY),
-            (self.damping, self.damping_errors, _DAMPING),
+            (self.frequencies, self.frequency_errors, FREQUENCY),
+            (self.damping, self.damping_errors, DAMPING),
         ):
-            change = np.abs(values[level] - values[0])
-            both = np.hypot(errors[level], errors[0])
-            has_moved |= (change > _SIGNIFICANT * both) & (change > least * values[0])
+            has_moved |= differ(values[level], errors[level], values[0], errors[0], least)
         return tuple(int(mode) + 1 for mode in np.flatnonzero(has_moved & ~self.lost[level]))
+
+    @property
+    def level_name(self) -> str:
+        """What the levels are, with their unit."""
+        return f"peak {'force' if self.channel is None else self.channel}, {self.unit}"
 
     @property
     def first_nonlinear(self) -> int | None:
@@ -123,9 +128,9 @@ class LevelComparison(JudgedView):
     def verdicts(self) -> tuple[Verdict, ...]:
         """Whether modes move, and what keeps the records from showing it."""
         first = self.first_nonlinear
-        below = slice(
-            first
-        )  # from the first level on at which they move, errors are those of motion that is not linear
+        decays_move = any(ring.moves for ring in self.ring_downs)
+        # from the first level on at which they move, errors are those of motion that is not linear
+        below = slice(0 if decays_move and len(self.levels) == 1 else first)
         unclear = (self.frequency_errors > OF_BANDWIDTH * self.damping * self.frequencies) | (
             self.damping_errors > OF_DAMPING * self.damping
         )
@@ -135,7 +140,7 @@ class LevelComparison(JudgedView):
         holds = {
             Verdict.MODES_NOT_DETERMINED: bool(unclear[below].any()),
             Verdict.RESIDUALS_GROW_WITH_LEVEL: first is None and bool(grown.any()),
-            Verdict.MODES_MOVE: first is not None,
+            Verdict.MODES_MOVE: first is not None or decays_move,
         }
         return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.LINEAR_IN_RANGE,)
 
@@ -156,7 +161,7 @@ class LevelComparison(JudgedView):
             "levels": [
                 {
                     "record": label,
-                    "force_peak": float(self.levels[number]),
+                    "force_peak" if self.channel is None else "motion_peak": float(self.levels[number]),
                     "unexplained": float(self.left[number]),
                     "noise": float(self.noise[number]),
                     "moved": list(self.moved(number)),
@@ -180,7 +185,10 @@ class LevelComparison(JudgedView):
                     "channel": ring.channel,
                     "amplitude": ring.amplitude.tolist(),
                     "frequency": ring.frequency.tolist(),
+                    "frequency_error": ring.frequency_error.tolist(),
                     "damping": ring.damping.tolist(),
+                    "damping_error": ring.damping_error.tolist(),
+                    "moves": ring.moves,
                 }
                 for ring in self.ring_downs
             ],

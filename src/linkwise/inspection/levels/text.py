@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from linkwise.inspection.levels.result import LevelComparison
+from linkwise.inspection.levels.ring_down import RingDown
 from linkwise.text import align_columns, as_text, format_error, format_value, paragraph
+
+_ROWS = 5  # of a ring-down
 
 
 @as_text.register
@@ -29,22 +34,50 @@ def headline(comparison: LevelComparison) -> list[str]:
 
 def _claim(comparison: LevelComparison) -> str:
     first = comparison.first_nonlinear
-    top = comparison.levels[-1]
+    moving = [ring for ring in comparison.ring_downs if ring.moves]
+    if first is None and moving:
+        return f"Not linear: as it rings down, {'; '.join(map(_moved, moving))}."
     if first is None:
         claim = "Linear" if comparison.trusted else "Perhaps linear"
-        return f"{claim} up to a peak force of {top:.3g} N: no mode moves with the level by more than its errors."
+        by = "with the level" if len(comparison.levels) > 1 else "as it rings down"
+        return f"{claim} up to {_level(comparison, -1)}: no mode moves {by} by more than its errors."
     moved = comparison.moved(first)
     modes = f"mode{'s' if len(moved) > 1 else ''} {', '.join(map(str, moved))}"
+    lowest = f"{comparison.levels[0]:.3g} {comparison.unit}"
     return (
-        f"Not linear from a peak force of {comparison.levels[first]:.3g} N on ({comparison.labels[first]}): {modes} "
-        f"differ{'s' if len(moved) == 1 else ''} from {comparison.levels[0]:.3g} N by more than errors."
+        f"Not linear from {_level(comparison, first)} on ({comparison.labels[first]}): {modes} "
+        f"differ{'s' if len(moved) == 1 else ''} from {lowest} by more than errors."
+    )
+
+
+def _level(comparison: LevelComparison, number: int) -> str:
+    """A level in words."""
+    of = "force" if comparison.channel is None else comparison.channel
+    return f"a peak {of} of {comparison.levels[number]:.3g} {comparison.unit}"
+
+
+def _moved(ring: RingDown) -> str:
+    """From where to where a mode moves."""
+    (f0, d0), (f1, d1) = ring.ends[0]
+    return (
+        f"a mode moves from {f0:.5g} Hz and {100.0 * d0:.3g} % of damping, near an amplitude of {ring.amplitude[0]:.2g} "
+        f"{ring.unit}, to {f1:.5g} Hz and {100.0 * d1:.3g} %"
     )
 
 
 def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level and mode."""
     rows: list[tuple[str, ...]] = [
-        ("level", "peak force, N", "mode", "frequency, Hz", "std. error", "damping, %", "std. error", "moved")
+        (
+            "level",
+            comparison.level_name,
+            "mode",
+            "frequency, Hz",
+            "std. error",
+            "damping, %",
+            "std. error",
+            "moved",
+        )
     ]
     for level, label in enumerate(comparison.labels):
         moved = comparison.moved(level)
@@ -72,7 +105,7 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
 def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level with a periodic force."""
     rows: list[tuple[str, ...]] = [
-        ("distortion of", "peak force, N", "period, s", "odd, dB", "even, dB", "scatter, dB")
+        ("distortion of", comparison.level_name, "period, s", "odd, dB", "even, dB", "scatter, dB")
     ]
     for level, distortion in zip(comparison.levels, comparison.distortions, strict=True):
         if distortion is not None:
@@ -85,20 +118,39 @@ def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
 
 
 def ring_down_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
-    """A row for each mode that rings down: its largest and its smallest amplitude."""
+    """Rows for each mode that rings down, from its largest to its smallest amplitude."""
     rows: list[tuple[str, ...]] = [
-        ("ring-down", "channel", "amplitude", "frequency, Hz", "damping, %", "unit")
+        (
+            "ring-down",
+            "channel",
+            "amplitude",
+            "frequency, Hz",
+            "std. error",
+            "damping, %",
+            "std. error",
+            "unit",
+        )
     ]
     for ring in comparison.ring_downs:
-        for place, name in ((0, f"mode {ring.mode}"), (-1, "")):
+        places = np.unique(np.linspace(0, len(ring.amplitude) - 1, _ROWS).round().astype(int))
+        for place in places.tolist():
+            f, df = float(ring.frequency[place]), float(ring.frequency_error[place])
+            d, dd = 100.0 * float(ring.damping[place]), 100.0 * float(ring.damping_error[place])
             rows.append(
                 (
-                    name,
+                    ring_name(ring) if place == 0 else "",
                     ring.channel if place == 0 else "",
                     f"{ring.amplitude[place]:.3g}",
-                    f"{ring.frequency[place]:.5g}",
-                    f"{100.0 * ring.damping[place]:.3g}",
+                    format_value(f, df),
+                    format_error(df),
+                    format_value(d, dd),
+                    format_error(dd),
                     ring.unit,
                 )
             )
     return rows
+
+
+def ring_name(ring: RingDown) -> str:
+    """A mode that rings down, by its frequency at the smallest amplitude."""
+    return f"mode near {ring.frequency[-1]:.4g} Hz"
