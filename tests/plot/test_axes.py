@@ -24,10 +24,10 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "crossings", "departures", "displacement", "distortion", "energy", "evidence", "force", "force_comparison",
-    "force_errors", "graph", "histories", "level_modes", "level_response", "loop", "map", "path", "prediction",
-    "prediction_error", "prediction_profile", "prediction_spectrum", "ring_down", "runners_up", "shapes", "spectrum", "study",
-    "surface",
+    "absorption", "acceleration_surface", "crossings", "departures", "displacement", "distortion", "energy", "evidence",
+    "force", "force_comparison", "force_errors", "graph", "histories", "level_modes", "level_response", "loop", "map", "path",
+    "prediction", "prediction_error", "prediction_profile", "prediction_spectrum", "ring_down", "runners_up", "shapes",
+    "spectrum", "study", "surface",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -68,6 +68,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     )
     results = {
         "distortion": (periodic,), "level_modes": (tapped,), "level_response": (tapped,), "ring_down": (tapped,),
+        "acceleration_surface": (tapped,),
         "absorption": (absorbed,), "crossings": (absorbed,), "energy": (absorbed,), "evidence": (discovered,),
         "departures": (discovered, "m2-m1"),
         "displacement": (lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=0.5, rate=500.0), "m1"),

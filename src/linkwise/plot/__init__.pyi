@@ -34,6 +34,8 @@ from linkwise.plot.level_responses import level_response as level_response
 from linkwise.plot.level_responses import level_responses_figure as level_responses_figure
 from linkwise.plot.level_ring_downs import ring_down as ring_down
 from linkwise.plot.level_ring_downs import ring_down_figure as ring_down_figure
+from linkwise.plot.level_surfaces import acceleration_surface as acceleration_surface
+from linkwise.plot.level_surfaces import acceleration_surfaces_figure as acceleration_surfaces_figure
 from linkwise.plot.link_force import force as force
 from linkwise.plot.link_force import force_figure as force_figure
 from linkwise.plot.link_loop import loop as loop

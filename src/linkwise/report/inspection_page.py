@@ -70,6 +70,19 @@ def _ring_down(reported: Reported[Inspection]) -> Section | None:
     )
 
 
+def _surfaces(reported: Reported[Inspection]) -> Section | None:
+    """The restoring force at sensors, before any model."""
+    levels = reported.result.levels
+    if levels is None or not levels.surfaces:
+        return None
+    text = (
+        "Acceleration with the sign reversed over displacement and velocity of a sensor, at the highest level while no force "
+        "acts: the restoring force per mass, to which other modes add scatter. A linear stiffness gives a straight line "
+        "at no velocity."
+    )
+    return Section("Restoring force", [text], figure=lambda: plot.acceleration_surfaces_figure(levels))
+
+
 def _alerts(reported: Reported[Inspection]) -> Section | None:
     """What is wrong with the records."""
     inspection = reported.result
@@ -109,6 +122,7 @@ SECTIONS: Registry[Build[Inspection]] = Registry(
         "responses": _responses,
         "distortion": _distortion,
         "ring_down": _ring_down,
+        "surfaces": _surfaces,
         "alerts": _alerts,
     },
 )

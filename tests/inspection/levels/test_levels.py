@@ -182,6 +182,18 @@ def test_modes_of_a_linear_decay_do_not_move() -> None:
     assert 0.5 < squares.mean() < 2.0 and squares.max() < 5.0**2
 
 
+@pytest.mark.parametrize("sensor", ["x:m1", "v:m1", "a:m1"])
+def test_acceleration_over_displacement_is_the_restoring_force(sensor: str) -> None:
+    cubic = 4e8
+    [surface] = lw.compare_levels([tap(8.0, cubic, sensor).with_noise(60.0, seed=1)]).surfaces
+    d, v = surface.displacement, surface.velocity
+    force = (STIFFNESS * d + cubic * d**3 + DAMPER * v) / MASS
+    linear = d * float(surface.acceleration @ d) / float(d @ d)
+    # integrals lose what is slower than the mode, second derivatives amplify the noise of 60 dB: 1 and 2 %
+    assert np.std(surface.acceleration + force) < 0.03 * np.std(force)
+    assert np.std(surface.acceleration - linear) > 0.06 * np.std(force)  # no linear spring comes near
+
+
 def test_decays_of_several_levels_are_compared() -> None:
     soft, hard = (released(4e6, size).with_noise(50.0, seed=2) for size in (0.02, 1.0))
     comparison = lw.compare_levels([hard, soft])

@@ -9,6 +9,7 @@ import numpy as np
 from linkwise.argument_types import checked
 from linkwise.arrays import Indices
 from linkwise.errors import IdentificationError, RecordError
+from linkwise.inspection.levels.acceleration_surface import acceleration_surfaces
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, UNDAMPED, LevelComparison
@@ -107,7 +108,8 @@ def compare_levels(
         progress(ProgressReport(0.5 + 0.5 * (number - 1) / len(records), f"level {number}"))
         by_level.append(refined_modes(at_level, frequencies, damping))
         frequencies, damping = by_level[-1].frequencies, by_level[-1].damping
-    rings = ring_downs(ordered[-1], channel_noise(ordered[-1]))
+    of_highest = channel_noise(ordered[-1])
+    rings = ring_downs(ordered[-1], of_highest)
     if len(records) == 1 and not rings:
         raise RecordError(
             "levels are compared between two records or more, and this one alone does not ring down: it has no part without "
@@ -132,6 +134,7 @@ def compare_levels(
         responses=tuple(ResponseFunction.of(record, response, force) for record in ordered if forced),
         distortions=tuple(distortion(record, response, force) if forced else None for record in ordered),
         ring_downs=rings,
+        surfaces=acceleration_surfaces(ordered[-1], by_level[0].frequencies, of_highest),
     )
 
 

@@ -10,6 +10,7 @@ import scipy
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.records.record import Record
+from linkwise.signals.integrate import bridged
 
 _BLOCKS = 8  # that fit into a record side by side
 _EXCITED = 1e-4  # of the largest power density of the force: below it there is no information
@@ -66,7 +67,7 @@ class ResponseFunction:
         ResponseFunction
             The response function.
         """
-        values, applied = _bridged(record.channel(response)), record.channel(force)
+        values, applied = bridged(record, response), record.channel(force)
         block = max(min(len(record), _LEAST), 2 * len(record) // (_BLOCKS + 1))
         options = {"fs": record.rate, "nperseg": block, "detrend": "constant"}
         frequency, cross = scipy.signal.csd(applied, values, **options)
@@ -77,9 +78,3 @@ class ResponseFunction:
         unexcited = of_force < _EXCITED * of_force.max()
         magnitude[unexcited] = coherence[unexcited] = np.nan
         return cls(response, force, frequency[1:], magnitude[1:], coherence[1:])
-
-
-def _bridged(values: Floats) -> Floats:
-    present = np.isfinite(values)
-    index = np.arange(len(values))
-    return np.interp(index, index[present], values[present]) if not present.all() else values

@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.html import JudgedView
+from linkwise.inspection.levels.acceleration_surface import AccelerationSurface
 from linkwise.inspection.levels.distortion import Distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.ring_down import RingDown
@@ -48,6 +49,8 @@ class LevelComparison(JudgedView):
         Odd and even distortion of each record; None where its force is not periodic.
     ring_downs : tuple of RingDown
         Modes of the highest level as they ring down.
+    surfaces : tuple of AccelerationSurface
+        Restoring force per mass at the sensors that move most, at the highest level while no force acts.
 
     See Also
     --------
@@ -76,6 +79,7 @@ class LevelComparison(JudgedView):
     responses: tuple[ResponseFunction, ...]
     distortions: tuple[Distortion | None, ...]
     ring_downs: tuple[RingDown, ...]
+    surfaces: tuple[AccelerationSurface, ...]
 
     @property
     def frequency_changes(self) -> Floats:

@@ -122,7 +122,7 @@ def ring_downs(record: Record, noise: Mapping[str, float]) -> tuple[RingDown, ..
     """
     decay = decay_of(record)
     centers = decaying_modes(decay, noise)[:, 0]
-    names = _shown(decay)
+    names = motions(decay)
     decay = decay[: _decayed(decay, names, noise)] if len(centers) else decay
     followed = (_ring_down(decay, names, centers, mode, noise) for mode in range(len(centers)))
     rings = [ring for ring in followed if ring is not None]
@@ -135,7 +135,7 @@ def decaying_modes(decay: Record, noise: Mapping[str, float]) -> Floats:
     Modes are looked for in its later half, then in the later half of what is before: those of more damping have died out
     later on. There a frequency counts as another mode where no shift of one that is known already would explain it.
     """
-    names = _shown(decay)
+    names = motions(decay)
     count = _decayed(decay, names, noise) if names else 0
     known = np.empty((0, 2))
     for _ in range(_HALVES):
@@ -151,10 +151,10 @@ def decaying_modes(decay: Record, noise: Mapping[str, float]) -> Floats:
     return np.asarray(known[np.argsort(known[:, 0])])
 
 
-def _shown(decay: Record) -> list[str]:
-    """The motions without a missing sample."""
-    names = [name for name in decay.responses if Channel.parse(name).kind in "xva"]
-    return [name for name in names if np.isfinite(decay.channel(name)).all()]
+def motions(record: Record) -> list[str]:
+    """The responses that are motions and lack no sample."""
+    names = [name for name in record.responses if Channel.parse(name).kind in "xva"]
+    return [name for name in names if np.isfinite(record.channel(name)).all()]
 
 
 def decay_of(record: Record) -> Record:
