@@ -91,7 +91,14 @@ def compare_levels(
     order = np.argsort(levels, kind="stable").tolist()
     ordered = [records[place] for place in order]
     measured = [_measurement(record, forced=forced) for record in ordered]
-    if forced or modes is not None:
+    of_highest = channel_noise(ordered[-1])
+    rings = ring_downs(ordered[-1], of_highest)
+    if len(records) == 1 and not rings:
+        raise RecordError(
+            "levels are compared between two records or more, and this one alone does not ring down: it has no part without "
+            "a force that is long enough to follow a mode as it decays"
+        )
+    if modes is not None or (forced and len(records) > 1):
         pursued = pursued_modes(measured[0], modes, part(progress, 0.0, 0.5))
         start = np.stack([pursued.frequencies, pursued.damping], axis=1)
     else:
@@ -108,13 +115,6 @@ def compare_levels(
         progress(ProgressReport(0.5 + 0.5 * (number - 1) / len(records), f"level {number}"))
         by_level.append(refined_modes(at_level, frequencies, damping))
         frequencies, damping = by_level[-1].frequencies, by_level[-1].damping
-    of_highest = channel_noise(ordered[-1])
-    rings = ring_downs(ordered[-1], of_highest)
-    if len(records) == 1 and not rings:
-        raise RecordError(
-            "levels are compared between two records or more, and this one alone does not ring down: it has no part without "
-            "a force that is long enough to follow a mode as it decays"
-        )
     response, force = _channels(ordered[0]) if forced else ("", "")
     return LevelComparison(
         labels=_labels(ordered),
