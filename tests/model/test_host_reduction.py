@@ -281,7 +281,7 @@ def test_a_dashpot_couples_modes_of_one_frequency_without_limit() -> None:
     )
     reduced = matrices.reduce("pair", {"a": 1}, keep=2)
     assert reduced.damping_coupling == np.inf
-    assert reduced.couples_modes
+    assert sum(first != second for first, second in reduced.host.damping) >= 1
 
 
 def test_names_are_one_to_a_row() -> None:

@@ -42,7 +42,7 @@ def dissipators(structure: Structure) -> dict[str, list[int]]:
     numbers = {link.name: number for number, link in enumerate(structure.links)}
     hosts = {
         host.name if host.name not in numbers else f"{host.name} (modes)": [
-            numbers[name] for name in host.coordinates
+            numbers[link.name] for link in host.parts()[1]
         ]
         for host in structure.hosts
     }

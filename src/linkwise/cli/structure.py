@@ -200,6 +200,10 @@ def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
             for point, value in mode.shape.items()
         )
         lines.append(f"    {name:12} {_shown(frequency)} Hz, damping {_shown(damping)}; {shape}")
+    lines += [
+        f"    {name:12} {_shown(subject.link(name).coefficients['damping'])} N s/m between these modes"
+        for name in host.damping_links.values()
+    ]
     return lines + [f"    note: {note}" for note in host.notes]
 
 

@@ -14,7 +14,6 @@ from linkwise.errors import IdentificationError, LinkwiseError, StructureError
 from linkwise.expression import Number
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
-from linkwise.model.host_mode import HostMode
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.memory_support import refuse_memory
@@ -329,17 +328,7 @@ def _parts(structure: Structure) -> tuple[tuple[Mass, ...], tuple[Link, ...], tu
     """The masses and links of a structure that are no modes, and its hosts with the frequencies and damping of their modes."""
     masses = tuple(mass for mass in structure.masses if mass.name not in structure.modes)
     links = tuple(link for link in structure.links if link.name not in structure.modes)
-    hosts = tuple(
-        replace(
-            host,
-            modes=tuple(
-                HostMode(**structure.link(name).coefficients, shape=mode.shape, shape_sigma=mode.shape_sigma)
-                for name, mode in zip(host.coordinates, host.modes, strict=True)
-            ),
-        )
-        for host in structure.hosts
-    )
-    return masses, links, hosts
+    return masses, links, tuple(host.as_in(structure.link) for host in structure.hosts)
 
 
 def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:

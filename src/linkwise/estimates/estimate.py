@@ -187,8 +187,10 @@ class Estimate(JudgedView):
 
     @property
     def modes(self) -> tuple[LinkEstimate, ...]:
-        """Estimates of the modes of hosts, with the coefficients frequency and damping."""
-        return tuple(link for link in self._every_link if link.link.name in self.structure.modes)
+        """Estimates of the modes of hosts, with the coefficients frequency and damping, and of the damping between them."""
+        hosts = self.structure.hosts
+        shown = {name for host in hosts for name in (*host.coordinates, *host.damping_links.values())}
+        return tuple(link for link in self._every_link if link.link.name in shown)
 
     @cached_property
     def _every_link(self) -> tuple[LinkEstimate, ...]:

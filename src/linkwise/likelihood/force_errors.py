@@ -97,7 +97,7 @@ def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[Candidate
             hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}"))
             forces.append(CandidateForce(first, second, Law.parse(to_text(basis))))
             sizes.append(known_values[name].value)
-        for name, variable, weight in _OF_MODES if link.name in structure.modes else ():
+        for name, variable, weight in _OF_MODES if link.name in structure.mass_names else ():
             if (value := _weight(link, variable) * weight) and link.coefficients[name].known:
                 hypotheses.append(Hypothesis(name, link.name))
                 forces.append(CandidateForce(first, second, Law.parse(variable)))

@@ -90,9 +90,9 @@ def missing_terms(
 
 
 def _offered(link: Link, structure: Structure) -> tuple[Law | MemoryForce, ...]:
-    """What a link may lack; one with states has its memory."""
+    """What a link may lack; one with states has its memory, a damper between modes nothing."""
     if link.name in structure.modes:
-        return _OF_MODES
+        return _OF_MODES if link.name in structure.mass_names else ()
     return _TERMS if link.states else (*_TERMS, *MEMORY_FORCES)
 
 

@@ -8,11 +8,21 @@ to the ground with the law `MODE_LAW`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 from linkwise.argument_types import checked_class
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, as_coefficient
+from linkwise.model.host_damping import (
+    DAMPING,
+    Pair,
+    checked_damping,
+    damping_link,
+    damping_links,
+    negated_mode,
+)
 from linkwise.model.host_mode import HostMode
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
@@ -43,11 +53,14 @@ class Host:
         Its modes, with shapes at the same points.
     notes : tuple of str, optional
         What to know of where it comes from, such as the error that the reduction of matrices leaves.
+    damping : mapping of (int, int) to Coefficient or float, optional
+        Entries of the modal damping matrix in N s/m, by two modes counted from 1: damping between modes, which a damping ratio
+        for each cannot describe. An entry of a mode with itself, such as that of a rigid motion, needs a damping ratio of 0.
 
     Raises
     ------
     StructureError
-        If it has no mode or no point, or a mode lacks a point of another.
+        If it has no mode or no point, a mode lacks a point of another, or the damping of a mode is given twice.
 
     See Also
     --------
@@ -65,10 +78,16 @@ class Host:
     name: str
     modes: tuple[HostMode, ...]
     notes: tuple[str, ...] = field(default=(), compare=False)
+    damping: Mapping[Pair, Coefficient | float] = field(default_factory=dict, hash=False)
+
+    def __reduce__(self) -> tuple[type[Host], tuple[object, ...]]:
+        return Host, (self.name, self.modes, self.notes, dict(self.damping))
 
     def __post_init__(self) -> None:
         check_name(self.name, "host")
         where = f'host "{self.name}"'
+        damping = checked_damping(self.damping, len(self.modes), where)
+        object.__setattr__(self, "damping", MappingProxyType(damping))
         object.__setattr__(self, "modes", tuple(self.modes))
         if self.name in (GROUND, BASE) or "." in self.name:
             raise StructureError("a host is not named ground or base, and its name has no dot", where)
@@ -94,6 +113,14 @@ class Host:
         clashes = [point for point in points if f"{self.name}.{point}" in self.coordinates]
         if clashes:
             raise StructureError(f'the point "{clashes[0]}" has the name of a mode; choose another', where)
+        twice = [
+            first for first, second in damping if first == second and self.modes[first - 1].damping.value
+        ]
+        if twice:
+            raise StructureError(
+                f"the damping of mode {twice[0]} is given by a ratio and by an entry of the damping matrix; give one",
+                where,
+            )
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -104,6 +131,24 @@ class Host:
     def coordinates(self) -> tuple[str, ...]:
         """Names of its modes in a structure, ``"HOST.mode1"`` and so on."""
         return tuple(f"{self.name}.mode{number}" for number in range(1, len(self.modes) + 1))
+
+    @property
+    def entries(self) -> dict[Pair, Coefficient]:
+        """The entries of `damping` as coefficients, the lower mode first."""
+        return {
+            pair: as_coefficient(entry, "the damping between modes") for pair, entry in self.damping.items()
+        }
+
+    @property
+    def damping_links(self) -> dict[Pair, str]:
+        """Names of the links, such as ``"HOST.mode1+mode2"``, whose coefficient is an entry of `damping`, by its modes."""
+        return {pair: damping_link(self.name, pair) for pair in self.damping}
+
+    @property
+    def negated(self) -> dict[str, str]:
+        """Places that move as modes do in the other direction, with these modes: ends of the dampers between modes."""
+        numbers = dict.fromkeys(second for first, second in self.damping if first != second)
+        return {negated_mode(self.name, number): self.coordinates[number - 1] for number in numbers}
 
     def shape(self, point: str) -> dict[str, float]:
         """Shape at a point.
@@ -164,7 +209,9 @@ class Host:
                 raise StructureError(
                     f"the part to within which the {quantity} is known must not be negative, got {part!r}"
                 )
-        return replace(self, modes=tuple(_uncertain(mode, frequency, damping, shape) for mode in self.modes))
+        entries = {pair: _to_within(entry, damping, -math.inf) for pair, entry in self.entries.items()}
+        modes = tuple(_uncertain(mode, frequency, damping, shape) for mode in self.modes)
+        return replace(self, modes=modes, damping=entries)
 
     def known_to_within_at_least(
         self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0
@@ -212,7 +259,28 @@ class Host:
                 )
                 for mode in least.modes
             ),
+            damping={pair: _at_least(entry, damping) for pair, entry in least.entries.items()},
         )
+
+    def as_in(self, link: Callable[[str], Link]) -> Host:
+        """The host with frequencies and damping as links of a structure have them.
+
+        Parameters
+        ----------
+        link : callable
+            Gives a link of the structure by its name, as `Structure.link` does.
+
+        Returns
+        -------
+        Host
+            The host.
+        """
+        modes = tuple(
+            replace(mode, **link(name).coefficients)
+            for name, mode in zip(self.coordinates, self.modes, strict=True)
+        )
+        damping = {pair: link(name).coefficients[DAMPING] for pair, name in self.damping_links.items()}
+        return replace(self, modes=modes, damping=damping)
 
     def parts(self) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
         """The modes as masses of 1 kg, each with a link to the ground.
@@ -222,14 +290,14 @@ class Host:
         masses : tuple of Mass
             The modal coordinates.
         links : tuple of Link
-            Their stiffness and damping, with the law `MODE_LAW`.
+            Their stiffness and damping, with the law `MODE_LAW`, and the dampers between them.
         """
         masses = tuple(Mass(name, 1.0) for name in self.coordinates)
         links = tuple(
             Link(name, (name, GROUND), MODE_LAW, {"frequency": mode.frequency, "damping": mode.damping})
             for name, mode in zip(self.coordinates, self.modes, strict=True)
         )
-        return masses, links
+        return masses, (*links, *damping_links(self.name, self.entries))
 
 
 def _uncertain(mode: HostMode, frequency: float, damping: float, shape: float) -> HostMode:
@@ -249,10 +317,10 @@ def _at_least(given: Coefficient, part: float) -> Coefficient:
     return replace(given, sigma=max(given.sigma, part * abs(given.value)))
 
 
-def _to_within(given: Coefficient, part: float) -> Coefficient:
+def _to_within(given: Coefficient, part: float, lower: float = 0.0) -> Coefficient:
     if not given.known or not given.value or not part:
         return given
-    return Coefficient.unknown(given.value, lower=0.0, sigma=part * given.value)
+    return Coefficient.unknown(given.value, lower=lower, sigma=part * abs(given.value))
 
 
 def with_modes(
@@ -291,6 +359,7 @@ def with_modes(
 def counted(hosts: tuple[Host, ...], masses: tuple[Mass, ...], links: tuple[Link, ...]) -> str:
     """How many hosts, modes, masses and links there are, such as "2 masses, 2 links"; modes are not counted twice."""
     modes = sum(len(host.modes) for host in hosts)
+    own_links = sum(len(host.parts()[1]) for host in hosts)
     counts = [(len(hosts), "host", "hosts"), (modes, "mode", "modes")] if hosts else []
-    counts += [(len(masses) - modes, "mass", "masses"), (len(links) - modes, "link", "links")]
+    counts += [(len(masses) - modes, "mass", "masses"), (len(links) - own_links, "link", "links")]
     return ", ".join(f"{count} {singular if count == 1 else plural}" for count, singular, plural in counts)

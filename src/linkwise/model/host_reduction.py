@@ -20,7 +20,9 @@ import scipy
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
+from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
+from linkwise.model.host_damping import Pair
 from linkwise.model.host_mode import HostMode
 from linkwise.model.reduced_host import HostReduction
 
@@ -36,6 +38,7 @@ _SLOWEST = (
     1e-2  # 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
 )
 _ROUNDED = 1e-9  # of the largest modal damping: none
+_COUPLED = 1e-3  # of the motion of one mode at resonance: of another that damping between both gives, below which it is none
 _RESIDUAL = 1e-10  # of the largest: residual flexibility that is none
 _NEAR = 0.01  # of a frequency: a mode so close to that of the error is in resonance there
 _BELOW = np.linspace(0.99, 0.9, 10)  # frequencies that are tried then
@@ -134,9 +137,9 @@ def reduce_matrices(
         more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
         squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
     frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-    coupling = 0.0
+    coupling, between = 0.0, {}
     if of_damping is not None:
-        zeta, coupling = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
+        zeta, coupling, between = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
     elif isinstance(damping, tuple):
         zeta = _rayleigh_ratios(frequencies, damping)
     else:
@@ -155,7 +158,8 @@ def reduce_matrices(
     approximate = (local / (squares - square)) @ local.T
     error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
     band = float(np.sqrt(square) / (2.0 * np.pi))
-    return HostReduction(Host(name, modes), retained, band, error, coupling, massless=massless)
+    host = Host(name, modes, damping=between)
+    return HostReduction(host, retained, band, error, coupling, massless=massless)
 
 
 def _apart(omega: float, modes: Floats) -> float:
@@ -338,24 +342,29 @@ def _rayleigh_ratios(frequencies: Floats, factors: tuple[float, float]) -> Float
     omega = 2.0 * np.pi * frequencies
     if (omega == 0.0).any() and factors[0] != 0.0:
         raise StructureError(
-            "Rayleigh damping of a free structure damps its rigid motion; give modal damping"
+            "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
         )
     return np.asarray(0.5 * (factors[0] / np.where(omega > 0.0, omega, 1.0) + factors[1] * omega))
 
 
-def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float]:
-    """Damping ratios (k,), and the largest coupling, of a damping matrix (k, k) between mass-normalised modes."""
+def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float, dict[Pair, Coefficient]]:
+    """Damping ratios (k,), the largest coupling, and the other entries of a damping matrix (k, k) of mass-normalised modes."""
     omega, own = 2.0 * np.pi * frequencies, modal.diagonal()
     largest = float(np.abs(modal).max(initial=0.0))
     if (own < -_ROUNDED * largest).any():
         raise StructureError("the damping matrix feeds energy into a mode: its sign may be wrong")
-    if ((omega == 0.0) & (own > _ROUNDED * largest)).any():
-        raise StructureError(
-            "the damping matrix damps the rigid motion of a free structure, which a damping ratio cannot; give modal damping"
-        )
     forces = np.abs(modal - np.diag(own)) * omega  # of the columns' modes at resonance, on those of the rows
     apart = np.abs(np.subtract.outer(omega**2, omega**2))
     coupled = forces > _ROUNDED * largest * omega.max(initial=0.0)
+    coupling = np.zeros_like(modal)
     with np.errstate(divide="ignore"):
-        coupling = float((forces[coupled] / apart[coupled]).max(initial=0.0))
-    return np.asarray(np.maximum(own, 0.0) / (2.0 * np.where(omega > 0.0, omega, 1.0))), coupling
+        coupling[coupled] = forces[coupled] / apart[coupled]
+    rigid = omega == 0.0
+    held = (np.maximum(coupling, coupling.T) > _COUPLED) | np.diag(rigid & (own > _ROUNDED * largest))
+    rows, columns = np.nonzero(np.triu(held))
+    entries = {
+        (row + 1, column + 1): Coefficient.number(float(modal[row, column]))
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
+    }
+    ratios = np.maximum(own, 0.0) / (2.0 * np.where(rigid, np.inf, omega))
+    return np.asarray(ratios), float(coupling.max(initial=0.0)), entries

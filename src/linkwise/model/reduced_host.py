@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from linkwise.model.host import Host
 
-_COUPLED = 0.01  # of the motion of one mode at resonance: another that is told, where damping couples both
-
 
 @dataclass(frozen=True, eq=False)
 class HostReduction:
@@ -26,8 +24,9 @@ class HostReduction:
         Relative error of the receptances between the points there, by their Frobenius norm; less at lower frequencies, but
         for antiresonances.
     damping_coupling : float
-        Largest motion of one mode, as a part of that of another at resonance, that a damping matrix would cause which is not
-        diagonal in the modes [1]_; this coupling is left out. It is infinite between modes of one frequency.
+        Largest motion of one mode, as a part of that of another at resonance, that a damping matrix causes which is not
+        diagonal in the modes [1]_; infinite between modes of one frequency. Pairs of modes with more than 0.1 % are in the
+        `damping` of the host.
     total_mass : float or None
         Mass in kg of the model, where its degrees of freedom are named.
     massless : int
@@ -63,10 +62,11 @@ class HostReduction:
             f"{self.kept} modes and {len(self.host.modes) - self.kept} residual ones; at {self.band:.4g} Hz the receptances "
             f"at the points are off by {100.0 * self.error:.2g} %"
         ]
-        if self.couples_modes:
+        pairs = sum(first != second for first, second in self.host.damping)
+        if pairs:
             notes.append(
-                "the damping matrix couples modes, which is left out: one would move by up to "
-                f"{100.0 * self.damping_coupling:.3g} % of another at resonance"
+                f"the damping matrix couples {pairs} {'pair' if pairs == 1 else 'pairs'} of modes, one of which moves by "
+                f"up to {100.0 * self.damping_coupling:.3g} % of the other at resonance"
             )
         free = sum(mode.frequency.value == 0.0 for mode in self.host.modes)
         if free:
@@ -82,8 +82,3 @@ class HostReduction:
         if self.total_mass is not None:
             notes.append(f"the model weighs {self.total_mass:.4g} kg, its matrices being taken in SI units")
         return tuple(notes)
-
-    @property
-    def couples_modes(self) -> bool:
-        """Whether a damping matrix couples modes by more than 1 %, which a host leaves out."""
-        return self.damping_coupling > _COUPLED

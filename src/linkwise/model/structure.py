@@ -101,7 +101,10 @@ class Structure(NotebookView):
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
     def _check_ends(self) -> None:
-        check_ends(self.mass_names, self.places, self.links)
+        between_modes = self.modes.difference(self.mass_names)
+        check_ends(
+            self.mass_names, self.places, [link for link in self.links if link.name not in between_modes]
+        )
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
@@ -128,8 +131,8 @@ class Structure(NotebookView):
 
     @cached_property
     def modes(self) -> frozenset[str]:
-        """Names of the masses, and of the links, that are modes of hosts, such as ``"wing.mode1"``."""
-        return frozenset(name for host in self.hosts for name in host.coordinates)
+        """Names of the masses and links that are modes of hosts, such as ``"wing.mode1"``, and of dampers between them."""
+        return frozenset(part.name for host in self.hosts for parts in host.parts() for part in parts)
 
     @property
     def on_rig(self) -> bool:

@@ -308,17 +308,22 @@ def format_structure(structure: Structure) -> str:
 
 def _host_text(host: Host, structure: Structure) -> str:
     """The table of a host, with the frequencies and damping that the structure has now."""
+    host = host.as_in(structure.link)
     modes = []
-    for name, mode in zip(host.coordinates, host.modes, strict=True):
-        known = structure.link(name).coefficients
+    for mode in host.modes:
         shape = ", ".join(
             f"{_key(point)} = {_coefficient_text(mode.shape_value(point))}" for point in mode.shape
         )
         modes.append(
-            f"    {{ frequency = {_coefficient_text(known['frequency'])}, damping = {_coefficient_text(known['damping'])}, "
+            f"    {{ frequency = {_coefficient_text(mode.frequency)}, damping = {_coefficient_text(mode.damping)}, "
             f"shape = {{ {shape} }} }},\n"
         )
-    return f"[[host]]\nname = {_string(host.name)}\nmodes = [\n{''.join(modes)}]\n"
+    damping = "".join(
+        f"    {{ modes = [{first}, {second}], damping = {_coefficient_text(entry)} }},\n"
+        for (first, second), entry in host.entries.items()
+    )
+    between = f"damping = [\n{damping}]\n" if damping else ""
+    return f"[[host]]\nname = {_string(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
 
 
 def _mass(entry: _MassTable, index: int, source: str) -> Mass:

@@ -4,6 +4,9 @@ A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 
 `{ start = 0.62, sigma = 0.02 }`. `frequency_sigma`, `damping_sigma` and `shape_sigma`, such as "2 %", are for all modes. A CSV
 file has the columns frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are reduced to `keep`
 modes and residual attachment modes when the file is read.
+
+Damping between modes is given by `damping`, in N s/m at unit modal mass: `[ { modes = [1, 2], damping = 0.3 } ]`, each a
+number, "unknown" or known to within, or the whole matrix `[[0.65, 0.3], [0.3, 0.9]]`, whose diagonal stands for damping ratios.
 """
 
 from __future__ import annotations
@@ -15,10 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, StructureError
+from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
+from linkwise.model.host_damping import Pair, entries_of
 from linkwise.model.host_mode import HostMode
 from linkwise.model.matrices import read_host_matrices
 from linkwise.model.toml_link import coefficient_of
@@ -47,6 +53,12 @@ class HostTable(msgspec.Struct, forbid_unknown_fields=True):
     frequency_sigma: str | None = None
     damping_sigma: str | None = None
     shape_sigma: str | None = None
+    damping: list[Any] | None = None
+
+
+class _DampingTable(msgspec.Struct, forbid_unknown_fields=True):
+    modes: tuple[int, int]
+    damping: float | str | dict[str, Any]
 
 
 class _ModeTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -63,6 +75,11 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         raise StructureError("a host has either modes or matrices", where)
     if entry.modes is not None and entry.points:
         raise StructureError("points belong to matrices; modes have a shape at every point", where)
+    if entry.modes is None and entry.damping is not None:
+        raise StructureError(
+            'damping belongs to modes; a damping matrix is named in matrices, such as damping = "beam.mat:C"',
+            where,
+        )
     for key in _OF_MATRICES if entry.modes is not None else ():
         if getattr(entry, key) is not None:
             raise StructureError(f"{key} belongs to matrices; modes are taken as they are", where)
@@ -98,10 +115,52 @@ def _of_modes(entry: HostTable, source: str, path: str) -> Host:
         modes = tuple(
             _mode(given, source, f"{path}.modes[{number}]") for number, given in enumerate(entry.modes or ())
         )
+    if entry.damping and all(isinstance(row, list) for row in entry.damping):
+        return _damped_by_matrix(entry.name, modes, entry.damping, where)
+    given = [
+        _damping_entry(table, source, f"{path}.damping[{number}]")
+        for number, table in enumerate(entry.damping or ())
+    ]
+    entries = dict(given)
     try:
-        return Host(entry.name, modes)
+        if len(entries) < len(given):
+            raise StructureError("the damping between two modes is given twice")
+        return Host(entry.name, modes, damping=entries)
     except StructureError as error:
         raise StructureError(error.message, where) from None
+
+
+def _damping_entry(given: object, source: str, path: str) -> tuple[Pair, Coefficient]:
+    table = decode(given, _DampingTable, source, path, StructureError)
+    return table.modes, coefficient_of(table.damping, "N s/m", source, f"{path}.damping")
+
+
+def _damped_by_matrix(name: str, modes: tuple[HostMode, ...], rows: list[Any], where: str) -> Host:
+    """A host with a whole modal damping matrix, from its rows; the diagonal as damping ratios of modes that vibrate."""
+    count = len(modes)
+    numbers = [each for row in rows for each in row if type(each) in (int, float)]
+    if len(numbers) != count * count or any(len(row) != count for row in rows):
+        raise StructureError(
+            f"damping must be a matrix of {count} rows of {count} numbers, one for each mode, or a list of tables such as "
+            "{ modes = [1, 2], damping = 0.3 }",
+            where,
+        )
+    entries = entries_of(np.array(rows, dtype=float), where)
+    damped = []
+    for number, mode in enumerate(modes, start=1):
+        own = entries.get((number, number), 0.0)
+        if own and (mode.damping.value or not mode.damping.known):
+            raise StructureError(
+                f"mode {number} has a damping of its own and one on the diagonal of the damping matrix; give one",
+                where,
+            )
+        if own and mode.frequency.value:
+            del entries[number, number]
+            mode = replace(mode, damping=Coefficient.number(own / (4.0 * math.pi * mode.frequency.value)))
+        damped.append(mode)
+    return Host(
+        name, tuple(damped), damping={pair: Coefficient.number(each) for pair, each in entries.items()}
+    )
 
 
 def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
@@ -124,12 +183,6 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
         )
     except StructureError as error:
         raise StructureError(error.message, where) from None
-    if reduced.couples_modes:
-        raise StructureError(
-            "the damping matrix couples modes, which a host leaves out: give modal_damping instead, or write the modes with "
-            "`linkwise structure host`, which tells by how much",
-            where,
-        )
     return replace(reduced.host, notes=reduced.notes)
 
 

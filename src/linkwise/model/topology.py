@@ -74,7 +74,7 @@ class Topology:
     states : tuple of (int, str)
         The states (S,) of links with memory, each as number of the link and name.
     points : tuple of tuple of (int, float)
-        For each point of a host the numbers of its modes and their shapes there.
+        For each point of a host the numbers of its modes and their shapes there; then modes in the other direction.
 
     Examples
     --------
@@ -115,12 +115,13 @@ class Topology:
         """
         index = {name: number for number, name in enumerate(mass_names)}
         index |= {GROUND: GROUND_INDEX, BASE: BASE_INDEX}
-        points = [(host, point) for host in hosts for point in host.points]
-        shapes = tuple(
-            tuple((index[mode], part) for mode, part in host.shape(point).items() if part)
-            for host, point in points
-        )
-        index |= {point: FIRST_POINT - number for number, (_, point) in enumerate(points)}
+        shapes = {
+            point: tuple((index[mode], part) for mode, part in host.shape(point).items() if part)
+            for host in hosts
+            for point in host.points
+        }
+        shapes |= {place: ((index[mode], -1.0),) for host in hosts for place, mode in host.negated.items()}
+        index |= {point: FIRST_POINT - number for number, point in enumerate(shapes)}
         ends = np.array([[index[end] for end in link.between] for link in links], dtype=np.intp)
         ends = ends.reshape(-1, 2)
         ends.flags.writeable = False
@@ -129,7 +130,7 @@ class Topology:
             members.setdefault(link.law, []).append(number)
         by_law = tuple((law, np.array(numbers, dtype=np.intp)) for law, numbers in members.items())
         states = tuple((number, name) for number, link in enumerate(links) for name in link.law.states)
-        topology = cls(index, ends, by_law, states, shapes)
+        topology = cls(index, ends, by_law, states, tuple(shapes.values()))
         still = (
             [link for link, column in zip(links, topology.columns, strict=True) if not column]
             if hosts

@@ -191,7 +191,7 @@ def _tuned(
     units: Floats | None = None,
 ) -> tuple[dict[str, float], LinearPart]:
     """Values of unknown modes, and the linear system with these, and with equivalents found where they have `units`."""
-    free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.modes]  # not shapes
+    free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.mass_names]
     if not free and units is None:
         return {}, linear
     start = np.array([float(p.start or 0.0) for p in free])
@@ -385,8 +385,13 @@ def _equivalent_start(
 
 
 def _shapes(structure: Structure) -> dict[str, float]:
-    """Starts of the shapes of hosts that are known to within."""
-    return {p.name: p.start for p in structure.parameters if is_shape(p.name) and p.start is not None}
+    """Starts of the shapes of hosts that are known to within, and of damping between their modes."""
+    between_modes = structure.modes.difference(structure.mass_names)
+    return {
+        p.name: p.start
+        for p in structure.parameters
+        if p.start is not None and (is_shape(p.name) or p.name.rpartition(".")[0] in between_modes)
+    }
 
 
 def _equivalent(signals: LinkSignals, linear: LinearPart) -> LinkSignals:
