@@ -75,9 +75,16 @@ def row_of_masses(masses: Sequence[float], **links: tuple[str, Mapping[str, Valu
 
 
 def host(
-    name: str, frequencies: Sequence[Value], damping: float, shapes: Mapping[str, Sequence[float]]
+    name: str,
+    frequencies: Sequence[Value],
+    damping: float,
+    shapes: Mapping[str, Sequence[float]],
+    between: Mapping[tuple[int, int], float] | None = None,
 ) -> lw.Host:
-    """A host by the frequencies of its modes in Hz, a part of critical damping, and the shapes of its points by mode."""
+    """A host by the frequencies of its modes in Hz, a part of critical damping, and the shapes of its points by mode.
+
+    Damping `between` modes is in N s/m.
+    """
     modes = (
         lw.HostMode(
             coefficient(frequency),
@@ -86,7 +93,7 @@ def host(
         )
         for r, frequency in enumerate(frequencies)
     )
-    return lw.Host(name, tuple(modes))
+    return lw.Host(name, tuple(modes), damping=between or {})
 
 
 def with_links(subject: lw.Structure, *links: lw.Link) -> lw.Structure:

@@ -46,9 +46,10 @@ def _problem_beside_the_optimum() -> tuple[_OutputError, np.ndarray, np.ndarray]
     return problem, theta, problem.levels(theta)
 
 
-def test_the_derivatives_of_the_response_are_those_of_differences() -> None:
+@pytest.mark.parametrize("pairs", [(), ((0, 1),)])
+def test_the_derivatives_of_the_response_are_those_of_differences(pairs: tuple[tuple[int, int], ...]) -> None:
     measured = ModalMeasurement.of([tapped(release=0.02)], None)
-    problem = _OutputError(measured, 2)
+    problem = _OutputError(measured, 2, pairs)
     rng = np.random.default_rng(2)
     start = PursuedModes(np.array([3.4, 20.0]), np.array([0.02, 0.01]), rng.standard_normal((2, 2, 1)))
     theta = problem.start(start) + 0.1

@@ -149,3 +149,13 @@ def test_a_dashpot_of_matrices_damps_between_modes() -> None:
         errors.append(abs(receptance(omega, whole) / exact - 1.0))
         assert abs(receptance(omega, np.diag(np.diag(whole))) / exact - 1.0) > 10.0 * errors[-1]
     assert max(errors) < 2e-3  # pairs below 0.1 % are left out
+
+
+def test_an_identified_entry_keeps_its_two_dampers_together() -> None:
+    structure = lw.Structure("wing", (), (), (host(BETWEEN).known_to_within(damping=0.1),))
+    values = {p.name: p.start or 0.0 for p in structure.parameters}
+    identified = structure.with_values(values).with_values({"wing.mode1+mode2.damping": 0.2})
+    assert damping_matrix(identified)[0, 1] == pytest.approx(0.2)
+    assert damping_matrix(identified)[0, 0] == pytest.approx(4.0 * np.pi * 5.0 * 0.01)
+    [again] = identified.unknown("wing.mode1+mode2.damping").parameters
+    assert len(again.members) == 2

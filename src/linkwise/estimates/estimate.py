@@ -18,7 +18,7 @@ from linkwise.errors import StructureError
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.document import coefficient_document, link_document, mode_document
 from linkwise.estimates.energy_supply import supplied_power
-from linkwise.estimates.findings import energy_findings, link_findings
+from linkwise.estimates.findings import findings_of_links
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate, moving_mass
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
@@ -28,8 +28,9 @@ from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.inspect import inspect
+from linkwise.model.host_damping import is_between_modes
 from linkwise.model.parameters import SHAPE_UNIT, Parameter
-from linkwise.model.structure import Structure
+from linkwise.model.structure import Link, Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.text import as_text
@@ -155,7 +156,7 @@ class Estimate(JudgedView):
             link.name: supplied_power(
                 link, *self._free_coefficients(index), self.motion.d[:, index], self.motion.v[:, index]
             )
-            for index, link in enumerate(self.structure.links)
+            for index, link in self._judged
             if self._free_coefficients(index)[0] and not link.law.states
         }
         return {name: power for name, power in powers.items() if power is not None}
@@ -188,13 +189,17 @@ class Estimate(JudgedView):
     @property
     def modes(self) -> tuple[LinkEstimate, ...]:
         """Estimates of the modes of hosts, with the coefficients frequency and damping, and of the damping between them."""
-        hosts = self.structure.hosts
-        shown = {name for host in hosts for name in (*host.coordinates, *host.damping_links.values())}
+        shown = {name for host in self.structure.hosts for name in host.shown_links}
         return tuple(link for link in self._every_link if link.link.name in shown)
 
     @cached_property
     def _every_link(self) -> tuple[LinkEstimate, ...]:
         return tuple(self._link(index) for index in range(len(self.structure.links)))
+
+    @property
+    def _judged(self) -> list[tuple[int, Link]]:
+        """Numbered links, without dampers between modes, which dissipate only together with those of the modes."""
+        return [(n, link) for n, link in enumerate(self.structure.links) if not is_between_modes(link.name)]
 
     @cached_property
     def masses(self) -> tuple[CoefficientEstimate, ...]:
@@ -209,10 +214,8 @@ class Estimate(JudgedView):
     def shapes(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of the shapes of hosts that were not known exactly, with names such as "wing.mode1.shape.tip"."""
         given = ((p.name, *p.members[0]) for p in self.parameters if p.unit == SHAPE_UNIT)
-        return tuple(
-            self._coefficient(name, (index, key), SHAPE_UNIT, self.structure.coefficient(name).value or 0.0)
-            for name, index, key in given
-        )
+        value = self.structure.coefficient
+        return tuple(self._coefficient(n, (i, key), SHAPE_UNIT, value(n).value or 0.0) for n, i, key in given)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
@@ -222,15 +225,9 @@ class Estimate(JudgedView):
             f"{name} was stopped by its bound and has no interval; widen the bound if it is not physical."
             for name in stopped
         )
-        supplies = self.supplies
-        every = self._every_link
-        of_links = (line for link in every for line in link_findings(link, supplies.get(link.link.name)))
-        active = (
-            sentence
-            for index, link in enumerate(every)
-            for sentence in energy_findings(link, self.motion.d[:, index], self.motion.v[:, index])
-        )
-        return (*map(str, self.alerts), *self.remarks, *bounds, *of_links, *active)
+        judged = [(number, self._every_link[number]) for number, _ in self._judged]
+        sentences = findings_of_links(judged, self.supplies, self.motion)
+        return (*map(str, self.alerts), *self.remarks, *bounds, *sentences)
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:

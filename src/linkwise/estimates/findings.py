@@ -2,16 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.energy_supply import active_coefficients, supplying_time
 from linkwise.estimates.link_estimate import LinkEstimate
+from linkwise.estimates.link_motion import LinkMotion
 from linkwise.registry import Registry
 
 _COLLINEAR = 0.995  # correlation from which only a combination of two coefficients is reported as determined
+
+
+def findings_of_links(
+    links: Sequence[tuple[int, LinkEstimate]], supplies: Mapping[str, float], motion: LinkMotion
+) -> Iterator[str]:
+    """What there is to say of links.
+
+    Parameters
+    ----------
+    links : sequence of (int, LinkEstimate)
+        The links, with their numbers.
+    supplies : mapping of str to float
+        Mean power in W that a link supplies to the motion, where that is significant.
+    motion : LinkMotion
+        Their motion.
+
+    Yields
+    ------
+    str
+        A sentence.
+    """
+    for _, link in links:
+        yield from link_findings(link, supplies.get(link.link.name))
+    for number, link in links:
+        yield from energy_findings(link, motion.d[:, number], motion.v[:, number])
 
 
 def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:

@@ -63,7 +63,7 @@ class SampledForce:
         if not self._acts:
             return np.zeros((3, len(self.samples)))
         s = _pole(frequency, damping)
-        z = self._recursion(s)
+        z = self.recursion(s)
         motion: Floats = np.array([z.imag, (s * z).imag, (s * s * z).imag]) / s.imag
         motion[2] += self.samples
         return motion
@@ -86,8 +86,8 @@ class SampledForce:
         if not self._acts:
             return np.zeros((2, 3, len(self.samples)))
         s = _pole(frequency, damping)
-        z = self._recursion(s)
-        by_pole = self._derivative(s, z)
+        z = self.recursion(s)
+        by_pole = self.derivative_by_pole(s, z)
         motion = np.array([z, s * z, s * s * z])
         slopes = np.array([by_pole, z + s * by_pole, s * (2.0 * z + s * by_pole)])
         return np.array(
@@ -97,12 +97,40 @@ class SampledForce:
             ]
         )
 
-    def _recursion(self, s: complex) -> NDArray[np.complex128]:
-        """(N,) z, from rest."""
+    def recursion(self, s: complex) -> NDArray[np.complex128]:
+        """A complex mode from rest.
+
+        Parameters
+        ----------
+        s : complex
+            Its pole in 1/s.
+
+        Returns
+        -------
+        array of complex, shape (N,)
+            z, with z' = s z + the force.
+        """
+        if not self._acts:
+            return np.zeros(len(self.samples), dtype=complex)
         return self._filtered(s, self._gained(s, np.ones_like(_NODES)))
 
-    def _derivative(self, s: complex, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """(N,) derivative of z by s."""
+    def derivative_by_pole(self, s: complex, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Derivative of a complex mode by its pole.
+
+        Parameters
+        ----------
+        s : complex
+            The pole in 1/s.
+        z : array of complex, shape (N,)
+            The mode, as `recursion` gives it.
+
+        Returns
+        -------
+        array of complex, shape (N,)
+            The derivative.
+        """
+        if not self._acts:
+            return np.zeros(len(self.samples), dtype=complex)
         late = self._gained(s, 0.5 * self.step * (1.0 - _NODES))
         return self._filtered(s, late + self.step * np.exp(s * self.step) * z[:-1])
 

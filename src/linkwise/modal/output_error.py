@@ -5,6 +5,10 @@ found for all of them. Noise is white in each channel, of a level that follows f
 noise, what linear modes leave rings down with the modes, and errors are those of the scatter of the score between blocks of
 the records that last longer than that (White 1982).
 
+Damping between modes is let free, for all pairs of modes at once, where the score of one of them says that the likelihood
+would rise by more than the penalty of the Bayesian information criterion. Then it is known beforehand to be of the size that
+damping has which dissipates in every motion, c_rs^2 < c_rr c_ss.
+
 References
 ----------
 H. White, Econometrica 50, 1 (1982).
@@ -13,16 +17,18 @@ H. White, Econometrica 50, 1 (1982).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field, replace
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
+from linkwise.modal.complex_modes import ComplexModes
+from linkwise.modal.coupled_response import CoupledResponse
 from linkwise.modal.least_squares import LinearProblem, SearchEnd, least_squares
-from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import PursuedModes
 
 _STEPS = 60
@@ -31,6 +37,10 @@ _LEAST_DAMPING, _LARGEST_DAMPING = 1e-6, 0.9
 _FEWEST, _MOST = 5, 40  # blocks, between which scores scatter
 _LEVEL = 0.975  # of the quantile by which few blocks widen errors
 _ROUNDS = 3  # of levels of noise
+_EVERY_PAIR, _NEIGHBOURS = (
+    12,
+    3,
+)  # modes up to which damping couples all pairs, and how far apart by number with more
 _SINGULAR = 1e-13  # of the scaled curvature: rounding
 
 
@@ -44,11 +54,15 @@ class ModalFit:
         In Hz, and as parts of the critical damping.
     shapes : array of shape (n, m)
         Mass-normalised, at the points.
-    covariance : array of shape (n (2 + m), n (2 + m))
-        Of frequency, damping and shape, mode by mode, where noise explains the residuals.
-    block_ratios : array of shape (n (2 + m),)
+    pairs : tuple of (int, int)
+        Pairs of modes, counted from 0, whose damping matrix is not diagonal; none or all that are looked at.
+    between, sizes : array of shape (k,)
+        The entries of the damping matrix of these pairs in N s/m, and about the largest with which it dissipates.
+    covariance : array of shape (n (2 + m) + k, n (2 + m) + k)
+        Of frequency, damping and shape, mode by mode, and of `between`, where noise explains the residuals.
+    block_ratios : array of shape (n (2 + m) + k,)
         Standard errors by the scatter between blocks of the records over those of `covariance`, at least 1.
-    sensitivities : array of shape (n (2 + m),)
+    sensitivities : array of shape (n (2 + m) + k,)
         By how much the response changes with each, the others held: the root of the sum of squares in units of `noise`.
     noise : array of shape (C,)
         Root mean squares of the residuals.
@@ -61,6 +75,9 @@ class ModalFit:
     frequencies: Floats
     damping: Floats
     shapes: Floats
+    pairs: tuple[tuple[int, int], ...]
+    between: Floats
+    sizes: Floats
     covariance: Floats
     block_ratios: Floats
     sensitivities: Floats
@@ -72,16 +89,17 @@ class ModalFit:
 def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
     """The most likely modes, searched from a start."""
     problem = _OutputError(measured, len(start.frequencies))
-    theta = problem.start(start)
-    noise, converged = problem.levels(theta), False
-    for _ in range(_ROUNDS):
-        theta, converged = _searched(problem, theta, noise)
-        noise = problem.levels(theta)
+    theta, noise, converged = _searched_in_rounds(problem, problem.start(start))
+    coupled, point = _with_pairs(problem, theta, noise)
+    if coupled.pairs:
+        problem = coupled
+        theta, noise, converged = _searched_in_rounds(problem, point)
     covariance, ratios, sensitivities = _errors(problem, theta, noise)
-    own = slice(0, problem.modes * problem.width)
-    by_mode = theta[own].reshape(problem.modes, problem.width)
+    by_mode = problem.by_mode(theta)
     order = np.argsort(by_mode[:, 0])
-    numbers = (order[:, None] * problem.width + np.arange(problem.width)).ravel()
+    numbers = np.arange(by_mode.size).reshape(by_mode.shape)[order].ravel()
+    numbers = np.concatenate([numbers, np.arange(by_mode.size, problem.own)])
+    place = np.argsort(order).tolist()
     residuals = tuple(
         run.responses - problem.response(theta, number) for number, run in enumerate(measured.runs)
     )
@@ -89,6 +107,9 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         frequencies=by_mode[order, 0],
         damping=by_mode[order, 1],
         shapes=by_mode[order, 2:],
+        pairs=tuple((place[first], place[second]) for first, second in problem.pairs),
+        between=problem.between(theta),
+        sizes=problem.sizes,
         covariance=covariance[np.ix_(numbers, numbers)],
         block_ratios=ratios[numbers],
         sensitivities=sensitivities[numbers],
@@ -96,6 +117,44 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         residuals=residuals,
         converged=converged,
     )
+
+
+def _searched_in_rounds(problem: _OutputError, theta: Floats) -> tuple[Floats, Floats, bool]:
+    """The parameters and levels of noise that are most likely, and whether the search converged."""
+    noise, converged = problem.levels(theta), False
+    for _ in range(_ROUNDS):
+        theta, converged = _searched(problem, theta, noise)
+        noise = problem.levels(theta)
+    return theta, noise, converged
+
+
+def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_OutputError, Floats]:
+    """The problem with damping between pairs of modes, and where to start from, if one of them gains enough."""
+    pairs = tuple(
+        (first, second)
+        for first, second in combinations(range(problem.modes), 2)
+        if problem.modes <= _EVERY_PAIR or second - first <= _NEIGHBOURS
+    )
+    own = problem.by_mode(theta)
+    damping = 4.0 * np.pi * own[:, 0] * own[:, 1]
+    sizes = np.array([np.sqrt(damping[first] * damping[second]) for first, second in pairs])
+    coupled = replace(problem, pairs=pairs, sizes=sizes)
+    point = np.insert(theta, problem.own, np.zeros(len(pairs)))
+    if not pairs:
+        return coupled, point
+    equations = coupled.equations(point, noise, blocks=coupled.blocks(point))
+    tested = np.arange(problem.own, coupled.own)
+    others = np.setdiff1d(np.arange(len(point)), tested)
+    curvature, scores = equations.linear.curvature, equations.scores
+    lost = np.linalg.pinv(curvature[np.ix_(others, others)], rcond=_SINGULAR, hermitian=True)
+    shared = lost @ curvature[np.ix_(others, tested)]
+    expected = curvature[tested, tested] - np.einsum("ip,ip->p", curvature[np.ix_(others, tested)], shared)
+    of_blocks = scores[:, tested] - scores[:, others] @ shared
+    scatter = np.var(of_blocks, axis=0, ddof=1) * len(of_blocks)
+    gains = of_blocks.sum(axis=0) ** 2 / np.maximum(np.maximum(expected, scatter), np.finfo(float).tiny)
+    samples = sum(int(np.isfinite(run.responses).sum()) for run in problem.measured.runs)
+    enough = gains.max() > np.log(samples) + 2.0 * np.log(len(pairs))
+    return (coupled, point) if enough else (problem, theta)
 
 
 def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> SearchEnd:
@@ -126,7 +185,7 @@ def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats
 
 
 class _Equations(NamedTuple):
-    """The linearised problem, and the scores (B, p) of blocks, which its slope is the sum of."""
+    """The linearised problem, and the scores (B, p) of blocks, which its slope is the sum of but for what is known before."""
 
     linear: LinearProblem
     scores: Floats
@@ -136,11 +195,14 @@ class _Equations(NamedTuple):
 class _OutputError:
     """The response of `modes` to the forces of a test, as a function of its parameters.
 
-    Mode by mode frequency, damping and shape at m points; then of each record the free motions (n, 2) and offsets (C,).
+    Mode by mode frequency, damping and shape at m points; then the damping between `pairs` of modes; then of each record the
+    displacements and velocities of the modes at its start, mode by mode, and offsets (C,).
     """
 
     measured: ModalMeasurement
     modes: int
+    pairs: tuple[tuple[int, int], ...] = ()
+    sizes: Floats = field(default_factory=lambda: np.empty(0))  # that damping between pairs has
 
     @property
     def width(self) -> int:
@@ -148,12 +210,17 @@ class _OutputError:
         return 2 + len(self.measured.points)
 
     @property
+    def own(self) -> int:
+        """Parameters of the structure."""
+        return self.modes * self.width + len(self.pairs)
+
+    @property
     def _of_run(self) -> int:
         return 2 * self.modes + len(self.measured.kinds)
 
     def _free(self, run: int) -> int:
         """The number of the first parameter of a record."""
-        return self.modes * self.width + run * self._of_run
+        return self.own + run * self._of_run
 
     def start(self, pursued: PursuedModes) -> Floats:
         """Parameters from residues: the shape at a point of force by the response there, the others by theirs."""
@@ -164,39 +231,42 @@ class _OutputError:
             own[2:] = _shape(self.measured, pursued.residues[mode])
         return self.within(theta)
 
+    def by_mode(self, theta: Floats) -> Floats:
+        """(n, 2 + m) frequency, damping and shape of each mode, a view."""
+        return theta[: self.modes * self.width].reshape(self.modes, self.width)
+
+    def between(self, theta: Floats) -> Floats:
+        """Damping between the pairs."""
+        return theta[self.modes * self.width : self.own]
+
     def within(self, theta: Floats) -> Floats:
         """Parameters with positive frequencies and damping below the critical one."""
         bounded = theta.copy()
-        own = bounded[: self.modes * self.width].reshape(self.modes, self.width)
+        own = self.by_mode(bounded)
         own[:, 0] = np.abs(own[:, 0])
         own[:, 1] = np.clip(own[:, 1], _LEAST_DAMPING, _LARGEST_DAMPING)
         return bounded
 
+    def _complex_modes(self, theta: Floats) -> ComplexModes:
+        own = self.by_mode(theta)
+        return ComplexModes(own[:, 0], own[:, 1], self.pairs, self.between(theta))
+
     def response(self, theta: Floats, run: int) -> Floats:
         """(C, N) of a record."""
-        measured = self.measured
-        total = np.zeros_like(measured.runs[run].responses)
-        for mode in range(self.modes):
-            frequency, damping, shape, free = self._mode(theta, run, mode)
-            motion = self._motion(measured.runs[run], frequency, damping, shape, free)
-            total += shape[measured.sensed][:, None] * motion[measured.kinds]
-        return total + self._offsets(theta, run)[:, None]
-
-    def _mode(self, theta: Floats, run: int, mode: int) -> tuple[float, float, Floats, Floats]:
-        own = theta[mode * self.width : (mode + 1) * self.width]
-        first = self._free(run) + 2 * mode
-        return float(own[0]), float(own[1]), own[2:], theta[first : first + 2]
+        first = self._free(run)
+        return (
+            CoupledResponse(
+                self.measured,
+                self._complex_modes(theta),
+                self.by_mode(theta)[:, 2:],
+                theta[first : first + 2 * self.modes].reshape(self.modes, 2),
+            ).of(self.measured.runs[run])
+            + self._offsets(theta, run)[:, None]
+        )
 
     def _offsets(self, theta: Floats, run: int) -> Floats:
         first = self._free(run) + 2 * self.modes
         return theta[first : first + len(self.measured.kinds)]
-
-    def _motion(
-        self, run: MeasuredRun, frequency: float, damping: float, shape: Floats, free: Floats
-    ) -> Floats:
-        """(3, N) motion of the coordinate of a mode."""
-        weights = np.concatenate([shape[self.measured.forced], free])
-        return np.asarray(np.tensordot(weights, run.motions(frequency, damping), axes=1))
 
     def levels(self, theta: Floats) -> Floats:
         """(C,) root mean squares of the residuals."""
@@ -209,14 +279,18 @@ class _OutputError:
 
     def cost(self, theta: Floats, noise: Floats) -> float:
         """The sum of squares in units of the noise."""
-        total = 0.0
-        for number, run in enumerate(self.measured.runs):
-            total += float(np.nansum(((run.responses - self.response(theta, number)) / noise[:, None]) ** 2))
+        total = float(np.sum((self.between(theta) / self.sizes) ** 2))
+        try:
+            for number, run in enumerate(self.measured.runs):
+                left = (run.responses - self.response(theta, number)) / noise[:, None]
+                total += float(np.nansum(left**2))
+        except np.linalg.LinAlgError:  # a mode does not vibrate
+            return np.inf
         return total if np.isfinite(total) else np.inf
 
     def blocks(self, theta: Floats) -> int:
         """Of each record: as many as the slowest mode rings down in it, and no fewer than needed to compare them."""
-        own = theta[: self.modes * self.width].reshape(self.modes, self.width)
+        own = self.by_mode(theta)
         slowest = float(np.min(2.0 * np.pi * own[:, 0] * own[:, 1]))
         shortest = min(run.count * run.step for run in self.measured.runs)
         fewest = max(1, -(-_FEWEST // len(self.measured.runs)))
@@ -225,7 +299,10 @@ class _OutputError:
     def equations(self, theta: Floats, noise: Floats, *, blocks: int = 1) -> _Equations:
         """The linearised problem about some parameters, each record in so many blocks."""
         size = len(theta)
-        cost, curvature, scores = 0.0, np.zeros((size, size)), []
+        between = self.between(theta)
+        of_pairs = np.arange(self.own - len(between), self.own)
+        cost, curvature, scores = float(np.sum((between / self.sizes) ** 2)), np.zeros((size, size)), []
+        curvature[of_pairs, of_pairs] = self.sizes**-2.0
         for number, run in enumerate(self.measured.runs):
             left = (run.responses - self.response(theta, number)) / noise[:, None]
             of_blocks = np.zeros((blocks, size))
@@ -240,41 +317,27 @@ class _OutputError:
                     of_blocks[block, numbers] += rows[:, first:end] @ error[first:end]
             scores.append(of_blocks)
         joined = np.concatenate(scores)
-        return _Equations(LinearProblem(cost, joined.sum(axis=0), curvature), joined)
+        slope = joined.sum(axis=0)
+        slope[of_pairs] -= between / self.sizes**2
+        return _Equations(LinearProblem(cost, slope, curvature), joined)
 
     def _jacobian(self, theta: Floats, run: int) -> Iterator[tuple[Floats, list[int]]]:
         """For each channel the derivatives (k, N) of its response by some parameters, and the numbers of these."""
-        measured, record = self.measured, self.measured.runs[run]
-        forces = len(measured.forced)
-        modes = []
-        for mode in range(self.modes):
-            frequency, damping, shape, free = self._mode(theta, run, mode)
-            motions = record.motions(frequency, damping)
-            weights = np.concatenate([shape[measured.forced], free])
-            changes = record.motion_derivatives(frequency, damping)
-            by = [
-                np.tensordot(weights, change, axes=1) / value
-                for change, value in zip(changes, (frequency, damping), strict=True)
-            ]
-            modes.append((shape, motions, np.tensordot(weights, motions, axes=1), by))
-        for channel, (kind, point) in enumerate(
-            zip(measured.kinds.tolist(), measured.sensed.tolist(), strict=True)
-        ):
-            rows, numbers = [], []
-            for mode, (shape, motions, motion, by) in enumerate(modes):
-                first = mode * self.width
-                by_point = {point: motion[kind].copy()}
-                for number, force in enumerate(measured.forced.tolist()):
-                    by_point[force] = by_point.get(force, 0.0) + shape[point] * motions[number, kind]
-                rows += [shape[point] * derivative[kind] for derivative in by]
-                numbers += [first, first + 1]
-                rows += list(by_point.values())
-                numbers += [first + 2 + place for place in by_point]
-                rows += list(shape[point] * motions[forces:, kind])
-                numbers += [self._free(run) + 2 * mode, self._free(run) + 2 * mode + 1]
-            rows.append(np.ones(record.count))
-            numbers.append(self._free(run) + 2 * self.modes + channel)
-            yield np.array(rows), numbers
+        first, record = self._free(run), self.measured.runs[run]
+        response = CoupledResponse(
+            self.measured,
+            self._complex_modes(theta),
+            self.by_mode(theta)[:, 2:],
+            theta[first : first + 2 * self.modes].reshape(self.modes, 2),
+        )
+        own = np.arange(self.modes * self.width).reshape(self.modes, self.width)
+        numbers = [*own[:, :2].ravel(), *range(own.size, self.own), *own[:, 2:].ravel()]
+        numbers += range(first, first + 2 * self.modes)
+        for channel, rows in enumerate(response.derivatives(record)):
+            yield (
+                np.concatenate([rows, np.ones((1, record.count))]),
+                [*map(int, numbers), first + 2 * self.modes + channel],
+            )
 
 
 def _shape(measured: ModalMeasurement, residues: Floats) -> Floats:

@@ -6,6 +6,7 @@ is a pair of dampers, of c/2 on q_r + q_s and of -c/2 on q_r - q_s, which leave 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -21,6 +22,7 @@ Pair = tuple[int, int]
 """Two modes of a host by number, counted from 1, the lower first; the same twice for what damps one mode."""
 
 DAMPING = "damping"
+_BETWEEN_MODES = re.compile(rf"\.mode\d+[+-]mode\d+(\.{DAMPING})?$")
 _OF_SUM, _OF_DIFFERENCE, _OF_ONE = (
     Law.parse(text, units={DAMPING: "N s/m"}) for text in ("0.5*damping*v", "-0.5*damping*v", "damping*v")
 )
@@ -52,6 +54,11 @@ def checked_damping(
 def damping_link(host: str, pair: Pair) -> str:
     """Name of the link whose coefficient `damping` is the entry of a pair."""
     return f"{host}.mode{pair[0]}+mode{pair[1]}"
+
+
+def is_between_modes(name: str) -> bool:
+    """Whether a name is that of a damper between modes, or of its coefficient."""
+    return _BETWEEN_MODES.search(name) is not None
 
 
 def negated_mode(host: str, mode: int) -> str:

@@ -360,8 +360,8 @@ def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, floa
     with np.errstate(divide="ignore"):
         coupling[coupled] = forces[coupled] / apart[coupled]
     rigid = omega == 0.0
-    held = (np.maximum(coupling, coupling.T) > _COUPLED) | np.diag(rigid & (own > _ROUNDED * largest))
-    rows, columns = np.nonzero(np.triu(held))
+    kept_pairs = (np.maximum(coupling, coupling.T) > _COUPLED) | np.diag(rigid & (own > _ROUNDED * largest))
+    rows, columns = np.nonzero(np.triu(kept_pairs))
     entries = {
         (row + 1, column + 1): Coefficient.number(float(modal[row, column]))
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True)

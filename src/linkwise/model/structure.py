@@ -22,6 +22,7 @@ from linkwise.html import NotebookView
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.ends import check_ends
 from linkwise.model.host import Host, counted, with_modes
+from linkwise.model.host_damping import is_between_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.names import check_unique, index_of, quoted
 from linkwise.model.parameters import (
@@ -101,10 +102,8 @@ class Structure(NotebookView):
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
     def _check_ends(self) -> None:
-        between_modes = self.modes.difference(self.mass_names)
-        check_ends(
-            self.mass_names, self.places, [link for link in self.links if link.name not in between_modes]
-        )
+        stated = [link for link in self.links if not is_between_modes(link.name)]
+        check_ends(self.mass_names, self.places, stated)
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
@@ -368,7 +367,7 @@ class Structure(NotebookView):
         plain = {
             name: replace(self._slots[name].coefficient, same_as=None)
             for name in self._leaders
-            if self._slots[name].coefficient.known
+            if self._slots[name].coefficient.known and not is_between_modes(name)
         }
         return self._with(plain) if plain else self
 

@@ -6,7 +6,7 @@ file has the columns frequency[Hz], damping, and one for the shape at each point
 modes and residual attachment modes when the file is read.
 
 Damping between modes is given by `damping`, in N s/m at unit modal mass: `[ { modes = [1, 2], damping = 0.3 } ]`, each a
-number, "unknown" or known to within, or the whole matrix `[[0.65, 0.3], [0.3, 0.9]]`, whose diagonal stands for damping ratios.
+number, "unknown" or known to within, or the whole matrix `[[0.65, 0.3], [0.3, 0.9]]`, whose diagonal stands for the ratios.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def _damping_entry(given: object, source: str, path: str) -> tuple[Pair, Coeffic
 def _damped_by_matrix(name: str, modes: tuple[HostMode, ...], rows: list[Any], where: str) -> Host:
     """A host with a whole modal damping matrix, from its rows; the diagonal as damping ratios of modes that vibrate."""
     count = len(modes)
-    numbers = [each for row in rows for each in row if type(each) in (int, float)]
+    numbers = [entry for row in rows for entry in row if type(entry) in (int, float)]
     if len(numbers) != count * count or any(len(row) != count for row in rows):
         raise StructureError(
             f"damping must be a matrix of {count} rows of {count} numbers, one for each mode, or a list of tables such as "
@@ -159,7 +159,7 @@ def _damped_by_matrix(name: str, modes: tuple[HostMode, ...], rows: list[Any], w
             mode = replace(mode, damping=Coefficient.number(own / (4.0 * math.pi * mode.frequency.value)))
         damped.append(mode)
     return Host(
-        name, tuple(damped), damping={pair: Coefficient.number(each) for pair, each in entries.items()}
+        name, tuple(damped), damping={pair: Coefficient.number(entry) for pair, entry in entries.items()}
     )
 
 

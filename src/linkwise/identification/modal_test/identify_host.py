@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -123,8 +124,9 @@ def identify_host(
         errors = np.maximum(
             errors * fit.block_ratios, _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
         )
-    errors = errors.reshape(len(faint), -1)
-    host = _host(measured, fit, errors, faint)
+    of_pairs = errors[len(errors) - len(fit.pairs) :]
+    errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
+    host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
     unscaled = _unscaled(fit, errors, faint)
     return HostEstimate(
         host=host,
@@ -178,6 +180,15 @@ def _host(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bool
             )
         )
     return Host(measured.host, tuple(modes))
+
+
+def _between(fit: ModalFit, errors: Floats) -> dict[tuple[int, int], Coefficient]:
+    """The damping between modes, counted from 1, as priors that are no wider than what dissipation allows."""
+    least = np.minimum(errors, fit.sizes)
+    return {
+        (first + 1, second + 1): Coefficient.unknown(float(value), sigma=float(error))
+        for (first, second), value, error in zip(fit.pairs, fit.between, least, strict=True)
+    }
 
 
 def _unscaled(fit: ModalFit, errors: Floats, faint: Bools) -> list[int]:

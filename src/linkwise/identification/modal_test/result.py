@@ -18,7 +18,7 @@ class HostEstimate(JudgedView):
     Attributes
     ----------
     host : Host
-        Its modes; frequencies, damping and shapes are known to within their standard errors.
+        Its modes; frequencies, damping, also between modes, and shapes are known to within their standard errors.
     faint : tuple of str
         Modes that hardly stand above the noise, such as ``"beam.mode7"``: each may stand for several, or for what modes above
         the band give, and its values are stated as known to within wide bounds.
@@ -69,8 +69,18 @@ class HostEstimate(JudgedView):
         -------
         dict
             "modes" with frequencies in Hz, damping as a part of the critical one and shapes in 1/sqrt(kg), each with its
-            standard error; the fit, verdicts and remarks.
+            standard error; where damping couples modes, "damping" with the entry of each pair in N s/m; the fit, verdicts and
+            remarks.
         """
+        names = self.host.coordinates
+        between = [
+            {
+                "modes": [names[first - 1], names[second - 1]],
+                "value": entry.value,
+                "standard_error": entry.sigma,
+            }
+            for (first, second), entry in self.host.entries.items()
+        ]
         return {
             "method": "identify_host",
             **self._judgement(),
@@ -91,6 +101,7 @@ class HostEstimate(JudgedView):
                 }
                 for name, mode in zip(self.host.coordinates, self.host.modes, strict=True)
             ],
+            **({"damping": between} if between else {}),
             "remarks": list(self.remarks),
         }
 

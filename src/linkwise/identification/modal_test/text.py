@@ -14,6 +14,7 @@ from linkwise.text import (
 )
 
 _POINTS = 6  # whose shapes are printed
+_SHOWN = 3.0  # standard errors from which damping between modes is printed
 
 
 @as_text.register
@@ -43,6 +44,19 @@ def modal_test_text(estimate: HostEstimate) -> str:
                 f"up to {format_error(max(errors))}",
             )
         )
+    between = [
+        (
+            name,
+            format_value(entry.value or 0.0, entry.sigma),
+            format_error(entry.sigma),
+        )
+        for name, entry in zip(host.damping_links.values(), host.entries.values(), strict=True)
+        if abs(entry.value or 0.0) > _SHOWN * entry.sigma
+    ]
     blocks = [f"{head}\n{paragraph(summary)}", "\n".join(align_columns(rows))]
+    if host.damping:
+        title = f"damping between modes: {len(host.damping)} pairs are free, {len(between)} of them stand out"
+        table = align_columns([("", "damping [N s/m]", "std. error"), *between]) if between else []
+        blocks.append("\n".join([title, *table]))
     blocks += [remark_lines(remark) for remark in estimate.remarks]
     return "\n\n".join(blocks)

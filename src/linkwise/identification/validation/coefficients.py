@@ -12,7 +12,8 @@ from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.result import CoefficientAgreement
 from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.parameters import is_shape, replace_shapes
+from linkwise.model.host_damping import is_between_modes
+from linkwise.model.parameters import coefficient_slots, is_shape, replace_coefficients, replace_shapes
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -33,27 +34,30 @@ def uncertain(posterior: Posterior) -> Structure:
 def estimated_again(record: Record, posterior: Posterior, progress: Progress) -> Estimate:
     """The uncertain coefficients from the record alone, by maximum likelihood that starts at the answer.
 
-    Shapes of hosts stay known to within what the answer says: a record need not show again what they are.
+    Shapes of hosts, and damping between their modes, stay known to within what the answer says: a record need not show again
+    what they are.
     """
     starts = dict(zip(posterior.names, map(float, posterior.values), strict=True))
     deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
     free = uncertain(posterior)
-    shapes = {
+    known = {
         name: Coefficient.unknown(starts[name], sigma=float(deviation))
         for name, deviation in deviations.items()
-        if is_shape(name) and deviation > 0.0
+        if _is_of_host(name) and deviation > 0.0
     }
-    structure = replace(free, hosts=replace_shapes(free.hosts, shapes))
+    slots = coefficient_slots(free.masses, free.links, free.hosts)
+    masses, links = replace_coefficients(free.masses, free.links, slots, known)
+    structure = replace(free, masses=masses, links=links, hosts=replace_shapes(free.hosts, known))
     return MaximumLikelihood(starts=starts).estimate([record], structure, progress)
 
 
 def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgreement, ...]:
-    """The answer beside an estimate from another record, coefficient by coefficient, shapes of hosts left out."""
+    """The answer beside an estimate from another record, coefficient by coefficient, but for those known to within there."""
     count = len(posterior.names)
     limit = float(-scipy.special.ndtri(LEVEL / (2 * max(count, 1))))
     rows = []
     for index, name in enumerate(posterior.names):
-        if is_shape(name):
+        if _is_of_host(name):
             continue
         own = estimate.coefficient(name)
         error = math.sqrt(max(posterior.covariance[index, index], 0.0))
@@ -72,3 +76,7 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
             )
         )
     return tuple(rows)
+
+
+def _is_of_host(name: str) -> bool:
+    return is_shape(name) or is_between_modes(name)

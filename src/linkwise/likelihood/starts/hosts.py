@@ -21,6 +21,7 @@ from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
 from linkwise.likelihood.starts.kalman import Smoothed, innovations, log_likelihood, smooth
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
 from linkwise.likelihood.starts.link_states import follow_states
+from linkwise.model.host_damping import is_between_modes
 from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -37,11 +38,7 @@ _CHANGES = 10.0 ** np.arange(
 )  # of a force over a sample, relative to its size: tried one after the other
 _STIFF = 0.1  # such a change, at which springs and dampers of open links are found first
 _ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by where another round may gain
-_ELONGATIONS = (
-    0.1,
-    0.03,
-    0.3,
-)  # of the size of the measured motion: bounds on what drifts, of which the best is kept
+_ELONGATIONS = (0.1, 0.03, 0.3)  # of the size of the motion: bounds on what drifts, of which the best is kept
 _DETERMINED = 0.1  # deviation of an elongation relative to its size, up to which it counts as measured
 
 
@@ -386,11 +383,10 @@ def _equivalent_start(
 
 def _shapes(structure: Structure) -> dict[str, float]:
     """Starts of the shapes of hosts that are known to within, and of damping between their modes."""
-    between_modes = structure.modes.difference(structure.mass_names)
     return {
         p.name: p.start
         for p in structure.parameters
-        if p.start is not None and (is_shape(p.name) or p.name.rpartition(".")[0] in between_modes)
+        if p.start is not None and (is_shape(p.name) or is_between_modes(p.name))
     }
 
 
