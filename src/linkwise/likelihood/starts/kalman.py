@@ -109,7 +109,7 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
         added = forward.updated[first:end] - forward.predicted[first + 1 : end + 1] @ back.T
         states[first:end] = _recursion(back, states[end], added[::-1])[:0:-1]
     middle = forward.gains[forward.which[count // 2]]
-    return Smoothed(states, _smoothed_covariance(model, middle), forward.log_likelihood)
+    return Smoothed(states, _smoothed_covariance(model, middle, count), forward.log_likelihood)
 
 
 def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
@@ -238,11 +238,15 @@ def _recursion(matrix: Floats, first: Floats, added: Floats) -> Floats:
     return np.concatenate([first[None], states.reshape(-1, m)[:count]])
 
 
-def _smoothed_covariance(model: LinearModel, gain: _Gain) -> Floats:
-    """Covariance of a smoothed state far from the ends of a record, by the recursion of a constant gain to its fixed point."""
+def _smoothed_covariance(model: LinearModel, gain: _Gain, count: int) -> Floats:
+    """Covariance of a smoothed state in the middle of `count` samples, by the recursion of a constant gain.
+
+    It ends at a fixed point, unless no sensor tells the place of a rigid motion, whose covariance grows with the record.
+    """
     back = _solved(gain.predicted, model.transition @ gain.updated).T
-    change = gain.updated - back @ gain.predicted @ back.T
-    for _ in range(_DOUBLINGS):  # sum of back^i change back'^i, twice as many terms at a time
+    complement = np.eye(len(back)) - back @ model.transition  # Joseph's form, which stays positive
+    change = complement @ gain.updated @ complement.T + back @ model.process @ back.T
+    for _ in range(min(_DOUBLINGS, count.bit_length())):  # sum of back^i change back'^i, twice as many terms at a time
         change = change + back @ change @ back.T
         back = back @ back
         if np.abs(back).max() < _NEGLIGIBLE:
