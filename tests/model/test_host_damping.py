@@ -159,3 +159,20 @@ def test_an_identified_entry_keeps_its_two_dampers_together() -> None:
     assert damping_matrix(identified)[0, 0] == pytest.approx(4.0 * np.pi * 5.0 * 0.01)
     [again] = identified.unknown("wing.mode1+mode2.damping").parameters
     assert len(again.members) == 2
+
+
+def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
+    """Two bodies joined by a spring, free to move and turn: their damping matrix is kept as a whole."""
+    mass = np.diag([2.0, 1.0, 3.0])
+    stiffness = 400.0 * np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    dashpots = np.array([[0.5, 0.0, -0.2], [0.0, 0.3, 0.0], [-0.2, 0.0, 0.4]])
+    matrices = lw.HostMatrices(*map(scipy.sparse.csc_array, (mass, stiffness, dashpots)), ("1", "2", "3"))
+    points = {"a": 1, "b": 2, "c": 3}
+    reduced = matrices.reduce("bodies", points, keep=3, residual=False)
+    structure = lw.Structure("bodies", (), (), (reduced.host,))
+    shapes = np.array([structure.topology.row(f"bodies.{point}") for point in points])
+    found = damping_matrix(structure)
+    np.testing.assert_allclose(
+        found[:2, :2], (shapes.T @ dashpots @ shapes)[:2, :2], rtol=1e-9, atol=1e-12
+    )  # rounding
+    assert np.abs(found[0, 1]) > 1e-3

@@ -360,7 +360,8 @@ def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, floa
     with np.errstate(divide="ignore"):
         coupling[coupled] = forces[coupled] / apart[coupled]
     rigid = omega == 0.0
-    kept_pairs = (np.maximum(coupling, coupling.T) > _COUPLED) | np.diag(rigid & (own > _ROUNDED * largest))
+    both_rigid = np.outer(rigid, rigid) & (np.abs(modal) > _ROUNDED * largest)
+    kept_pairs = (np.maximum(coupling, coupling.T) > _COUPLED) | both_rigid
     rows, columns = np.nonzero(np.triu(kept_pairs))
     entries = {
         (row + 1, column + 1): Coefficient.number(float(modal[row, column]))

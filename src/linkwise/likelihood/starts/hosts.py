@@ -21,6 +21,7 @@ from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
 from linkwise.likelihood.starts.kalman import Smoothed, innovations, log_likelihood, smooth
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
 from linkwise.likelihood.starts.link_states import follow_states
+from linkwise.likelihood.starts.rigid_motions import require_placed
 from linkwise.model.host_damping import is_between_modes
 from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
@@ -355,6 +356,7 @@ def require_supported(record: Record, structure: Structure) -> None:
         )
     if not any(Channel.parse(name).kind in "xva" for name in record.responses):
         raise IdentificationError("the record shows no motion: give a channel x:PLACE, v:PLACE or a:PLACE")
+    require_placed(record, structure)
 
 
 def _best_start(

@@ -246,7 +246,9 @@ def _smoothed_covariance(model: LinearModel, gain: _Gain, count: int) -> Floats:
     back = _solved(gain.predicted, model.transition @ gain.updated).T
     complement = np.eye(len(back)) - back @ model.transition  # Joseph's form, which stays positive
     change = complement @ gain.updated @ complement.T + back @ model.process @ back.T
-    for _ in range(min(_DOUBLINGS, count.bit_length())):  # sum of back^i change back'^i, twice as many terms at a time
+    for _ in range(
+        min(_DOUBLINGS, count.bit_length())
+    ):  # sum of back^i change back'^i, twice as many terms at a time
         change = change + back @ change @ back.T
         back = back @ back
         if np.abs(back).max() < _NEGLIGIBLE:
