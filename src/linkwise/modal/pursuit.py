@@ -2,8 +2,8 @@
 
 Modes are added as long as the Bayesian information criterion falls. Where a structure is not quite linear, or its modes are
 not quite real, it would fall on and on: what true modes leave there stands far above the noise, and narrow modes beside them
-fit it little by little. Once the modes explain the response but for a small part, one more must take most of what they leave
-above the noise.
+fit it little by little. Two that move alike, closer than their bandwidth, are one. Once the modes explain the response but for
+a small part, one more must take most of what they leave above the noise.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ _LEAST_GAIN = 1e-4  # of the cost: a step that gains less ends such a search; wh
 _MOST = 30  # modes
 _EXPLAINED = 0.1  # of the response, root mean square: modes that leave more than this are not all found
 _MOST_OF_IT = 0.75  # of the power above the noise that such a part has
+_ALIKE = 0.98  # cosine between the residues of modes that move alike
 _BLOCKS = 40  # of a record, between which scores scatter
 
 
@@ -57,9 +58,33 @@ def pursued_modes(
         if count is None and not (_criterion(added) < _criterion(modes) and _stands_out(modes, added)):
             break
         modes = added
+    if count is None:
+        modes = _merged(part, modes)
     modes = Projection(part, modes.logs[np.argsort(modes.logs[:, 0])])
     frequencies, damping = np.exp(modes.logs).T
     return PursuedModes(frequencies, damping, _residues(modes))
+
+
+def _merged(measured: ModalMeasurement, modes: Projection) -> Projection:
+    """The modes without those that stand beside another for one whose frequency or damping moves with its amplitude.
+
+    Such are within the bandwidth of each other and move alike at all points, which modes of a linear structure do not.
+    """
+    while len(modes.logs) > 1:
+        frequencies, damping = np.exp(modes.logs).T
+        residues = _residues(modes).reshape(len(frequencies), -1)
+        if residues.shape[1] < 2:
+            break
+        sizes = np.linalg.norm(residues, axis=1)
+        bandwidths = frequencies * damping
+        near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(bandwidths, bandwidths)
+        alike = np.abs(residues @ residues.T) > _ALIKE * np.outer(sizes, sizes)
+        pairs = np.argwhere(np.triu(near & alike, k=1))
+        if not len(pairs):
+            break
+        weaker = min(pairs[0].tolist(), key=lambda number: sizes[number] / damping[number])
+        modes = _refined(measured, np.delete(modes.logs, weaker, axis=0))
+    return modes
 
 
 @dataclass(frozen=True, eq=False)
