@@ -164,7 +164,7 @@ def test_single_missing_samples_everywhere_leave_a_band() -> None:
     )
     # seeds 2000 to 2009: 0 to 3.3 % of the band, which moves by bins of a spectrum, and 0.1 to 7.9 % of the variance
     assert broken.bandwidth == pytest.approx(whole.bandwidth, rel=0.07)
-    assert broken.variance == pytest.approx(whole.variance, rel=0.12)
+    assert broken.source_variance == pytest.approx(whole.source_variance, rel=0.12)
 
 
 def test_a_record_without_displacements_says_what_it_holds() -> None:

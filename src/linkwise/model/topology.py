@@ -213,13 +213,3 @@ class Topology:
         incidence: Floats = on_base[:, 0].astype(float) - on_base[:, 1]
         incidence.flags.writeable = False
         return incidence
-
-    @cached_property
-    def links_at(self) -> tuple[tuple[int, ...], ...]:
-        """Numbers of the links that have each mass as an end, (n,)."""
-        links: list[list[int]] = [[] for _ in range(self.size)]
-        for number, pair in enumerate(self.ends.tolist()):
-            for end in pair:
-                if end >= 0:
-                    links[end].append(number)
-        return tuple(tuple(numbers) for numbers in links)

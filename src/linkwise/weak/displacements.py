@@ -12,6 +12,7 @@ from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth, noise_and_bandwidth
+from linkwise.weak.measured_modes import measured_modes
 
 _QUADRATURE_ERROR = 1e-5  # of the motion: error of the sums that approximate integrals of a smooth motion
 _NOISE_FREE = 1e-3  # of the motion (60 dB): smaller noise is neglected when a window is chosen
@@ -19,57 +20,57 @@ _NOISE_FREE = 1e-3  # of the motion (60 dB): smaller noise is neglected when a w
 
 @dataclass(frozen=True, eq=False)
 class MeasuredDisplacements:
-    """Displacements of the nodes of a structure (masses, base and ground), with their noise.
+    """Displacements of the nodes of a structure (its n masses and modes, base and ground), with their noise.
 
     Attributes
     ----------
     displacements : array of shape (n + 2, N)
-        Displacements in m of the masses, the base and the ground; 0 where not measured.
+        Displacements in m of the masses and modes, the base and the ground; 0 where not measured.
     base : array of shape (N,) or None
         Displacement of the base in m; None without a channel.
-    variance : array of shape (n,)
-        Variances of the noise of the masses in m^2.
-    base_variance : float
-        Variance of the noise of the base in m^2.
-    power : array of shape (n + 2,)
-        Mean squares in m^2 over the samples measured.
+    source_variance, source_power : array of shape (C,)
+        Variances of the noise of the channels in m^2, and their mean squares over the samples measured: of the masses and
+        points of hosts, the base and the ground; 0 without a channel.
+    has_channel : array of bool, shape (C,)
+        Which of these the record has.
+    source_weights : array of shape (n + 2, C) or None
+        Weights of the channels in the displacements of the nodes; None where each node has its own.
     measured : array of bool, shape (n,)
-        The masses with a displacement channel.
+        The masses and modes whose displacement the channels tell.
     missing : array of bool, shape (n, N), or None
         Samples that are missing; None without any.
+    samples : int
+        Number of displacement samples measured, of the base not counted.
     bandwidth : float
         Frequency in Hz up to which the motion is above the noise.
+    surplus : float
+        Mean square of what channels show beyond the modes of a host over that expected from noise, of the worst host; 1 where
+        no host has more channels than modes.
     """
 
     displacements: Floats
     base: Floats | None
-    variance: Floats
-    base_variance: float
-    power: Floats
+    source_variance: Floats
+    source_power: Floats
+    has_channel: Bools
+    source_weights: Floats | None
     measured: Bools
     missing: Bools | None
+    samples: int
     bandwidth: float
-
-    @property
-    def x(self) -> Floats:
-        """(n, N) displacements of the masses."""
-        return self.displacements[:-2]
+    surplus: float = 1.0
 
     @property
     def x_or_nan(self) -> Floats:
-        """(n, N) displacements of the masses, NaN where a sample is missing."""
-        return self.x if self.missing is None else np.where(self.missing, np.nan, self.x)
-
-    @property
-    def samples(self) -> int:
-        """Number of displacement samples measured."""
-        missing = 0 if self.missing is None else int(np.sum(self.missing[self.measured]))
-        return int(np.sum(self.measured) * self.displacements.shape[1]) - missing
+        """(n, N) displacements of the masses and modes, NaN where a sample is missing."""
+        x = self.displacements[:-2]
+        return x if self.missing is None else np.where(self.missing, np.nan, x)
 
     @property
     def noise_free(self) -> bool:
         """Whether the noise of every channel is negligible."""
-        return bool(np.all(self.variance[self.measured] < _NOISE_FREE**2 * self.power[:-2][self.measured]))
+        small = self.source_variance < _NOISE_FREE**2 * self.source_power
+        return bool(np.all(small[:-2][self.has_channel[:-2]]))
 
     def of_piece(self, piece: Record, structure: Structure) -> MeasuredDisplacements:
         """Displacements of a piece of the record, with the noise that was found in the whole of it.
@@ -86,48 +87,34 @@ class MeasuredDisplacements:
         MeasuredDisplacements
             The displacements.
         """
-        names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
-        deviations = np.sqrt(self.noise_variance[:-1]).tolist()
+        deviations = np.sqrt(self.source_variance[:-1]).tolist()
         stated = {
             name: sigma
-            for name, sigma in zip(names, deviations, strict=True)
+            for name, sigma in zip(source_names(structure), deviations, strict=True)
             if sigma > 0.0 and name in piece.channels
         }
         return read_displacements(replace(piece, noise={**piece.noise, **stated}), structure)
 
     @cached_property
-    def noise_variance(self) -> Floats:
-        """(n + 2,) variances of the noise in `displacements`."""
-        return np.append(self.variance, [self.base_variance, 0.0])
-
-    @cached_property
     def floored_variance(self) -> Floats:
-        """(n + 2,) variances of the noise, at least those of the quadrature error of sums over samples.
+        """(C,) variances of the noise of the channels, at least those of the quadrature error of sums over samples.
 
         The floor keeps records without noise from being weighted by their rounding.
         """
-        return np.maximum(self.noise_variance, _QUADRATURE_ERROR**2 * self.power)
+        return np.maximum(self.source_variance, _QUADRATURE_ERROR**2 * self.source_power)
+
+    def covariance(self, nodes: Indices, *, floored: bool = False) -> Floats:
+        """(c, c) covariance of the noise in the displacements of c nodes."""
+        variance = self.floored_variance if floored else self.source_variance
+        if self.source_weights is None:
+            return np.diag(variance[nodes])
+        weights = self.source_weights[nodes]
+        return np.asarray((weights * variance) @ weights.T)
 
 
-def differences(values: Floats, ends: Indices) -> Floats:
-    """Elongations between pairs of rows.
-
-    Parameters
-    ----------
-    values : array of shape (k, N)
-        Displacements.
-    ends : array of int, shape (m, 2)
-        Indices of the two rows of each pair.
-
-    Returns
-    -------
-    array of shape (m, N)
-        The first row less the second.
-    """
-    result = np.empty((len(ends), values.shape[1]))
-    for row, (first, second) in zip(result, ends.tolist(), strict=True):
-        np.subtract(values[first], values[second], out=row)
-    return result
+def source_names(structure: Structure) -> list[str]:
+    """The channels that tell displacements: of masses and points of hosts, and of the base."""
+    return [*(f"x:{place}" for place in structure.places), "x:base"]
 
 
 def read_displacements(record: Record, structure: Structure) -> MeasuredDisplacements:
@@ -148,9 +135,9 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     Raises
     ------
     IdentificationError
-        If no mass has a displacement channel.
+        If no mass has a displacement channel, or those of a host do not tell its modes.
     """
-    names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
+    names = source_names(structure)
     has_channel = np.array([name in record.channels for name in names])
     measured = has_channel[:-1]
     if not measured.any():
@@ -175,18 +162,37 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     gaps = bool(missing.any())
     if gaps:
         ends[missing] = 0.0
+    lacking = missing[:-2] | missing[-2]
     complete = np.maximum(len(record) - missing.sum(axis=1), 1) if gaps else len(record)
     variance = np.zeros(len(names))
     variance[has_channel] = sigma**2
-    return MeasuredDisplacements(
+    shown = MeasuredDisplacements(
         displacements=ends,
         base=ends[-2] if has_channel[-1] else None,
-        variance=variance[:-1],
-        base_variance=float(variance[-1]),
-        power=np.einsum("ij,ij->i", ends, ends) / complete,
+        source_variance=np.append(variance, 0.0),
+        source_power=np.einsum("ij,ij->i", ends, ends) / complete,
+        has_channel=np.append(has_channel, False),
+        source_weights=None,
         measured=measured,
-        missing=missing[:-2] | missing[-2] if gaps else None,
+        missing=lacking if gaps else None,
+        samples=int(np.sum(measured) * ends.shape[1] - np.sum(lacking[measured])),
         bandwidth=highest,
+    )
+    return _of_modes(shown, structure) if structure.hosts else shown
+
+
+def _of_modes(shown: MeasuredDisplacements, structure: Structure) -> MeasuredDisplacements:
+    """Displacements of masses and modes from those `shown` of masses and points."""
+    modes = measured_modes(structure, shown.has_channel, shown.floored_variance)
+    shows = modes.weights != 0.0
+    missing = None if shown.missing is None else np.any(shows[:-2, :-2, None] & shown.missing, axis=1)
+    return replace(
+        shown,
+        displacements=modes.weights @ shown.displacements,
+        source_weights=modes.weights,
+        measured=shows[:-2].any(axis=1),
+        missing=missing,
+        surplus=modes.surplus(shown.displacements, shown.missing),
     )
 
 

@@ -12,12 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.interpolation import BAND_LIMITED, at_samples
 from linkwise.records.record import Record
-from linkwise.weak.displacements import MeasuredDisplacements, differences
+from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
 from linkwise.weak.stretches import Stretches
@@ -75,11 +75,6 @@ class WeakEquations:
     def parameters(self) -> tuple[str, ...]:
         """The names of the parameters."""
         return self.structure_layout.names
-
-    @property
-    def ends(self) -> Indices:
-        """(L, 2) mass indices of the ends of the links, -1 for the ground and -2 for the base."""
-        return self.structure_layout.ends
 
     @property
     def windows(self) -> int:
@@ -147,13 +142,7 @@ def weak_equations(
             f"{MIN_WINDOWS} are needed; record for longer"
         )
     thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if rate_window is None else 1
-    applied = {
-        mass: at_samples(
-            record.channel(f"force:{name}"), record.interpolation.get(f"force:{name}", BAND_LIMITED)
-        )
-        for mass, name in enumerate(structure.mass_names)
-        if f"force:{name}" in record.channels
-    }
+    applied = _applied(record, structure)
     smooth = window.filter(motion.displacements, window.kernels)
     layout = structure_layout(structure)
     context = PatchContext(
@@ -178,12 +167,24 @@ def weak_equations(
         motion=motion,
         patches=_patches(context, applied, max_masses),
         thinning=thinning,
-        d=differences(_displacements(smooth, window), layout.ends),
-        v=differences(-smooth[PHI_1] / area, layout.ends),
+        d=layout.elongations(_displacements(smooth, window), range(len(layout.readings))),
+        v=layout.elongations(-smooth[PHI_1] / area, range(len(layout.readings))),
         acceleration=smooth[PHI_2, :-2] / area,
         force=_applied_forces(context.forces, area, structure.size, windows) if applied else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
+
+
+def _applied(record: Record, structure: Structure) -> dict[int, Floats]:
+    """(N,) the applied force on each mass or mode that has one, by its number."""
+    applied: dict[int, Floats] = {}
+    for place in structure.places:
+        channel = f"force:{place}"
+        if channel in record.channels:
+            force = at_samples(record.channel(channel), record.interpolation.get(channel, BAND_LIMITED))
+            for mass, weight in structure.topology.weights(structure.topology.index[place]):
+                applied[mass] = applied.get(mass, 0.0) + weight * force
+    return dict(sorted(applied.items()))
 
 
 def _displacements(smooth: Floats, window: Window) -> Floats:
@@ -209,12 +210,14 @@ def _patches(context: PatchContext, applied: dict[int, Floats], max_masses: int)
     Masses in one patch lack the same windows, and either each of their equations has a parameter or none has.
     """
     layout = context.structure_layout
-    measured = [*context.motion.measured.tolist(), context.motion.base is not None, True]
+    measured = [*context.motion.measured.tolist(), context.motion.base is not None]
     whole = np.ones(context.filtered.shape[2])
     by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
     for mass, nodes in enumerate(layout.neighbourhoods):
-        if all(measured[end] for end in nodes):
-            missing = _missing(context.motion, [end for end in nodes if end >= 0], applied.get(mass))
+        if all(measured[node] for node in nodes):
+            missing = _missing(
+                context.motion, [node for node in nodes if node < len(layout.links_at)], applied.get(mass)
+            )
             if mass in layout.masses_needing_rate:
                 missing = _missing_rate(missing, context)
             valid = whole if missing is None else _valid(missing, context.window)

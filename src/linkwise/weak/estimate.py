@@ -16,7 +16,6 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.model.host_support import refuse_hosts
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
@@ -26,7 +25,7 @@ from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.signals.outliers import has_outliers
 from linkwise.verdict import Verdict
-from linkwise.weak.displacements import MeasuredDisplacements, differences, read_displacements
+from linkwise.weak.displacements import MeasuredDisplacements, read_displacements, source_names
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import SIGNIFICANT, WeakFit, weak_fit
 from linkwise.weak.pieces import disagreement
@@ -92,7 +91,6 @@ class WeakForm(Estimator):
         """
         refuse_rig(structure, 'method "weak"')
         refuse_memory(structure.links, 'method "weak"', "maximum likelihood takes it")
-        refuse_hosts(structure, 'method "weak"')
         given = self.only_record(records)
         frame = framed(given, structure)
         record = frame.record
@@ -215,6 +213,12 @@ def _nonlinear(structure: Structure) -> set[str]:
 def _verdict(
     record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
 ) -> tuple[Verdict, str]:
+    if equations.motion.surplus > _LARGEST_EXCESS:
+        return Verdict.SYSTEMATIC_MISFIT, (
+            "The sensors of a host do not move as its modes do: what they show beside these is "
+            f"{np.sqrt(equations.motion.surplus):.3g} times their noise, so no interval is given: a shape, a place or the "
+            "sign of a sensor is wrong, modes that were left out move, or the noise is larger than stated."
+        )
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
@@ -236,7 +240,7 @@ def _verdict(
             f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
             f"{source} or not white, and the correction for its bias has biased the values. {advice}."
         )
-    if has_outliers(equations.motion.x_or_nan.T, np.sqrt(equations.motion.variance)):
+    if _has_outliers(record, structure, equations.motion):
         return Verdict.OUTLIERS, (
             "The noise has more large errors than normal noise, for which the weak form corrects the bias, so no "
             'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
@@ -257,6 +261,13 @@ def _verdict(
     if follows:
         return Verdict.SYSTEMATIC_MISFIT, f"{explained}, but {follows}"
     return Verdict.CONVERGED, f"{explained}."
+
+
+def _has_outliers(record: Record, structure: Structure, motion: MeasuredDisplacements) -> bool:
+    numbers = np.flatnonzero(motion.has_channel[:-2])
+    names = source_names(structure)
+    samples = np.stack([record.channel(names[number]) for number in numbers.tolist()], axis=1)
+    return has_outliers(samples, np.sqrt(motion.source_variance[numbers]))
 
 
 def _follows_the_motion(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> str:
@@ -315,14 +326,16 @@ def _link_motion(structure: Structure, equations: WeakEquations, values: Floats)
 
 def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
     """(L, 2) ranges in m, from the samples: averages over windows would cut the peaks."""
-    ranges = []
-    for first in range(0, len(equations.ends), _LINKS_AT_ONCE):
-        ends = equations.ends[first : first + _LINKS_AT_ONCE]
-        d = differences(motion.displacements, ends)
+    layout, ranges = equations.structure_layout, []
+    deviation = np.sqrt(equations.context.floored_elongation_variance)
+    for first in range(0, len(layout.readings), _LINKS_AT_ONCE):
+        links = range(first, min(first + _LINKS_AT_ONCE, len(layout.readings)))
+        d = layout.elongations(motion.displacements, links)
         if motion.missing is not None:
-            missing = np.concatenate([motion.missing, np.zeros((2, d.shape[1]), dtype=bool)])
-            d[missing[ends].any(axis=1)] = np.nan
-        ranges.append(extremes(d.T, np.sqrt(motion.floored_variance[ends].sum(axis=1))))
+            for row, link in zip(d, links, strict=True):
+                nodes = [node for node, _ in layout.readings[link] if node < len(motion.missing)]
+                row[motion.missing[nodes].any(axis=0)] = np.nan
+        ranges.append(extremes(d.T, deviation[links.start : links.stop]))
     return np.concatenate(ranges)
 
 
@@ -330,12 +343,12 @@ def _noise(
     structure: Structure, motion: MeasuredDisplacements, frame: FramedRecord
 ) -> dict[str, NoiseEstimate]:
     given = {plain: name for name, plain in frame.names.items()}
-    names = [*(f"x:{name}" for name in structure.mass_names), "x:base"]
+    names = source_names(structure)
     moving = motion.base is not None and frame.acceleration is None
-    measured = np.flatnonzero([*motion.measured, moving]).tolist()
+    measured = np.flatnonzero([*motion.has_channel[:-2], moving]).tolist()
     return {
         given.get(names[i], names[i]): NoiseEstimate.from_power(
-            float(motion.power[i]), names[i], float(np.sqrt(motion.noise_variance[i]))
+            float(motion.source_power[i]), names[i], float(np.sqrt(motion.source_variance[i]))
         )
         for i in measured
     }

@@ -8,15 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.model.host_support import refuse_hosts
 from linkwise.model.law import Law
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
-from linkwise.model.topology import GROUND_INDEX
+from linkwise.model.topology import Weights
+from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.patch_layout import GroupTerms, PatchLayout, TermCoefficients, WeakLawGroup
 from linkwise.weak.weak_form import PHI, PHI_2, WeakPart, weak_law
 
@@ -33,20 +34,26 @@ class StructureLayout:
         Names of the p parameters.
     parameter_index : mapping of (int, str) to int
         Index of the parameter of each unknown coefficient, given as (link, or -1 - mass; name of the coefficient).
-    ends : array of int, shape (L, 2)
-        Nodes at the ends of the links: masses, -1 the ground, -2 the base.
-    links_at : tuple of tuple of int
-        The links of each mass.
+    readings : tuple of tuple of (int, float)
+        For each link the nodes (masses and modes, and n for the base) and their weights in its elongation.
     """
 
     structure: Structure
     names: tuple[str, ...]
     parameter_index: Mapping[tuple[int, str], int]
-    ends: Indices
-    links_at: tuple[tuple[int, ...], ...]
+    readings: tuple[Weights, ...]
     _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], PatchLayout] = field(
         default_factory=dict, repr=False
     )
+
+    @cached_property
+    def links_at(self) -> tuple[tuple[int, ...], ...]:
+        """The links that act on each mass or mode."""
+        incidence = self.structure.incidence
+        return tuple(
+            tuple(incidence.indices[first:last].tolist())
+            for first, last in pairwise(incidence.indptr.tolist())
+        )
 
     @cached_property
     def masses_with_parameters(self) -> frozenset[int]:
@@ -59,7 +66,7 @@ class StructureLayout:
     @cached_property
     def masses_needing_rate(self) -> frozenset[int]:
         """Masses whose equation has a law that needs a smoothed v."""
-        groups = self.groups(range(len(self.ends)))
+        groups = self.groups(range(len(self.structure.links)))
         rated = {link for group in groups if group.weak_law.needs_rate for link in group.links.tolist()}
         return frozenset(mass for mass, links in enumerate(self.links_at) if not rated.isdisjoint(links))
 
@@ -82,12 +89,64 @@ class StructureLayout:
 
     @cached_property
     def neighbourhoods(self) -> tuple[frozenset[int], ...]:
-        """For each mass, itself and the nodes at the other ends of its links."""
-        ends = self.ends.tolist()
+        """For each mass or mode, itself and the other nodes that stretch its links; the base is node n."""
         return tuple(
-            frozenset((mass, *(end for link in links for end in ends[link])))
+            frozenset((mass, *(node for link in links for node, _ in self.readings[link])))
             for mass, links in enumerate(self.links_at)
         )
+
+    @cached_property
+    def _reading_entries(self) -> tuple[Indices, Indices, Floats]:
+        """(e,) links, nodes and weights of `readings`."""
+        parts = [(link, node, weight) for link, nodes in enumerate(self.readings) for node, weight in nodes]
+        links, nodes, weights = zip(*parts, strict=True)
+        return np.array(links), np.array(nodes), np.array(weights)
+
+    def elongation_variance(self, motion: MeasuredDisplacements, *, floored: bool = False) -> Floats:
+        """Variances of the noise in the elongations of the links.
+
+        Parameters
+        ----------
+        motion : MeasuredDisplacements
+            Displacements of the nodes.
+        floored : bool, optional
+            Whether noise is at least the `floored_variance` of the motion.
+
+        Returns
+        -------
+        array of shape (L,)
+            The variances in m^2.
+        """
+        variance = motion.floored_variance if floored else motion.source_variance
+        links, nodes, weights = self._reading_entries
+        if motion.source_weights is None:
+            return np.bincount(links, weights**2 * variance[nodes], len(self.readings))
+        of_nodes = np.zeros((len(self.readings), len(motion.source_weights)))
+        of_nodes[links, nodes] = weights
+        return np.asarray((of_nodes @ motion.source_weights) ** 2 @ variance)
+
+    def elongations(self, displacements: Floats, links: Iterable[int]) -> Floats:
+        """Elongations of links.
+
+        Parameters
+        ----------
+        displacements : array of shape (n + 2, N)
+            Displacements of the nodes, or what is linear in them.
+        links : iterable of int
+            Indices of the m links.
+
+        Returns
+        -------
+        array of shape (m, N)
+            The elongations.
+        """
+        chosen = [self.readings[link] for link in links]
+        result = np.empty((len(chosen), displacements.shape[1]))
+        for row, ((first, of_first), *others) in zip(result, chosen, strict=True):
+            np.multiply(displacements[first], of_first, out=row)
+            for node, weight in others:
+                row += weight * displacements[node]
+        return result
 
     def groups(self, links: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
         """Group links by law.
@@ -147,11 +206,15 @@ class StructureLayout:
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
         sizes = [*(term.terms.stop - term.terms.start for term in parts), len(masses), len(forced)]
-        between = [*(self.ends[groups[term.group].links] for term in parts), *_nodes_of(masses, forced)]
-        nodes, incidence = _incidence(np.concatenate([*between, self.ends[links]]))
-        acting = incidence[:, np.searchsorted(nodes, masses)].T
-        signs, link_incidence = acting[:, : sum(sizes)].copy(), acting[:, sum(sizes) :]
-        signs[:, sum(sizes) - len(forced) :] = masses[:, None] == np.array(forced, dtype=int)
+        nodes, incidence = self._incidence([*(groups[term.group].links for term in parts), links], masses)
+        of_terms, of_links = incidence[:stop], incidence[stop:]
+        moved = np.searchsorted(nodes, masses)
+        signs = np.zeros((len(masses), sum(sizes)))
+        signs[:, :stop] = of_terms[:, moved].T
+        signs[:, stop : stop + len(masses)] = np.eye(len(masses))
+        signs[:, stop + len(masses) :] = masses[:, None] == np.array(forced, dtype=int)
+        own = np.zeros((len(masses) + len(forced), len(nodes)))
+        own[np.arange(len(masses)), moved] = 1.0
         return PatchLayout(
             masses=masses,
             links=links,
@@ -164,12 +227,20 @@ class StructureLayout:
             coefficients=TermCoefficients.joined([*numbers, inertia, forces]),
             increment=np.repeat([*(term.part.increment for term in parts), False, False], sizes),
             nodes=nodes,
-            incidence=incidence[: sum(sizes)],
-            link_incidence=link_incidence,
-            far_ends=np.where(
-                link_incidence == 0.0, GROUND_INDEX, self.ends[links].sum(axis=1) - masses[:, None]
-            ),
+            incidence=np.concatenate([of_terms, own]),
+            readings=of_links,
+            link_incidence=of_links[:, moved].T,
         )
+
+    def _incidence(self, links: Sequence[Indices], masses: Indices) -> tuple[Indices, Floats]:
+        """The nodes (c,) of links and masses, and the weights (q, c) of the nodes in the elongations of the links."""
+        chosen = [self.readings[link] for link in np.concatenate(links).tolist()]
+        nodes = np.unique([*masses.tolist(), *(node for reading in chosen for node, _ in reading)])
+        weights = np.zeros((len(chosen), len(nodes)))
+        for row, reading in zip(weights, chosen, strict=True):
+            for node, weight in reading:
+                row[np.searchsorted(nodes, node)] = weight
+        return nodes, weights
 
     def _numbers(self, where: Iterable[tuple[int, str]]) -> TermCoefficients:
         """The coefficients of these slots: numbers of parameters, or known values."""
@@ -200,8 +271,7 @@ def structure_layout(structure: Structure) -> StructureLayout:
         Its layout.
     """
     refuse_memory(structure.links, "the weak form")
-    refuse_hosts(structure, "the weak form")
-    topology = structure.topology
+    base = structure.size
     parameters = structure.parameters
     return StructureLayout(
         structure=structure,
@@ -209,8 +279,12 @@ def structure_layout(structure: Structure) -> StructureLayout:
         parameter_index={
             slot: number for number, parameter in enumerate(parameters) for slot in parameter.members
         },
-        ends=topology.ends,
-        links_at=topology.links_at,
+        readings=tuple(
+            (*column, (base, weight)) if weight else column
+            for column, weight in zip(
+                structure.topology.columns, structure.base_incidence.tolist(), strict=True
+            )
+        ),
     )
 
 
@@ -219,20 +293,3 @@ def _multipliers(group: WeakLawGroup, part: WeakPart) -> TermCoefficients:
     if part.coefficient is None:
         return TermCoefficients(np.full(len(group.links), -1), np.ones(len(group.links)))
     return group.coefficients[part.coefficient]
-
-
-def _nodes_of(masses: Indices, forced: tuple[int, ...]) -> tuple[Indices, Indices]:
-    """Nodes of inertia terms (m, 2), a mass and the ground, and of force terms (f, 2), the ground twice."""
-    return np.stack([masses, np.full(len(masses), GROUND_INDEX)], axis=1), np.full(
-        (len(forced), 2), GROUND_INDEX
-    )
-
-
-def _incidence(ends: Indices) -> tuple[Indices, Floats]:
-    """The nodes (c,) in `ends` (q, 2), and the incidence (q, c): 1 at the first end, -1 at the second."""
-    nodes, position = np.unique(ends, return_inverse=True)
-    position, term = position.reshape(ends.shape), np.arange(len(ends))
-    incidence = np.zeros((len(ends), len(nodes)))
-    incidence[term, position[:, 0]] += 1.0
-    incidence[term, position[:, 1]] -= 1.0
-    return nodes, incidence

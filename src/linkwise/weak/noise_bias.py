@@ -42,8 +42,8 @@ def noise_bias(
         The terms that are nonlinear in d.
     slope : array of shape (q,)
         Slopes of the terms where they are constant; 0 for nonlinear terms.
-    noise : array of shape (c,)
-        Variances in m^2 of the displacements of the nodes.
+    noise : array of shape (c, c)
+        Covariance in m^2 of the displacements of the nodes.
     window : Window
         The test functions.
     valid : array of shape (R,)
@@ -57,7 +57,7 @@ def noise_bias(
         The bias.
     """
     kernel = layout.kernel
-    covariance = (layout.incidence * noise) @ layout.incidence.T
+    covariance = layout.incidence @ noise @ layout.incidence.T
     gram = window.kernels @ window.kernels.T
     bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
     coverage: dict[int, Floats] = {}

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.weak.displacements import MeasuredDisplacements, differences
+from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout
 from linkwise.weak.noise_bias import noise_bias
 from linkwise.weak.patch_layout import PatchLayout
@@ -156,6 +157,16 @@ class PatchContext:
     slope_stride: int
     alone: Callable[[WeakPart], bool] = none_alone
 
+    @cached_property
+    def elongation_variance(self) -> Floats:
+        """(L,) variances in m^2 of the noise in the elongations of the links."""
+        return self.structure_layout.elongation_variance(self.motion)
+
+    @cached_property
+    def floored_elongation_variance(self) -> Floats:
+        """(L,) the same, with `MeasuredDisplacements.floored_variance`."""
+        return self.structure_layout.elongation_variance(self.motion, floored=True)
+
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
         """Equations of some masses.
 
@@ -172,14 +183,14 @@ class PatchContext:
             The equations.
         """
         layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
-        noise = self.motion.noise_variance
+        noise = self.motion.covariance(layout.nodes)
         evaluated, slope = self.evaluated(layout)
         rows = self._rows(layout, evaluated)
         if not valid.all():
             rows *= valid
         products = self._products(rows, layout)
         curved = [terms for terms in evaluated if not isinstance(terms.slope, float)]
-        bias = noise_bias(layout, curved, slope, noise[layout.nodes], self.window, valid, self.alone)
+        bias = noise_bias(layout, curved, slope, noise, self.window, valid, self.alone)
         present = np.append(self.values, 0.0)[layout.coefficients.parameter]
         return Patch(
             layout=layout,
@@ -224,14 +235,14 @@ class PatchContext:
         slopes : array of shape (q,)
             Slopes of all terms where they are constant, 0 for others.
         """
-        ends, noise = self.structure_layout.ends, self.motion.noise_variance
+        displacements, variance = self.motion.displacements, self.elongation_variance
         evaluated = law_terms(
             self.structure_layout,
             layout,
             self.values,
-            elongations=lambda links: differences(self.motion.displacements, ends[links]),
+            elongations=lambda links: self.structure_layout.elongations(displacements, links),
             rates=self._rates,
-            variance=lambda links: noise[ends[links]].sum(axis=1),
+            variance=lambda links: variance[links],
         )
         return evaluated, _constant_slopes(layout, evaluated)
 
@@ -247,8 +258,8 @@ class PatchContext:
         for terms in evaluated:
             kernel, sign, first = terms.part.kernel, terms.part.sign, terms.derivatives[0]
             if terms.part.plain:
-                ends = self.structure_layout.ends[terms.links]
-                rows[terms.terms] = differences(self.filtered[kernel], ends if sign > 0.0 else ends[:, ::-1])
+                rows[terms.terms] = self.structure_layout.elongations(self.filtered[kernel], terms.links)
+                rows[terms.terms] *= sign
             elif isinstance(first, float):
                 rows[terms.terms] = sign * first * self.window.kernels[kernel].sum()
             else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -115,16 +115,29 @@ class NoiseCoupling:
     sign : array of shape (s,)
         Their signs.
     links : array of int, shape (k,)
-        Its links, as positions in `PatchLayout.links`.
-    far_ends : tuple of int
-        The k nodes at the other ends of these links.
+        Its k links, as positions in `PatchLayout.links`.
+    sources : array of int, shape (s,)
+        The nodes or channels whose noise enters, that of the mass itself first.
+    inertia : array of shape (s,)
+        Their weights in the displacement of the mass.
+    passed : array of shape (s, k)
+        Their weights in the elongations of the links, times those of the links in the equation.
     """
 
     terms: Indices
     parameter: Indices
     sign: Floats
     links: Indices
-    far_ends: tuple[int, ...]
+    sources: Indices
+    inertia: Floats
+    passed: Floats
+
+    def through(self, weights: Floats) -> NoiseCoupling:
+        """The coupling of channels with these weights (n + 2, C) in the displacements of nodes."""
+        own = weights[self.sources]
+        sources = np.flatnonzero(own.any(axis=0))
+        own = own[:, sources]
+        return replace(self, sources=sources, inertia=self.inertia @ own, passed=own.T @ self.passed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +169,13 @@ class PatchLayout:
     increment : array of bool, shape (q,)
         True where the coefficient is the step of a parameter from its present value.
     nodes : array of int, shape (c,)
-        The nodes: masses, -1 the ground, -2 the base.
+        The nodes: masses and modes, and n for the base.
     incidence : array of shape (q, c)
-        1 and -1 at the two nodes of each term.
+        Weights of the nodes in what each term is a function of: 1 and -1 for the ends of a link between masses.
+    readings : array of shape (l, c)
+        Weights of the nodes in the elongations of the links.
     link_incidence : array of shape (m, l)
-        Incidence of the links.
-    far_ends : array of int, shape (m, l)
-        Node at the other end of each link; the ground where the link does not end at the mass.
+        Weights of the links in the equations.
     """
 
     masses: Indices
@@ -177,8 +190,8 @@ class PatchLayout:
     increment: Bools
     nodes: Indices
     incidence: Floats
+    readings: Floats
     link_incidence: Floats
-    far_ends: Indices
 
     @cached_property
     def free_terms(self) -> Indices:
@@ -199,13 +212,22 @@ class PatchLayout:
     def noise_couplings(self) -> tuple[NoiseCoupling, ...]:
         """One for each mass."""
         couplings = []
-        for signs, incident, others in zip(
-            self.signs[:, self.free_terms], self.link_incidence, self.far_ends, strict=True
+        for mass, signs, incident in zip(
+            self.masses, self.signs[:, self.free_terms], self.link_incidence, strict=True
         ):
             terms, links = np.flatnonzero(signs), np.flatnonzero(incident)
+            readings, own = self.readings[links], self.nodes == mass
+            others = np.flatnonzero(readings.any(axis=0) & ~own)
+            near = np.concatenate([np.flatnonzero(own), others])
             couplings.append(
                 NoiseCoupling(
-                    terms, self.free_parameters[terms], signs[terms], links, tuple(others[links].tolist())
+                    terms=terms,
+                    parameter=self.free_parameters[terms],
+                    sign=signs[terms],
+                    links=links,
+                    sources=self.nodes[near],
+                    inertia=own[near].astype(float),
+                    passed=(incident[links, None] * readings[:, near]).T,
                 )
             )
         return tuple(couplings)

@@ -114,7 +114,7 @@ def _products(
     window = equations.window
     evaluated, slope = equations.context.evaluated(patch.layout)
     curved = [terms for terms in evaluated if not isinstance(terms.slope, float)]
-    noise = equations.motion.noise_variance[patch.layout.nodes]
+    noise = equations.motion.covariance(patch.layout.nodes)
     for first, last in ranges:
         rows = patch.rows[:, first:last]
         samples = slice(first * window.stride, (last - 1) * window.stride + window.length)

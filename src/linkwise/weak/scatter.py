@@ -25,6 +25,7 @@ from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.weak.equations import WeakEquations
+from linkwise.weak.noise_paths import noise_couplings, own_noise, own_noise_of_links, source_sums
 from linkwise.weak.patch import Patch
 from linkwise.weak.stretches import Stretches
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
@@ -48,15 +49,12 @@ class SlopeStatistics:
         Masses in kg.
     mean, square : array of shape (2, l, P)
         Means and mean squares of the slopes of the links.
-    own : array of shape (2, m, P)
-        Means summed over the links of each mass.
     """
 
     stretches: Stretches
     masses: Floats
     mean: Floats
     square: Floats
-    own: Floats
 
     @classmethod
     def along(
@@ -83,8 +81,7 @@ class SlopeStatistics:
         stretches = stretches or system.whole
         layout = patch.layout
         mean, square = _slopes_along(patch, system, values, stretches.windows)
-        masses = layout.inertia.at(values)
-        return cls(stretches, masses, mean, square, np.abs(layout.link_incidence) @ mean)
+        return cls(stretches, layout.inertia.at(values), mean, square)
 
 
 def _slopes_along(
@@ -92,7 +89,7 @@ def _slopes_along(
 ) -> tuple[Floats, Floats]:
     """(2, l, P) means and mean squares over noise of the slopes of the links at some windows."""
     layout = patch.layout
-    deviation = np.sqrt(0.5 * system.motion.floored_variance[system.ends[layout.links]].sum(axis=1))
+    deviation = np.sqrt(0.5 * system.context.floored_elongation_variance[layout.links])
     mean, square = np.empty((2, 2, len(layout.links), len(windows)))
     for group in layout.groups:
         program, constant = _slopes(group.weak_law.law)
@@ -163,18 +160,17 @@ def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations
     """
     gram = system.window.kernels @ system.window.kernels.T
     by_slope, variance = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
-    mean, square, own = (
-        array[..., statistics.stretches.inside]
-        for array in (statistics.mean, statistics.square, statistics.own)
-    )
-    masses, incidence = statistics.masses[:, None], np.abs(patch.layout.link_incidence)
-    passed = by_slope[0] * square[0] + by_slope[1] * square[1]
-    curved = passed - by_slope[0] * mean[0] ** 2 - by_slope[1] * mean[1] ** 2
-    near = by_slope[0] * own[0] ** 2 + by_slope[1] * own[1] ** 2
-    near += masses * (masses * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * own[0])
-    near += incidence @ curved
-    expected = variance[patch.masses, None] * near + (incidence * variance[patch.layout.far_ends]) @ passed
-    return np.asarray(expected + FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny)
+    mean, square = (array[..., statistics.stretches.inside] for array in (statistics.mean, statistics.square))
+    passed, of_mean = (by_slope[0] * slopes[0] + by_slope[1] * slopes[1] for slopes in (square, mean**2))
+    curved, expected = passed - of_mean, []
+    for mass, coupling in zip(statistics.masses, noise_couplings(patch, system), strict=True):
+        own, inertia = variance[coupling.sources], mass * coupling.inertia[:, None]
+        stiffness, damping = (coupling.passed @ slopes[coupling.links] for slopes in mean)
+        power = by_slope[0] * stiffness**2 + by_slope[1] * damping**2
+        power += inertia * (inertia * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * stiffness)
+        expected.append(own @ power + (own @ coupling.passed**2) @ curved[coupling.links])
+    floor = FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
+    return np.asarray(np.stack(expected) + floor)
 
 
 def score_blocks(
@@ -208,7 +204,12 @@ def score_blocks(
         return
     stretches = noisy[0][1].stretches
     variance = system.motion.floored_variance
-    pending = Counter(channel for patch, _ in noisy for channel in _coupled_channels(patch, system))
+    pending = Counter(
+        channel
+        for patch, _ in noisy
+        for coupling in noise_couplings(patch, system)
+        for channel in coupling.sources[variance[coupling.sources] > 0.0].tolist()
+    )
     contributions: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in pending}
     for (patch, statistics), weight in zip(noisy, weights, strict=True):
         if quadratic:
@@ -223,31 +224,16 @@ def score_blocks(
                 yield which, variance[channel] * np.outer(scale, scale) * stretches.products(sums)
 
 
-def _coupled_channels(patch: Patch, system: WeakEquations) -> Iterator[int]:
-    """Channels whose noise enters the equations of a patch: of its masses and, for each link, of the node at its other end."""
-    for mass, coupling in zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True):
-        yield mass
-        yield from (channel for channel in coupling.far_ends if system.motion.floored_variance[channel] > 0.0)
-
-
 def _noise_contributions(
     patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
 ) -> Iterator[tuple[int, tuple[Indices, Floats, Floats]]]:
-    """For each of `_coupled_channels`: parameters (s,), and G (s, P), to be scaled by (s,)."""
+    """For each channel whose noise enters an equation: parameters (s,), and G (s, P), to be scaled by (s,)."""
     weighted = statistics.stretches.adjoint(patch.rows[patch.layout.free_terms])
-    variance = system.motion.floored_variance
-    for i, (mass, coupling) in enumerate(
-        zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True)
-    ):
-        scale = weight[i] * coupling.sign
-        phi, phi_1, phi_2 = weighted[coupling.terms].transpose(1, 0, 2)
-        stiffness, damping = statistics.mean[:, coupling.links, None]
-        far = damping * phi_1
-        far -= stiffness * phi
-        yield mass, (coupling.parameter, scale, statistics.masses[i] * phi_2 - far.sum(axis=0))
-        for link, channel in enumerate(coupling.far_ends):
-            if variance[channel] > 0.0:
-                yield channel, (coupling.parameter, scale, far[link])
+    for i, coupling in enumerate(noise_couplings(patch, system)):
+        kernels = weighted[coupling.terms].transpose(1, 0, 2)
+        slopes = statistics.mean[:, coupling.links]
+        for channel, factor, sums in source_sums(coupling, statistics.masses[i], slopes, kernels, system):
+            yield channel, (coupling.parameter, factor * weight[i] * coupling.sign, sums)
 
 
 def quadratic_noise(
@@ -275,12 +261,14 @@ def quadratic_noise(
     inside = np.arange(len(stretches.windows))[stretches.inside]
     at = inside[stretches.windows[inside] % system.slope_stride == 0]
     parts = [slice(*np.searchsorted(at, [part.start, part.stop]).tolist()) for part in stretches.parts]
-    stiffness, damping = statistics.own[:, :, at]
+    stiffness, damping = own_noise_of_links(patch, system) @ statistics.mean[:, :, at]
     kernels = np.stack(
         [stiffness, -damping, np.broadcast_to(statistics.masses[:, None], stiffness.shape)]
     ).reshape(3, -1)
     slopes = patch.slopes[:, stretches.windows[at] // system.slope_stride]
-    amount = system.slope_stride * (weight * system.motion.floored_variance[patch.masses]) ** 2
+    variance = system.motion.covariance(patch.masses, floored=True).diagonal()
+    amount = system.slope_stride * (weight * variance) ** 2
+    acting = own_noise(patch, system, patch.signs, patch.layout.incidence)
     total = np.zeros((len(parts), *patch.products.shape))
     layout, terms = patch.layout, patch.layout.free_terms_by_kernel
     for row, column in _CORRELATED:
@@ -291,7 +279,7 @@ def quadratic_noise(
                 .sum(axis=0)
                 .reshape(stiffness.shape)
             )
-            acts = np.abs(patch.signs[:, first, None] * patch.signs[:, None, second])
+            acts = acting[:, first, None] * acting[:, None, second]
             acts *= amount[:, None, None]
             weighted, others = slopes[first] * correlation[:, None], slopes[second].T
             for stretch, part in zip(total, parts, strict=True):
@@ -330,28 +318,24 @@ def least_scatter(
     masses = patch.layout.inertia.at(values)
     sums = window.some_adjoint(patch.rows, system.thinning, spacing)[rows]
     noise: dict[int, Floats] = {}
-    for i, (mass, coupling) in enumerate(
-        zip(patch.masses.tolist(), patch.layout.noise_couplings, strict=True)
-    ):
+    for i, coupling in enumerate(noise_couplings(patch, system)):
         own = np.flatnonzero(signs[i])
-        phi, phi_1, phi_2 = (sums[own] * (weight[i] * signs[i, own])[:, None, None]).transpose(1, 0, 2)
-        stiffness, damping = mean[:, coupling.links, None]
-        far = damping * phi_1 - stiffness * phi
-        shape = len(rows), mean.shape[2]
-        noise.setdefault(mass, np.zeros(shape))[own] += masses[i] * phi_2 - far.sum(axis=0)
-        for channel, of_link in zip(coupling.far_ends, far, strict=True):
-            if variance[channel] > 0.0:
-                noise.setdefault(channel, np.zeros(shape))[own] += of_link
+        kernels = (sums[own] * (weight[i] * signs[i, own])[:, None, None]).transpose(1, 0, 2)
+        slopes = mean[:, coupling.links]
+        for channel, factor, of_channel in source_sums(coupling, masses[i], slopes, kernels, system):
+            noise.setdefault(channel, np.zeros((len(rows), mean.shape[2])))[own] += factor * of_channel
     total = np.zeros(len(rows))
     for channel, of_channel in noise.items():
         total += variance[channel] * np.einsum("sp,sp->s", of_channel, of_channel)
-    stiffness, damping = np.abs(patch.layout.link_incidence) @ mean
+    stiffness, damping = own_noise_of_links(patch, system) @ mean
     kernels = np.stack([stiffness, -damping, np.broadcast_to(masses[:, None], stiffness.shape)])
     kernels = kernels.reshape(3, -1)
-    amount = spacing * (weight * variance[patch.masses]) ** 2
+    of_masses = system.motion.covariance(patch.masses, floored=True).diagonal()
+    amount = spacing * (weight * of_masses) ** 2
+    acting = own_noise(patch, system, signs, patch.layout.incidence[rows]) ** 2
     for kernel in (PHI, PHI_1, PHI_2):
         own = np.flatnonzero(patch.layout.kernel[rows] == kernel)
         correlation = ((window.cross_correlations[kernel, kernel].T @ kernels) * kernels).sum(axis=0)
         squares = correlation.reshape(stiffness.shape) @ (patch.slopes[rows[own]] ** 2).T
-        total[own] += amount @ (signs[:, own] ** 2 * squares)
+        total[own] += amount @ (acting[:, own] * squares)
     return total

@@ -1,0 +1,97 @@
+"""How noise of the channels enters the weak equations of masses and modes.
+
+The noise of a mass is that of its own channel. That of a mode comes from all channels of its host, so that one channel is in
+the inertia of several equations, and in all links between points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.weak.equations import WeakEquations
+from linkwise.weak.patch import Patch
+from linkwise.weak.patch_layout import NoiseCoupling
+
+
+def noise_couplings(patch: Patch, system: WeakEquations) -> tuple[NoiseCoupling, ...]:
+    """How the noise of channels enters the equations of a patch, one for each mass or mode."""
+    weights = system.motion.source_weights
+    couplings = patch.layout.noise_couplings
+    return couplings if weights is None else tuple(coupling.through(weights) for coupling in couplings)
+
+
+def own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Floats) -> Floats:
+    """How the noise in the displacement of each mass or mode itself acts in its equation through terms.
+
+    Parameters
+    ----------
+    patch : Patch
+        The equations.
+    system : WeakEquations
+        All equations of the record.
+    signs : array of shape (m, k)
+        Signs of the terms in the equations.
+    incidence : array of shape (k, c)
+        Weights of the nodes in what the terms are functions of.
+
+    Returns
+    -------
+    array of shape (m, k)
+        The sign times the share of each term's noise that follows that of the mode; 1 for each term in the equation of a mass.
+    """
+    if system.motion.source_weights is None:
+        return np.abs(signs)
+    own = np.searchsorted(patch.layout.nodes, patch.masses)
+    covariance = system.motion.covariance(patch.layout.nodes, floored=True)
+    return np.asarray(signs * (incidence @ covariance[:, own] / covariance[own, own]).T)
+
+
+def own_noise_of_links(patch: Patch, system: WeakEquations) -> Floats:
+    """(m, l) `own_noise` through the elongations of the links."""
+    return own_noise(patch, system, patch.layout.link_incidence, patch.layout.readings)
+
+
+def source_sums(
+    coupling: NoiseCoupling, mass: float, slopes: Floats, kernels: Floats, system: WeakEquations
+) -> Iterator[tuple[int, float, Floats]]:
+    """Sums over windows of what the noise of each channel adds to an equation.
+
+    Parameters
+    ----------
+    coupling : NoiseCoupling
+        How noise enters the equation.
+    mass : float
+        Its mass in kg.
+    slopes : array of shape (2, k, P)
+        Slopes of its links with respect to d and v.
+    kernels : array of shape (3, s, P)
+        Sums over windows under phi, phi' and phi''.
+    system : WeakEquations
+        All equations of the record.
+
+    Yields
+    ------
+    channel : int
+        Number of a channel with noise.
+    factor : float
+        What its sums are to be multiplied by.
+    sums : array of shape (s, P)
+        The sums.
+    """
+    phi, phi_1, phi_2 = kernels
+    stiffness, damping = slopes[:, :, None]
+    from_links = damping * phi_1
+    from_links -= stiffness * phi
+    for channel, inertia, passed in zip(
+        coupling.sources.tolist(), coupling.inertia.tolist(), coupling.passed, strict=True
+    ):
+        links = np.flatnonzero(passed)
+        if system.motion.floored_variance[channel] <= 0.0:
+            continue
+        if inertia == 0.0 and len(links) == 1:
+            yield channel, -float(passed[links[0]]), from_links[links[0]]
+        else:
+            yield channel, 1.0, inertia * mass * phi_2 - np.tensordot(passed, from_links, 1)
