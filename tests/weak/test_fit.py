@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from problems import chain_record
-from structures import hysteretic_oscillator, oscillator
+from structures import oscillator
 
 import linkwise as lw
 from linkwise.weak import fit as weakfit
@@ -149,12 +149,3 @@ def test_a_parameter_in_no_equation_names_the_missing_channel(clean: lw.Record, 
         match=r"has no information on nes2\.alpha, nes2\.beta, nes2\.c: .* missing x:m4",
     ):
         fit(record, chain.unknown("nes"))
-
-
-def test_memory_is_refused_with_what_takes_it() -> None:
-    joint = hysteretic_oscillator(k=400.0, c=1.5, F=12.0, x0=0.02, s=0.7)
-    record = lw.simulate(joint, release={"v:m1": 0.3}, duration=1.0, rate=200.0, sensors=["x", "state"])
-    with pytest.raises(
-        lw.StructureError, match=r"memory \(state z\).*method \"weak\"; maximum likelihood takes it"
-    ):
-        lw.identify(record, joint.unknown("joint"), method="weak")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +18,14 @@ POINTS = ("tip", "mid", "root")
 SEEDS = range(4100, 4112)
 
 
-def beam_with_sink(points: dict[str, tuple[float, ...]], *, modes: int = 3, **sink: float) -> lw.Structure:
+def beam_with_sink(
+    points: Mapping[str, Sequence[float]], *, modes: int = 3, sink: Mapping[str, float] | None = None
+) -> lw.Structure:
     """A cantilever by its first modes, with a bistable sink at its tip."""
     beam = host("beam", CANTILEVER[:modes], 0.01, points)
-    return structure({"sink": 0.05}, link("nes", "sink-beam.tip", NES, **sink), hosts=[beam], name="beam")
+    return structure(
+        {"sink": 0.05}, link("nes", "sink-beam.tip", NES, **(sink or {})), hosts=[beam], name="beam"
+    )
 
 
 def ringing(true: lw.Structure, *points: str) -> lw.Record:
@@ -36,7 +41,7 @@ def ringing(true: lw.Structure, *points: str) -> lw.Record:
 
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
-    return ringing(beam_with_sink(CANTILEVER_SHAPES, **CANTILEVER_SINK), *POINTS)
+    return ringing(beam_with_sink(CANTILEVER_SHAPES, sink=CANTILEVER_SINK), *POINTS)
 
 
 def scores(fit: lw.Estimate) -> np.ndarray:
@@ -108,7 +113,9 @@ def test_a_wrong_frequency_is_not_trusted(record: lw.Record) -> None:
 def test_more_sensors_than_modes_show_a_wrong_shape() -> None:
     """Three sensors on a host of two modes: what they show beside the modes is noise, unless a shape is 5 % wrong."""
     shapes = {point: shape[:2] for point, shape in CANTILEVER_SHAPES.items()}
-    record = ringing(beam_with_sink(shapes, modes=2, **CANTILEVER_SINK), *POINTS).with_noise(35.0, seed=4400)
+    record = ringing(beam_with_sink(shapes, modes=2, sink=CANTILEVER_SINK), *POINTS).with_noise(
+        35.0, seed=4400
+    )
     asked = beam_with_sink(shapes, modes=2)
     assert lw.identify(record, asked, method="weak").trusted
     motion = read_displacements(record, asked)

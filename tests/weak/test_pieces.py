@@ -8,7 +8,7 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.weak import estimate
+from linkwise.weak import judgement
 
 CHAIN = lw.bnes_chain(2)
 
@@ -34,7 +34,7 @@ def test_damping_that_the_law_lacks_takes_trust_from_the_weak_form(
     fit = lw.identify(noisy, CHAIN.unknown("all"), method="weak")
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
     assert fit.coefficient("spring1.c").interval is None
-    monkeypatch.setattr(estimate, "significant_score", lambda *arguments: None)
+    monkeypatch.setattr(judgement, "significant_score", lambda *arguments: None)
     by_pieces = lw.identify(noisy, CHAIN.unknown("all"), method="weak")
     assert by_pieces.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
     assert "pieces of it do not agree on spring1.c" in by_pieces.message

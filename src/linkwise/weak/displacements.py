@@ -113,8 +113,9 @@ class MeasuredDisplacements:
 
 
 def source_names(structure: Structure) -> list[str]:
-    """The channels that tell displacements: of masses and points of hosts, and of the base."""
-    return [*(f"x:{place}" for place in structure.places), "x:base"]
+    """The channels that tell the motion of nodes: of masses and points of hosts, of states of links, and of the base."""
+    states = (f"state:{structure.links[link].name}.{name}" for link, name in structure.topology.states)
+    return [*(f"x:{place}" for place in structure.places), *states, "x:base"]
 
 
 def read_displacements(record: Record, structure: Structure) -> MeasuredDisplacements:
@@ -140,10 +141,17 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     names = source_names(structure)
     has_channel = np.array([name in record.channels for name in names])
     measured = has_channel[:-1]
-    if not measured.any():
+    if not measured[: len(structure.places)].any():
         raise IdentificationError(
             f"the weak form needs displacements, and the record has {', '.join(record.channels)}: give a channel x:MASS, "
             "or map a column of the file to one (`channels`)",
+            arguments=("channels",),
+        )
+    unmeasured = [name for name in names[len(structure.places) : -1] if name not in record.channels]
+    if unmeasured:
+        raise IdentificationError(
+            f"the weak form needs the states of links with memory, and the record has no {', '.join(unmeasured)}: measure "
+            'it, or use method "ml", which finds states',
             arguments=("channels",),
         )
     ends = np.zeros((len(names) + 1, len(record)))

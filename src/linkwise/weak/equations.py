@@ -49,11 +49,13 @@ class WeakEquations:
         The equations.
     thinning : int
         Stride in windows of the sums that give the covariance.
-    d, v : array of shape (L, R)
-        Smoothed elongations in m and their rates in m/s, at R windows.
-    acceleration : array of shape (n, R)
-        Smoothed accelerations in m/s^2.
-    force : array of shape (R, n) or None
+    d, v : array of shape (E, R)
+        Smoothed elongations in m and their rates in m/s, of links and then of what elements of states read, at R windows.
+    states : array of shape (S, R)
+        Smoothed states of links.
+    acceleration : array of shape (n + S, R)
+        Smoothed accelerations in m/s^2 of masses and modes, and second derivatives of states.
+    force : array of shape (R, n + S) or None
         Smoothed applied forces in N; None without any.
     time : array of shape (R,)
         Centres of the windows in s.
@@ -67,6 +69,7 @@ class WeakEquations:
     thinning: int
     d: Floats
     v: Floats
+    states: Floats
     acceleration: Floats
     force: Floats | None
     time: Floats
@@ -159,7 +162,7 @@ def weak_equations(
         slope_stride=_SLOPE_THINNING * thinning,
         alone=alone,
     )
-    area = window.kernels[PHI].sum()
+    area, displaced = window.kernels[PHI].sum(), _displacements(smooth, window)
     return WeakEquations(
         context=context,
         structure_layout=layout,
@@ -167,10 +170,11 @@ def weak_equations(
         motion=motion,
         patches=_patches(context, applied, max_masses),
         thinning=thinning,
-        d=layout.elongations(_displacements(smooth, window), range(len(layout.readings))),
-        v=layout.elongations(-smooth[PHI_1] / area, range(len(layout.readings))),
+        d=layout.elongations(displaced, range(len(layout.elements))),
+        v=layout.elongations(-smooth[PHI_1] / area, range(len(layout.elements))),
+        states=displaced[structure.size : layout.equations],
         acceleration=smooth[PHI_2, :-2] / area,
-        force=_applied_forces(context.forces, area, structure.size, windows) if applied else None,
+        force=_applied_forces(context.forces, area, layout.equations, windows) if applied else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
 
@@ -216,7 +220,7 @@ def _patches(context: PatchContext, applied: dict[int, Floats], max_masses: int)
     for mass, nodes in enumerate(layout.neighbourhoods):
         if all(measured[node] for node in nodes):
             missing = _missing(
-                context.motion, [node for node in nodes if node < len(layout.links_at)], applied.get(mass)
+                context.motion, [node for node in nodes if node < layout.equations], applied.get(mass)
             )
             if mass in layout.masses_needing_rate:
                 missing = _missing_rate(missing, context)

@@ -19,6 +19,7 @@ from scipy.sparse.linalg import splu
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
+from linkwise.weak.displacements import source_names
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.layout import StructureLayout
 from linkwise.weak.patch import Patch
@@ -102,10 +103,10 @@ def _require_informed(system: WeakEquations, structure: Structure) -> None:
     reached = {number for patch in system.patches for number in patch.layout.free_parameters.tolist()}
     uninformed = [name for number, name in enumerate(system.parameters) if number not in reached]
     if uninformed:
+        motion = system.motion
+        names = source_names(structure)
         unmeasured = [
-            f"x:{name}"
-            for name, has_channel in zip(structure.mass_names, system.motion.measured, strict=True)
-            if not has_channel
+            name for name, present in zip(names[:-1], motion.has_channel, strict=False) if not present
         ]
         raise IdentificationError(
             f"the record has no information on {', '.join(uninformed)}: the weak form needs the displacement of a mass and of "

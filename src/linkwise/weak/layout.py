@@ -8,16 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import pairwise
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.model.law import Law
-from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
-from linkwise.model.topology import Weights
 from linkwise.weak.displacements import MeasuredDisplacements
+from linkwise.weak.elements import Element, elements_of
 from linkwise.weak.patch_layout import GroupTerms, PatchLayout, TermCoefficients, WeakLawGroup
 from linkwise.weak.weak_form import PHI, PHI_2, WeakPart, weak_law
 
@@ -34,41 +32,72 @@ class StructureLayout:
         Names of the p parameters.
     parameter_index : mapping of (int, str) to int
         Index of the parameter of each unknown coefficient, given as (link, or -1 - mass; name of the coefficient).
-    readings : tuple of tuple of (int, float)
-        For each link the nodes (masses and modes, and n for the base) and their weights in its elongation.
+    elements : tuple of Element
+        What acts in the equations: one element for each link, and those of measured states.
     """
 
     structure: Structure
     names: tuple[str, ...]
     parameter_index: Mapping[tuple[int, str], int]
-    readings: tuple[Weights, ...]
+    elements: tuple[Element, ...]
     _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], PatchLayout] = field(
         default_factory=dict, repr=False
     )
 
+    @property
+    def equations(self) -> int:
+        """Number of nodes with an equation: n masses and modes, and S states of links; the base is the next node."""
+        return self.structure.size + len(self.structure.topology.states)
+
     @cached_property
-    def links_at(self) -> tuple[tuple[int, ...], ...]:
-        """The links that act on each mass or mode."""
-        incidence = self.structure.incidence
-        return tuple(
-            tuple(incidence.indices[first:last].tolist())
-            for first, last in pairwise(incidence.indptr.tolist())
-        )
+    def equation_names(self) -> tuple[str, ...]:
+        """Names of these nodes; those of states are LINK.STATE."""
+        links = self.structure.links
+        states = (f"{links[link].name}.{name}" for link, name in self.structure.topology.states)
+        return (*self.structure.mass_names, *states)
+
+    @cached_property
+    def between_masses(self) -> bool:
+        """Whether every element acts on the masses that it reads, with the weights by which it reads them."""
+        return not self.structure.hosts and not self.structure.topology.states
+
+    @cached_property
+    def elements_at(self) -> tuple[tuple[int, ...], ...]:
+        """The elements that act in each equation."""
+        elements: list[list[int]] = [[] for _ in range(self.equations)]
+        for number, element in enumerate(self.elements):
+            for node, _ in element.action:
+                elements[node].append(number)
+        return tuple(map(tuple, elements))
 
     @cached_property
     def masses_with_parameters(self) -> frozenset[int]:
-        """Masses whose equation has a parameter."""
-        unknown = {index for index, _ in self.parameter_index}
+        """Nodes whose equation has a parameter."""
+        unknown = {
+            number
+            for number, element in enumerate(self.elements)
+            if any((element.link, name) in self.parameter_index for name in element.law.coefficients)
+        }
         return frozenset(
-            mass for mass, links in enumerate(self.links_at) if not unknown.isdisjoint((*links, -1 - mass))
+            node
+            for node, elements in enumerate(self.elements_at)
+            if not unknown.isdisjoint(elements) or (-1 - node, "mass") in self.parameter_index
         )
 
     @cached_property
     def masses_needing_rate(self) -> frozenset[int]:
-        """Masses whose equation has a law that needs a smoothed v."""
-        groups = self.groups(range(len(self.structure.links)))
-        rated = {link for group in groups if group.weak_law.needs_rate for link in group.links.tolist()}
-        return frozenset(mass for mass, links in enumerate(self.links_at) if not rated.isdisjoint(links))
+        """Nodes whose equation has a law that needs a smoothed v."""
+        groups = self.groups(range(len(self.elements)))
+        rated = {number for group in groups if group.weak_law.needs_rate for number in group.links.tolist()}
+        return frozenset(
+            node for node, elements in enumerate(self.elements_at) if not rated.isdisjoint(elements)
+        )
+
+    @cached_property
+    def nonlinear(self) -> frozenset[int]:
+        """Numbers of the parameters that enter an element nonlinearly."""
+        slots = ((element.link, name) for element in self.elements for name in element.law.nonlinear)
+        return frozenset(self.parameter_index[slot] for slot in slots if slot in self.parameter_index)
 
     def values(self, given: Mapping[str, float]) -> Floats:
         """Values of the parameters.
@@ -89,21 +118,21 @@ class StructureLayout:
 
     @cached_property
     def neighbourhoods(self) -> tuple[frozenset[int], ...]:
-        """For each mass or mode, itself and the other nodes that stretch its links; the base is node n."""
+        """For each node with an equation, itself and the nodes that the elements in it read."""
         return tuple(
-            frozenset((mass, *(node for link in links for node, _ in self.readings[link])))
-            for mass, links in enumerate(self.links_at)
+            frozenset((own, *(node for number in numbers for node, _ in self.elements[number].reading)))
+            for own, numbers in enumerate(self.elements_at)
         )
 
     @cached_property
     def _reading_entries(self) -> tuple[Indices, Indices, Floats]:
-        """(e,) links, nodes and weights of `readings`."""
-        parts = [(link, node, weight) for link, nodes in enumerate(self.readings) for node, weight in nodes]
-        links, nodes, weights = zip(*parts, strict=True)
-        return np.array(links), np.array(nodes), np.array(weights)
+        """(e,) elements, nodes and weights of what they read."""
+        parts = [(row, *entry) for row, element in enumerate(self.elements) for entry in element.reading]
+        elements, nodes, weights = zip(*parts, strict=True)
+        return np.array(elements), np.array(nodes), np.array(weights)
 
     def elongation_variance(self, motion: MeasuredDisplacements, *, floored: bool = False) -> Floats:
-        """Variances of the noise in the elongations of the links.
+        """Variances of the noise in what elements read.
 
         Parameters
         ----------
@@ -114,33 +143,35 @@ class StructureLayout:
 
         Returns
         -------
-        array of shape (L,)
+        array of shape (E,)
             The variances in m^2.
         """
         variance = motion.floored_variance if floored else motion.source_variance
-        links, nodes, weights = self._reading_entries
+        elements, nodes, weights = self._reading_entries
         if motion.source_weights is None:
-            return np.bincount(links, weights**2 * variance[nodes], len(self.readings))
-        of_nodes = np.zeros((len(self.readings), len(motion.source_weights)))
-        of_nodes[links, nodes] = weights
+            return np.asarray(
+                np.bincount(elements, weights**2 * variance[nodes], len(self.elements)), dtype=float
+            )
+        of_nodes = np.zeros((len(self.elements), len(motion.source_weights)))
+        of_nodes[elements, nodes] = weights
         return np.asarray((of_nodes @ motion.source_weights) ** 2 @ variance)
 
-    def elongations(self, displacements: Floats, links: Iterable[int]) -> Floats:
-        """Elongations of links.
+    def elongations(self, displacements: Floats, elements: Iterable[int]) -> Floats:
+        """What elements read: elongations of links, and states.
 
         Parameters
         ----------
-        displacements : array of shape (n + 2, N)
+        displacements : array of shape (k, N)
             Displacements of the nodes, or what is linear in them.
-        links : iterable of int
-            Indices of the m links.
+        elements : iterable of int
+            Indices of m elements.
 
         Returns
         -------
         array of shape (m, N)
             The elongations.
         """
-        chosen = [self.readings[link] for link in links]
+        chosen = [self.elements[number].reading for number in elements]
         result = np.empty((len(chosen), displacements.shape[1]))
         for row, ((first, of_first), *others) in zip(result, chosen, strict=True):
             np.multiply(displacements[first], of_first, out=row)
@@ -148,27 +179,27 @@ class StructureLayout:
                 row += weight * displacements[node]
         return result
 
-    def groups(self, links: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
-        """Group links by law.
+    def groups(self, elements: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
+        """Group elements by law.
 
         Parameters
         ----------
-        links : sequence of int
-            Indices of the links.
+        elements : sequence of int
+            Indices of the elements.
 
         Yields
         ------
         WeakLawGroup
-            Links that share a law.
+            Elements that share a law.
         """
         by_law: dict[tuple[Law, frozenset[str]], list[int]] = {}
-        indices = np.array(links, dtype=np.intp)
+        indices = np.array(elements, dtype=np.intp)
         for position, index in enumerate(indices.tolist()):
-            law = self.structure.links[index].law
-            free = frozenset(name for name in law.nonlinear if (index, name) in self.parameter_index)
+            law, link = self.elements[index].law, self.elements[index].link
+            free = frozenset(name for name in law.nonlinear if (link, name) in self.parameter_index)
             by_law.setdefault((law, free), []).append(position)
         for (law, free), positions in by_law.items():
-            which = indices[positions].tolist()
+            which = [self.elements[index].link for index in indices[positions].tolist()]
             coefficients = {
                 name: self._numbers((index, name) for index in which) for name in law.coefficients
             }
@@ -195,7 +226,7 @@ class StructureLayout:
         return self._layouts[key]
 
     def _layout(self, masses: Indices, forced: tuple[int, ...]) -> PatchLayout:
-        links = np.unique([link for mass in masses for link in self.links_at[mass]])
+        links = np.unique([number for mass in masses for number in self.elements_at[mass]])
         groups = tuple(self.groups(links))
         parts, numbers, stop = [], [], 0
         for index, group in enumerate(groups):
@@ -206,11 +237,11 @@ class StructureLayout:
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
         sizes = [*(term.terms.stop - term.terms.start for term in parts), len(masses), len(forced)]
-        nodes, incidence = self._incidence([*(groups[term.group].links for term in parts), links], masses)
-        of_terms, of_links = incidence[:stop], incidence[stop:]
+        chosen = [*(groups[term.group].links for term in parts), links]
+        nodes, reading, acting = self._incidence(np.concatenate(chosen).tolist(), masses)
         moved = np.searchsorted(nodes, masses)
         signs = np.zeros((len(masses), sum(sizes)))
-        signs[:, :stop] = of_terms[:, moved].T
+        signs[:, :stop] = acting[:, :stop]
         signs[:, stop : stop + len(masses)] = np.eye(len(masses))
         signs[:, stop + len(masses) :] = masses[:, None] == np.array(forced, dtype=int)
         own = np.zeros((len(masses) + len(forced), len(nodes)))
@@ -227,27 +258,33 @@ class StructureLayout:
             coefficients=TermCoefficients.joined([*numbers, inertia, forces]),
             increment=np.repeat([*(term.part.increment for term in parts), False, False], sizes),
             nodes=nodes,
-            incidence=np.concatenate([of_terms, own]),
-            readings=of_links,
-            link_incidence=of_links[:, moved].T,
+            incidence=np.concatenate([reading[:stop], own]),
+            readings=reading[stop:],
+            link_incidence=acting[:, stop:],
         )
 
-    def _incidence(self, links: Sequence[Indices], masses: Indices) -> tuple[Indices, Floats]:
-        """The nodes (c,) of links and masses, and the weights (q, c) of the nodes in the elongations of the links."""
-        chosen = [self.readings[link] for link in np.concatenate(links).tolist()]
-        nodes = np.unique([*masses.tolist(), *(node for reading in chosen for node, _ in reading)])
-        weights = np.zeros((len(chosen), len(nodes)))
-        for row, reading in zip(weights, chosen, strict=True):
-            for node, weight in reading:
-                row[np.searchsorted(nodes, node)] = weight
-        return nodes, weights
+    def _incidence(self, numbers: Sequence[int], masses: Indices) -> tuple[Indices, Floats, Floats]:
+        """The nodes (c,) of elements and masses, what the elements read of them (q, c), and how they act on masses (m, q)."""
+        chosen = [self.elements[number] for number in numbers]
+        nodes = np.unique([*masses.tolist(), *(node for element in chosen for node, _ in element.reading)])
+        column = {node: place for place, node in enumerate(nodes.tolist())}
+        row = {mass: place for place, mass in enumerate(masses.tolist())}
+        reading, acting = np.zeros((len(chosen), len(nodes))), np.zeros((len(masses), len(chosen)))
+        for place, element in enumerate(chosen):
+            for node, weight in element.reading:
+                reading[place, column[node]] = weight
+            for node, weight in element.action:
+                if node in row:
+                    acting[row[node], place] = weight
+        return nodes, reading, acting
 
     def _numbers(self, where: Iterable[tuple[int, str]]) -> TermCoefficients:
         """The coefficients of these slots: numbers of parameters, or known values."""
         slots = list(where)
         links, masses = self.structure.links, self.structure.masses
+        of_masses = [*(mass.mass.value for mass in masses), *(0.0 for _ in self.structure.topology.states)]
         known = [
-            links[index].coefficients[name].value if index >= 0 else masses[-1 - index].mass.value
+            links[index].coefficients[name].value if index >= 0 else of_masses[-1 - index]
             for index, name in slots
         ]
         parameter = [self.parameter_index.get(slot, -1) for slot in slots]
@@ -270,8 +307,6 @@ def structure_layout(structure: Structure) -> StructureLayout:
     StructureLayout
         Its layout.
     """
-    refuse_memory(structure.links, "the weak form")
-    base = structure.size
     parameters = structure.parameters
     return StructureLayout(
         structure=structure,
@@ -279,12 +314,7 @@ def structure_layout(structure: Structure) -> StructureLayout:
         parameter_index={
             slot: number for number, parameter in enumerate(parameters) for slot in parameter.members
         },
-        readings=tuple(
-            (*column, (base, weight)) if weight else column
-            for column, weight in zip(
-                structure.topology.columns, structure.base_incidence.tolist(), strict=True
-            )
-        ),
+        elements=elements_of(structure),
     )
 
 

@@ -74,9 +74,10 @@ def measured_modes(structure: Structure, has_channel: Bools, variance: Floats) -
         If the channels of a host do not tell its modes, or a shape is not known.
     """
     _require_known_shapes(structure)
-    topology, places, size = structure.topology, structure.places, structure.size
-    weights, surplus = np.zeros((size + 2, len(has_channel))), []
-    weights[[-2, -1], [-2, -1]] = 1.0
+    topology, places = structure.topology, structure.places
+    states = len(topology.states)
+    weights, surplus = np.zeros((structure.size + states + 2, len(has_channel))), []
+    weights[-2 - states :, -2 - states :] = np.eye(states + 2)
     for column, place in enumerate(places[len(structure.points) :], start=len(structure.points)):
         weights[topology.index[place], column] = float(has_channel[column])
     firsts = np.cumsum([0, *(len(host.points) for host in structure.hosts)]).tolist()

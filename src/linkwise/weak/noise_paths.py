@@ -42,7 +42,7 @@ def own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Flo
     array of shape (m, k)
         The sign times the share of each term's noise that follows that of the mode; 1 for each term in the equation of a mass.
     """
-    if system.motion.source_weights is None:
+    if system.structure_layout.between_masses:
         return np.abs(signs)
     own = np.searchsorted(patch.layout.nodes, patch.masses)
     covariance = system.motion.covariance(patch.layout.nodes, floored=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from linkwise.model.memory_support import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.weak.displacements import read_displacements
@@ -40,6 +41,7 @@ def record_misfit(record: Record, structure: Structure) -> float:
     IdentificationError
         As `weak_search`.
     """
+    refuse_memory(structure.links, "the comparison of channels", "their states have no acceleration")
     equations, fit, _ = weak_search(record, structure, read_displacements(record, structure))
     misfit = 0.0
     for patch in equations.patches:

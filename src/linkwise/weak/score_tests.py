@@ -193,20 +193,21 @@ def _with_link_terms(link: Link, terms: Sequence[str], prefix: str) -> Link:
     added = {f"{prefix}{number}": term for number, term in enumerate(terms) if term not in unknown}
     text = " + ".join([link.law.text, *(f"{name}*({term})" for name, term in added.items())])
     coefficients = {**link.coefficients, **{name: Coefficient.unknown() for name in added}}
-    return replace(link, law=Law.parse(text), coefficients=coefficients)
+    return replace(link, law=Law.parse(text, link.states), coefficients=coefficients)
 
 
 def _named(tests: ScoreTests, number: int, z: float) -> SignificantScore:
     """The term of a test."""
     layout, row, mass = tests.patch.layout, int(tests.rows[number]), int(tests.masses[number])
-    structure = tests.system.structure_layout.structure
-    names = [structure.mass_names[index] for index in layout.masses.tolist()]
+    of_system = tests.system.structure_layout
+    structure = of_system.structure
+    names = [of_system.equation_names[index] for index in layout.masses.tolist()]
     place = "" if mass < 0 else names[mass]
     for terms in layout.group_terms:
         if terms.terms.start <= row < terms.terms.stop:
-            link = structure.links[int(layout.groups[terms.group].links[row - terms.terms.start])]
-            name = terms.part.coefficient or ""
-            term = to_text(link.law.basis[name]) if name in link.law.basis else link.law.text
+            element = of_system.elements[int(layout.groups[terms.group].links[row - terms.terms.start])]
+            link, law, name = structure.links[element.link], element.law, terms.part.coefficient or ""
+            term = to_text(law.basis[name]) if name in law.basis else law.text
             return SignificantScore(place or link.name, term, link.name if place else "", z)
     of_inertia = row - first_inertia(layout)
     if of_inertia < len(names):

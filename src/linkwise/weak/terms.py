@@ -98,7 +98,8 @@ def _require_starts(
     law = group.weak_law.law
     for name in (name for name in law.nonlinear if name in inside):
         for row in np.flatnonzero(np.isnan(inside[name])):
+            link = structure_layout.structure.links[structure_layout.elements[group.links[row]].link]
             raise IdentificationError(
-                f'link "{structure_layout.structure.links[group.links[row]].name}": {name} enters the law {law.text} '
+                f'link "{link.name}": {name} enters the law {law.text} '
                 f"nonlinearly and needs a start: write {name} = {{ start = ... }} among its coefficients"
             )
