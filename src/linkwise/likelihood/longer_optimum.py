@@ -7,9 +7,9 @@ from dataclasses import replace
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule
 from linkwise.likelihood.shooting.longer_segments import LongerSegments
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Misfit
 
-_SAME = 1e-7  # of the cost, and the tolerance of a search: by how much the misfit to the samples may differ
+_LINKS = 1.0  # of -2 log likelihood, as much as a coefficient gains by chance: what links cost at most
 
 
 def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
@@ -23,15 +23,15 @@ def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
     Returns
     -------
     tuple of (Optimum, Misfit)
-        Those in longer segments, or, where these do not leave the same residuals, in the given ones.
+        Those in longer segments; the given ones where the links between segments, which they leave out, cost anything.
     """
     optimum, misfit = fit.optimum, fit.misfit
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
-    longer = LongerSegments.of(optimum.segments) if exact else None
+    if not exact or not misfit.continuity / optimum.q**2 < _LINKS * optimum.noise**2:
+        return optimum, misfit
+    longer = LongerSegments.of(optimum.segments)
     if longer is None:
         return optimum, misfit
-    inside = replace(optimum, segments=longer.segments, point=longer.point(optimum.point))
-    of_longer = evaluate(inside.segments, inside.point, inside.scales, inside.loss)
-    if not abs(of_longer.data - misfit.data) < AnnealingSchedule.tolerance + _SAME * misfit.data:
-        return optimum, misfit
-    return inside, of_longer
+    return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), longer.misfit(
+        misfit
+    )

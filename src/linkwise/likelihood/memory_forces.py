@@ -22,14 +22,16 @@ class MemoryForce(ABC):
     law: str
 
     @abstractmethod
-    def pieces(self, change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
-        """The part (N,) of the state that is left after each piece, and what the piece adds.
+    def pieces(
+        self, change: Floats, duration: Floats, motion: tuple[Floats, Floats]
+    ) -> tuple[Floats, Floats]:
+        """The part (N, L, K) of the state that is left after each piece, and what the piece adds.
 
         Parameters
         ----------
-        change, duration : array of shape (N,)
+        change, duration : array of shape (N, L, K), (N, 1, K)
             The change of the elongation in m over each piece, and its duration in s.
-        motion : tuple of float
+        motion : tuple of array of shape (L, 1)
             The standard deviations of the elongation in m and of its rate in m/s.
         """
 
@@ -52,30 +54,41 @@ class MemoryForce(ABC):
         starts, between : array of shape (J + 1, L, K), (J, L, K)
             The force at the ends of the steps and in their middles; zero where there is no motion.
         """
-        steps, _, links, segments = middles.shape
-        path = np.empty((links, segments, 2 * steps + 1))
-        path[..., ::2] = ends[:, 0].transpose(1, 2, 0)
-        path[..., 1::2] = middles[:, 0].transpose(1, 2, 0)
-        follows = np.zeros((segments, 2 * steps + 1), dtype=bool)
-        follows[:, 1:] = True
-        follows[1:, 0] = linked
-        duration = np.repeat(0.5 * step[:, None], 2 * steps + 1, axis=1)
-        duration[:, 0] = 0.0  # where a segment starts, that before it ends
-        force = np.zeros_like(path)
-        for number, elongation in enumerate(path):
-            motion = float(np.std(elongation)), float(np.std(ends[:, 1, number]))
-            if np.isfinite(motion).all() and min(motion) > 0.0:
-                change = np.diff(elongation.ravel(), prepend=elongation[0, 0])
-                pieces = self.pieces(change, duration.ravel(), motion)
-                force[number] = _states(*pieces, follows.ravel()).reshape(segments, -1)
-        return force[..., ::2].transpose(2, 0, 1), force[..., 1::2].transpose(2, 0, 1)
+        path = np.empty((len(ends) + len(middles), *ends.shape[2:]))
+        path[::2], path[1::2] = ends[:, 0], middles[:, 0]
+        motion = np.std(path, axis=(0, 2)), np.std(ends[:, 1], axis=(0, 2))
+        moves = np.isfinite(motion).all(axis=0) & (np.min(motion, axis=0) > 0.0)
+        change = np.diff(path, axis=0, prepend=path[:1])
+        change[0, :, 1:] = path[0, :, 1:] - path[-1, :, :-1]  # where a segment starts, that before it ends
+        duration = np.repeat(0.5 * step[None, None], len(path), axis=0)
+        duration[0] = 0.0
+        d, v = (np.where(moves, deviation, 1.0)[:, None] for deviation in motion)
+        force = _states(*self.pieces(change, duration, (d, v)), linked)
+        force[:, ~moves] = 0.0
+        return force[::2], force[1::2]
 
 
-def _states(left: Floats, added: Floats, follows: Bools) -> Floats:
-    """(N,) z_k = left_k z_(k-1) + added_k where k follows k - 1, else 0: a system of equations with two diagonals."""
-    bands = np.stack([np.ones_like(left), -np.append(np.where(follows, left, 0.0)[1:], 0.0)])
-    states, _ = dtbtrs(bands, np.where(follows, added, 0.0)[:, None], uplo="L", diag="U")
-    return np.asarray(states[:, 0])
+def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
+    """(N, L, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
+
+    Where segments are not `linked` (K - 1,) it is zero.
+    """
+    states, fades = added, left.copy()
+    follows = np.append(False, linked)
+    first, fades[0], states[0] = np.where(follows, added[0], 0.0), 1.0, 0.0
+    for j in range(1, len(states)):
+        states[j] += left[j] * states[j - 1]
+        fades[j] *= fades[j - 1]
+    first[:, 1:] += (linked * left[0, :, 1:]) * states[-1, :, :-1]
+    by_start = np.zeros_like(
+        first
+    )  # of a segment by that of the one before it: a system of equations with two diagonals
+    by_start[:, :-1] = -(linked * left[0, :, 1:]) * fades[-1, :, :-1]
+    starts, _ = dtbtrs(
+        np.stack([np.ones(first.size), by_start.ravel()]), first.reshape(-1, 1), uplo="L", diag="U"
+    )
+    states += fades * starts.reshape(first.shape)
+    return states
 
 
 @dataclass(frozen=True)
@@ -91,7 +104,9 @@ class Slip(MemoryForce):
     text: str = "hysteresis"
     law: str = "bouc-wen"
 
-    def pieces(self, change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+    def pieces(
+        self, change: Floats, duration: Floats, motion: tuple[Floats, Floats]
+    ) -> tuple[Floats, Floats]:
         """Exact where the elongation is monotonic over a piece: the state decays towards the sign of the change."""
         left = np.exp(-np.abs(change) / (self.reach * motion[0]))
         return left, np.sign(change) * (1.0 - left)
@@ -109,7 +124,9 @@ class Relaxation(MemoryForce):
     text: str = "relaxation"
     law: str = "zener"
 
-    def pieces(self, change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+    def pieces(
+        self, change: Floats, duration: Floats, motion: tuple[Floats, Floats]
+    ) -> tuple[Floats, Floats]:
         """Exact where the rate is constant over a piece."""
         time = self.time * motion[0] / motion[1]
         decay = np.maximum(duration / time, np.finfo(float).tiny)

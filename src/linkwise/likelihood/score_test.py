@@ -21,6 +21,7 @@ from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import linear_model
+from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Segments
@@ -165,33 +166,39 @@ def candidates_along(
     )
     points = segments.system.at(misfit.point.theta).points
     ends, middles = (_with_points(motion, points) for motion in (ends, middles))
-    first = np.array([force.first for force in forces], dtype=int)
-    second = np.array([force.second for force in forces], dtype=int)
-    starts = np.empty((len(ends), len(forces), segments.count))
-    between = np.empty((len(middles), len(forces), segments.count))
-    by_law: dict[Law | MemoryForce, list[int]] = {}
+    numbers_of_pairs = {
+        pair: number for number, pair in enumerate(dict.fromkeys((f.first, f.second) for f in forces))
+    }
+    firsts, seconds = np.array(list(numbers_of_pairs), dtype=int).reshape(-1, 2).T
+    elongations = [motion[:, :, firsts] - motion[:, :, seconds] for motion in (ends, middles)]
+    starts, between = (
+        np.empty((len(motion), len(forces), segments.count), np.float32) for motion in elongations
+    )
+    units, by_law = np.ones(len(forces)), dict[Law | MemoryForce, list[int]]()
     for number, force in enumerate(forces):
         by_law.setdefault(force.law, []).append(number)
+    size = max(1, _AT_ONCE // (len(starts) * segments.count))
     for law, numbers in by_law.items():
-        if isinstance(law, MemoryForce):
-            at_ends, in_middles = (
-                motion[:, :, first[numbers]] - motion[:, :, second[numbers]] for motion in (ends, middles)
-            )
-            step = segments.step * segments.flow_steps_per_tangent
-            starts[:, numbers], between[:, numbers] = law.along(at_ends, in_middles, step, segments.linked)
-            continue
-        program = Program([law.expression], VARIABLES, wide=VARIABLES)
-        size = max(1, _AT_ONCE // starts[:, 0].size)
         for begin in range(0, len(numbers), size):
             some = numbers[begin : begin + size]
-            for motion, values in ((ends, starts), (middles, between)):
-                d = motion[:, :, first[some]] - motion[:, :, second[some]]
-                values[:, some] = np.broadcast_to(program(d[:, 0], d[:, 1])[0], d[:, 0].shape)
-    power = np.mean(starts**2, axis=(0, 2))
-    units = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
-    starts *= units[:, None]
-    between *= units[:, None]
-    return CandidateForces(first, second, starts, between), units
+            pairs = as_slice(np.array([numbers_of_pairs[forces[k].first, forces[k].second] for k in some]))
+            at_ends, in_middles = _along(law, segments, *(motion[:, :, pairs] for motion in elongations))
+            power = np.mean(np.square(at_ends), axis=(0, 2))
+            units[some] = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
+            own, unit = as_slice(np.array(some)), units[some, None]
+            starts[:, own], between[:, own] = at_ends * unit, in_middles * unit
+    pair = np.array([[force.first, force.second] for force in forces], dtype=int).reshape(-1, 2)
+    return CandidateForces(pair[:, 0], pair[:, 1], starts, between), units
+
+
+def _along(
+    law: Law | MemoryForce, segments: Segments, ends: Floats, middles: Floats
+) -> tuple[Floats, Floats]:
+    """Forces (J + 1, L, K) and (J, L, K) by d and v (.., 2, L, K) at ends and middles of the steps of tangents."""
+    if isinstance(law, MemoryForce):
+        return law.along(ends, middles, segments.step * segments.flow_steps_per_tangent, segments.linked)
+    program = Program([law.expression], VARIABLES, wide=VARIABLES)
+    return program(ends[:, 0], ends[:, 1])[0], program(middles[:, 0], middles[:, 1])[0]
 
 
 def states_at_ends_and_middles(

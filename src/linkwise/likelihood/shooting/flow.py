@@ -131,6 +131,18 @@ class Trajectories:
         pairs = zip(others._arrays, self._arrays, strict=True)
         return Trajectories(*(np.where(where, *pair) for pair in pairs))
 
+    def end_to_end(self, parts: Indices) -> Trajectories:
+        """The trajectories of segments that consist of several of these each, whose numbers are `parts` (K', f)."""
+        steps, joined = len(self.middle_links), []
+        for values in self._arrays:
+            last = len(values) - steps  # 1 where there is a value at the end of the last step
+            both = np.empty((parts.shape[1] * steps + last, *values.shape[1:-1], len(parts)))
+            for number, own in enumerate(parts.T):
+                np.take(values[:steps], own, axis=-1, out=both[number * steps : (number + 1) * steps])
+            both[len(both) - last :] = values[steps:][..., parts[:, -1]]
+            joined.append(both)
+        return Trajectories(*joined)
+
     @property
     def _arrays(self) -> tuple[Floats, ...]:
         return (

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Segments
 
 _JOINED = 2  # short segments in a longer one: in more of them the influence of a mass reaches too far
@@ -35,14 +36,13 @@ class LongerSegments:
         if shorter.random is not None or shorter.late_base is not None:
             return None
         parts = _parts(shorter)
-        behind = np.diff(parts, axis=1, prepend=-1) == 0
         last = parts[:-1, -1]
         heads = parts[:, 0]
         inputs, waveforms = shorter.inputs, shorter.waveforms
         joined = replace(
             shorter,
             samples=_end_to_end(shorter.samples, parts),
-            observed=_end_to_end(shorter.observed, parts, ~behind),
+            observed=_end_to_end(shorter.observed, parts, _once(parts)),
             step=shorter.step[heads],
             linked=shorter.linked[last],
             inputs=Inputs(
@@ -64,6 +64,21 @@ class LongerSegments:
     def point(self, point: Iterate) -> Iterate:
         """A point with the nodes of the longer segments."""
         return replace(point, nodes=point.nodes[:, self.parts[:, 0]])
+
+    def misfit(self, shorter: Misfit) -> Misfit:
+        """The misfit of the shorter segments as one of the longer ones: the same motion, whose defects inside them count for
+        nothing.
+        """
+        parts, orbit = self.parts, shorter.trajectories
+        defects = shorter.defects[:, parts[:-1, -1]]
+        return replace(
+            shorter,
+            point=self.point(shorter.point),
+            trajectories=orbit.end_to_end(parts),
+            residuals=_end_to_end(shorter.residuals, parts, _once(parts)),
+            defects=defects,
+            continuity=float(np.vdot(defects, defects)),
+        )
 
     def short_nodes(self, orbit: Trajectories) -> Floats:
         """(2n + S, K) states at the nodes of the shorter segments, along an orbit of the longer ones."""
@@ -89,7 +104,12 @@ def _parts(segments: Segments) -> Indices:
     return np.stack(rows)
 
 
-def _end_to_end(values: NDArray[Any], parts: Indices, which: NDArray[np.bool_] | None = None) -> NDArray[Any]:
+def _once(parts: Indices) -> Bools:
+    """(K', f) which parts are not repeated."""
+    return np.asarray(np.diff(parts, axis=1, prepend=-1) != 0)
+
+
+def _end_to_end(values: NDArray[Any], parts: Indices, which: Bools | None = None) -> NDArray[Any]:
     """(f J, ..., K') of values (J, ..., K) in short segments; zero where not `which` (K', f)."""
     pieces = np.moveaxis(values[..., parts], -1, 0)
     if which is not None:

@@ -31,8 +31,8 @@ class CandidateForces:
 
     first: Indices
     second: Indices
-    starts: Floats
-    middles: Floats
+    starts: Floats | Single
+    middles: Floats | Single
 
     def part(self, segments: slice) -> CandidateForces:
         """The forces in some segments."""
@@ -143,7 +143,7 @@ class TangentForces:
         ]
         return own
 
-    def add_candidates(self, candidates: CandidateForces, force: Floats, step: Floats) -> None:
+    def add_candidates(self, candidates: CandidateForces, force: Floats | Single, step: Floats) -> None:
         """Count `force` (..., c, K), of unit amplitude, of candidates that no link exerts yet."""
         for ends, sign in ((candidates.first, -1.0), (candidates.second, 1.0)):
             on_mass = np.flatnonzero(ends >= 0)
@@ -183,7 +183,9 @@ class TangentForces:
                 change = (slope * weight[pair]).astype(np.float32)
                 self.rate_by_parameter.append((state, columns[which[pair]], change))
 
-    def _push(self, masses: Indices, which: Indices, weights: Floats, force: Floats, step: Floats) -> None:
+    def _push(
+        self, masses: Indices, which: Indices, weights: Floats, force: Floats | Single, step: Floats
+    ) -> None:
         """Count the forces `which` (k,) of `force`, weighted, on masses (k,), none of which occurs twice for a force."""
         factor = (weights / self.mass_values[masses])[:, None] * step**2
         change = (force[:, which] * factor).astype(np.float32)
