@@ -11,8 +11,10 @@ from problems import chain_record
 from structures import asked_oscillator
 
 import linkwise as lw
-from linkwise.likelihood.block_scores import block_scatter, block_scores
-from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.block_scores import BLOCKS, block_scatter, block_scores
+from linkwise.likelihood.fit import LikelihoodFit, Optimum, likelihood_fit
+from linkwise.likelihood.longer_optimum import in_longer_segments
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.starts.values import starting_values
 
 
@@ -44,6 +46,25 @@ def test_blocks_add_up_to_the_whole(chain_fit: LikelihoodFit) -> None:
     merged = scores.merged(6)
     assert np.allclose(merged.scores.sum(axis=0), scores.scores.sum(axis=0))
     assert len(merged.information) == 6
+
+
+def test_longer_segments_scatter_as_short_ones(chain_fit: LikelihoodFit) -> None:
+    """They end with the same blocks but for the last sample, which is a longer segment; other blocks scatter otherwise."""
+    free = np.ones(len(chain_fit.optimum.scales.theta), dtype=bool)
+
+    def deviations(optimum: Optimum, misfit: Misfit, blocks: int = BLOCKS[0]) -> np.ndarray:
+        scores = block_scores(
+            optimum.segments, misfit, optimum.scales, optimum.loss, optimum.q, blocks=blocks
+        )
+        assert scores is not None
+        return scores.deviations(free)
+
+    longer, misfit = in_longer_segments(chain_fit)
+    assert longer.segments.count == 301 < chain_fit.optimum.segments.count
+    short = deviations(chain_fit.optimum, chain_fit.misfit)
+    np.testing.assert_allclose(deviations(longer, misfit), short, rtol=0.02)
+    others = deviations(longer, misfit, BLOCKS[0] - 1)
+    assert np.max(np.abs(others / short - 1.0)) > 0.05
 
 
 def test_white_noise_hardly_widens(chain_fit: LikelihoodFit) -> None:

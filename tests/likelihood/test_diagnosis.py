@@ -107,7 +107,7 @@ def test_a_clean_record_has_no_cause(seed: int) -> None:
 
 
 def test_the_optimum_is_linearised_once_with_all_causes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work is counted: once in longer segments with all causes, and in short ones, for blocks, with the laws alone."""
+    """Work is counted: once with all causes, which the scatter of blocks is told from as well."""
     chain = lw.bnes_chain(2)
     asked = chain.unknown("all")
     record = chain_record(2).with_noise(SNR, seed=900)
@@ -123,8 +123,15 @@ def test_the_optimum_is_linearised_once_with_all_causes(monkeypatch: pytest.Monk
     monkeypatch.setattr("linkwise.likelihood.shooting.linear_model.linearise", counted)
     values = dict(zip((p.name for p in asked.parameters), map(float, fit.values), strict=True))
     assert assess(fit, asked.with_values(values), record.channels).verdict is lw.Verdict.CONVERGED
-    tested, of_blocks = widths
-    assert tested > len(theta) == of_blocks
+    (tested,) = widths
+    assert tested > len(theta)
+    short = chain_record(2, duration=4.0).with_noise(
+        SNR, seed=900
+    )  # too few longer segments for equal blocks
+    widths.clear()
+    assert lw.identify(short, asked).trusted
+    widest = max(widths)
+    assert widest > len(theta) and widths[widths.index(widest) :] == [widest, len(theta)]
 
 
 OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=4e5)

@@ -27,6 +27,7 @@ BLOCKS = (
     10,
 )  # that are tried: short ones are many, long ones hold what residuals remember; each divides the one before
 FEWEST = 5  # segments in the shortest block
+EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
 _LEVEL = 0.975
 _COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
 

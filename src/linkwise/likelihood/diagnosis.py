@@ -15,7 +15,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import CAUSE_KINDS, Cause
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
-from linkwise.likelihood.block_scores import blocks_of_scatter
+from linkwise.likelihood.block_scores import BLOCKS, EQUAL
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import (
@@ -190,7 +190,7 @@ def tested_causes(
     if shapes is not None:
         hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
         columns = columns.with_shapes(shapes)
-    blocks = blocks_of_scatter(optimum.segments)
+    blocks = BLOCKS[0] if optimum.segments.count >= EQUAL * BLOCKS[0] else 1
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
     curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
     return TestedCauses(

@@ -83,10 +83,15 @@ def missing_terms(
         (_of_term(link.name, law, structure), CandidateForce(first, second, law))
         for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True)
         if link.name in tested
-        for law in _offered(link, structure)
-        if law.text.replace(" ", "") not in linear_terms(link, estimated)
+        for law in _lacking(link, structure, estimated)
     ]
     return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
+
+
+def _lacking(link: Link, structure: Structure, estimated: Collection[str]) -> list[Law | MemoryForce]:
+    """What a link may lack that is not among its terms with coefficients `estimated`."""
+    present = linear_terms(link, estimated)
+    return [law for law in _offered(link, structure) if law.text.replace(" ", "") not in present]
 
 
 def _offered(link: Link, structure: Structure) -> tuple[Law | MemoryForce, ...]:

@@ -9,7 +9,7 @@ from linkwise.likelihood.shooting.anneal import AnnealingSchedule
 from linkwise.likelihood.shooting.longer_segments import LongerSegments
 from linkwise.likelihood.shooting.residuals import Misfit
 
-_LINKS = 1.0  # of -2 log likelihood, as much as a coefficient gains by chance: what links cost at most
+_LINKS = 0.25  # of -2 log likelihood, of which a coefficient gains 1 by chance: what links cost at most, and gains change by
 
 
 def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:

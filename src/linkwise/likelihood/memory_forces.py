@@ -73,16 +73,14 @@ def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
 
     Where segments are not `linked` (K - 1,) it is zero.
     """
-    states, fades = added, left.copy()
-    follows = np.append(False, linked)
-    first, fades[0], states[0] = np.where(follows, added[0], 0.0), 1.0, 0.0
+    states, follows = added, np.append(False, linked)
+    first, states[0] = np.where(follows, added[0], 0.0), 0.0
+    fades = np.multiply.accumulate(np.concatenate([np.ones_like(left[:1]), left[1:]]))
     for j in range(1, len(states)):
         states[j] += left[j] * states[j - 1]
-        fades[j] *= fades[j - 1]
     first[:, 1:] += (linked * left[0, :, 1:]) * states[-1, :, :-1]
-    by_start = np.zeros_like(
-        first
-    )  # of a segment by that of the one before it: a system of equations with two diagonals
+    # of a segment by that of the one before it: a system of equations with two diagonals
+    by_start = np.zeros_like(first)
     by_start[:, :-1] = -(linked * left[0, :, 1:]) * fades[-1, :, :-1]
     starts, _ = dtbtrs(
         np.stack([np.ones(first.size), by_start.ravel()]), first.reshape(-1, 1), uplo="L", diag="U"

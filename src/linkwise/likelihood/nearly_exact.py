@@ -18,23 +18,19 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.block_scores import BLOCKS, BlockScatter, block_scatter
+from linkwise.likelihood.block_scores import BLOCKS, EQUAL, BlockScatter, block_scatter
 from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_TERM
 from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.missing_terms import MissingTerms, for_usual_terms, usual_scores
 from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 
 _DOUBT = 0.02
 """Probability of so large scores and so much scatter by chance, below which exact laws are doubted: one record in 50 has wider
 intervals for nothing."""
-
-_MANY_IN_BLOCK = 15
-"""Longer segments in the shortest block, from which on one more or less hardly matters."""
 
 _AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
@@ -163,12 +159,13 @@ def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | 
         return None
     free = np.ones(len(optimum.point.border), dtype=bool)
     free[: len(fit.values)] = fit.free
+    model = None if tested is None else tested.model
+    longer, misfit = optimum, fit.misfit
     with one_blas_thread():
-        longer, misfit = in_longer_segments(fit)
-        model = None if tested is None else tested.model
-        many = len(segments.system.incidence) >= MANY  # of few masses, short ones make more equal blocks
-        if not many or longer.segments.count < _MANY_IN_BLOCK * BLOCKS[0]:
-            longer, misfit, model = optimum, fit.misfit, None
+        if model is None:
+            longer, misfit = in_longer_segments(fit)
+            if longer.segments.count < EQUAL * BLOCKS[0]:  # short ones make more equal blocks
+                longer, misfit = optimum, fit.misfit
         scatter = block_scatter(
             longer.segments,
             misfit,

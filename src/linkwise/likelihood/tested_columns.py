@@ -90,7 +90,7 @@ class TestedColumns:
         own = np.pad(self.weights, ((0, 0), (0, len(units))))
         more = np.pad(weights, ((0, 0), (self.weights.shape[1], 0)))
         return TestedColumns(
-            self.forces.joined(forces),
+            self.forces.joined(forces) if added else self.forces,
             SensorErrors(
                 np.append(self.errors.channel, errors.channel),
                 (*self.errors.kind, *errors.kind),

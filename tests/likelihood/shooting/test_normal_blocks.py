@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 import linkwise as lw
 from linkwise.likelihood.fit import likelihood_fit
@@ -16,30 +15,28 @@ from linkwise.likelihood.shooting.normal_equations import linearise, whitened_ja
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 
 
-def test_blocks_of_a_wide_border_are_those_of_each_segment() -> None:
-    """One product of all rows, or the sum of one for each segment."""
+def test_rows_in_single_precision_give_the_blocks_of_those_in_double_precision() -> None:
+    """The former are multiplied segment by segment, the latter at once."""
     segments, m, p, samples = 7, 4, 60, 10
-    rows = np.random.default_rng(5).normal(size=(segments, samples, m + p + 1))
-    by_segment, by_chunk = NormalBlocks.empty(segments, m, p), NormalBlocks.empty(segments, m, p)
+    rows = np.random.default_rng(5).normal(size=(segments, samples, m + p + 1)).astype(np.float32)
+    by_segment, at_once = NormalBlocks.empty(segments, m, p), NormalBlocks.empty(segments, m, p)
     pieces = [slice(0, 3), slice(3, 7)]
     columns = np.arange(p + 1)
-    corners = by_segment.put(slice(None), rows, pieces, columns, wide=False)
-    wide_corners = by_chunk.put(slice(None), rows, pieces, columns, wide=True)
-    for expected, computed in (
-        (corners, wide_corners),
-        (by_segment.state, by_chunk.state),
-        (by_segment.right, by_chunk.right),
-    ):
-        np.testing.assert_allclose(computed, expected, rtol=1e-12, atol=1e-12)
+    corners = by_segment.put(slice(None), rows, pieces, columns)
+    exact_corners = at_once.put(slice(None), rows.astype(float), pieces, columns)
+    scale = np.sqrt(np.einsum("bii->bi", exact_corners))
+    # a product of ten samples in single precision, relative to the lengths of both columns
+    np.testing.assert_allclose(
+        corners / scale[:, None] / scale[:, :, None],
+        exact_corners / scale[:, None] / scale[:, :, None],
+        atol=1e-6,
+    )
+    np.testing.assert_allclose(by_segment.state, at_once.state, atol=1e-5)
+    np.testing.assert_allclose(by_segment.right, at_once.right, atol=1e-5)
 
 
-@pytest.mark.parametrize("wide", [False, True])
-def test_errors_of_sensors_multiply_the_rows_of_their_channels(
-    wide: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_of_sensors_multiply_the_rows_of_their_channels() -> None:
     """Against products of whole rows, with an unknown gain, which scales a channel, a robust loss and lost samples."""
-    if wide:
-        monkeypatch.setattr("linkwise.likelihood.shooting.normal_equations._WIDE", -1)
     chain = lw.bnes_chain(2)
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.3, rate=1000.0, sensors=("x", "v"))
     values = record.with_noise(30.0, seed=3).values.copy()

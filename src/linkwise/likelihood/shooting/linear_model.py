@@ -40,14 +40,19 @@ def linear_model(
 
     Parameters
     ----------
-    segments, misfit, scales, loss, executor, candidates, errors, blocks
+    segments, misfit, scales, loss, candidates, errors, blocks
         As of `linearise`.
+    executor : Executor, optional
+        Threads; by default as many as there are processors.
 
     Returns
     -------
     Linearization or LocalLinearization
         The latter where influences reach a small part of the structure within a segment.
     """
+    if executor is None:
+        with ThreadPoolExecutor(processors()) as threads:
+            return linear_model(segments, misfit, scales, loss, threads, candidates, errors, blocks)
     if _separable(segments):
         reached = reach(segments, misfit, scales)
         origins = column_origins(segments, candidates, errors)
@@ -57,10 +62,7 @@ def linear_model(
         handled = sum(len(group.masses) * group.size for group in groups)
         if handled < _WORTHWHILE * n * (m + len(origins)):
             rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
-            if executor is not None:
-                return local_linearization(rows, executor, blocks)
-            with ThreadPoolExecutor(processors()) as threads:
-                return local_linearization(rows, threads, blocks)
+            return local_linearization(rows, executor, blocks)
     return linearise(segments, misfit, scales, loss, executor, candidates, errors, blocks)
 
 

@@ -50,56 +50,45 @@ class NormalBlocks:
         """(p,) of all segments."""
         return np.asarray(self.corner_gradients.sum(axis=0))
 
-    def put(
-        self,
-        part: slice,
-        rows: Floats,
-        pieces: Sequence[slice],
-        columns: Indices,
-        *,
-        wide: bool,
-    ) -> Floats:
+    def put(self, part: slice, rows: Floats | Single, pieces: Sequence[slice], columns: Indices) -> Floats:
         """Store [J r]'[J r] of the Jacobian and residuals `rows` (k, r, m + c) of a chunk, by states and c `columns`.
 
-        Returns corners and gradients (b, p + 1, p + 1) of its pieces. With `wide`, for a border much wider than the states,
-        they are one product over all rows, in double precision, in place of a sum of k products.
+        Returns corners and gradients (b, c, c) of its pieces. Rows in single precision are multiplied segment by segment and
+        the products summed in double precision; those in double precision are multiplied at once.
         """
-        m, size = self.state.shape[1], self.right.shape[2]
-        product = (rows[..., :m] if wide else rows).transpose(0, 2, 1) @ rows
+        m, single = self.state.shape[1], rows.dtype == np.float32
+        product = (rows if single else rows[..., :m]).transpose(0, 2, 1) @ rows
         self.state[part] = product[:, :m, :m]
         self.right[part][..., columns] = product[:, :m, m:]
-        corners = np.zeros((len(pieces), size, size))
-        for corner, piece in zip(corners, pieces, strict=True):
-            if wide:
-                border = rows[piece, :, m:].astype(float).reshape(-1, len(columns))
-                corner[columns[:, None], columns] = border.T @ border
-            else:
-                corner[columns[:, None], columns] = product[piece, m:, m:].sum(axis=0, dtype=float)
-        return corners
+        if single:
+            return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
+        borders = (rows[piece, :, m:].reshape(-1, len(columns)) for piece in pieces)
+        return np.stack([border.T @ border for border in borders])
 
-    def add_errors(
-        self,
-        part: slice,
-        rows: Floats,
-        errors: Sequence[ChannelErrors],
-        pieces: Sequence[slice],
-        columns: Indices,
-        corners: Floats,
-    ) -> None:
-        """Store products of `errors` of sensors with `rows` (k, M, C, m + c) as of `put`, those of the border in `corners`."""
-        m = self.state.shape[1]
+    def add_corners(self, blocks: Indices, columns: Indices, corners: Floats) -> None:
+        """Add corners and gradients (b, c, c) of `columns`, as of `put`, to those of b `blocks`."""
+        border = columns[:-1]
+        self.corners[blocks[:, None, None], border[:, None], border] += corners[:, :-1, :-1]
+        self.corner_gradients[blocks[:, None], border] += corners[:, -1, :-1]
+
+    def put_errors(
+        self, part: slice, rows: Floats | Single, errors: Sequence[ChannelErrors], columns: Indices
+    ) -> Floats:
+        """Store products of `errors` of sensors with `rows` (k, M, C, m + c) as of `put`.
+
+        Returns those in the border and its gradient (p + 1, p + 1).
+        """
+        m, size = self.state.shape[1], self.right.shape[2]
+        corner = np.zeros((size, size))
         for of_channel in errors:
             own, values, shown = of_channel.columns, of_channel.values, rows[:, :, of_channel.channel]
-            self.right[part][..., own] = shown[..., :m].transpose(0, 2, 1) @ values
-            for corner, piece in zip(corners, pieces, strict=True):
-                border, added = (
-                    array.astype(float).reshape(-1, array.shape[-1])
-                    for array in (shown[piece, :, m:], values[piece])
-                )
-                across = border.T @ added
-                corner[columns[:, None], own] = across
-                corner[own[:, None], columns] = across.T
-                corner[own[:, None], own] = added.T @ added
+            product = shown.transpose(0, 2, 1) @ values
+            self.right[part][..., own] = product[:, :m]
+            across = product[:, m:].sum(axis=0, dtype=float)
+            corner[columns[:, None], own] = across
+            corner[own[:, None], columns] = across.T
+            corner[own[:, None], own] = (values.transpose(0, 2, 1) @ values).sum(axis=0, dtype=float)
+        return corner
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
 from linkwise.likelihood.shooting.late_sensors import late_motion
+from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.normal_blocks import ChannelErrors, NormalBlocks
 from linkwise.likelihood.shooting.prior import Prior
@@ -28,7 +29,6 @@ from linkwise.likelihood.shooting.tangents import tangents
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
 _AT_ONCE = 32  # nodes whose equations are assembled together
-_WIDE = 20  # columns beside those of a search, from which one product of all rows is faster than one for each segment
 NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
@@ -42,7 +42,7 @@ def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
 
 def block_ends(K: int, blocks: int) -> list[int]:
     """The first of K segments in each of as many consecutive blocks of about equal length, and, last, K."""
-    return [-(-block * K // blocks) for block in range(blocks + 1)]
+    return [block * K // blocks for block in range(blocks + 1)]
 
 
 def blocks_of(part: slice, ends: Sequence[int]) -> list[tuple[int, slice]]:
@@ -130,13 +130,12 @@ def linearise(
     """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
     The amplitudes of `candidates` and the sizes of `errors` follow theta in the border, whose corner is summed by consecutive
-    `blocks` of segments.
+    `blocks` of segments; products with errors are not told apart by these.
     """
     m, K = segments.system.dimension, segments.count
     p = segments.parameters + _extra_columns(candidates, errors)
     columns = np.delete(np.arange(p + 1), _columns_of(errors, segments, candidates))
     parts, ends_of_blocks = chunks(segments, len(columns) - 1), block_ends(K, blocks)
-    wide = len(columns) - 1 - segments.parameters > _WIDE
     data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
     joined = np.append(segments.linked, False)[:, None] * segments.continuous
     defects_by_node = np.zeros((K, m))
@@ -144,26 +143,27 @@ def linearise(
     state_ends, right_ends = np.empty((K, m, m)), np.zeros((K, m, p + 1))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def work(part: slice) -> tuple[Floats, Floats]:
+    def work(part: slice) -> tuple[Floats, Floats, Floats | None]:
         pieces = [piece for _, piece in blocks_of(part, ends_of_blocks)]
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
-        corners = data.put(part, rows, pieces, columns, wide=wide)
+        corners, of_errors = data.put(part, rows, pieces, columns), None
         if errors is not None:
             added = _whitened_errors(errors, segments, misfit, scales, loss, part, candidates)
             by_sample = rows.reshape(len(rows), len(segments.samples), -1, rows.shape[2])
-            data.add_errors(part, by_sample, added, pieces, columns, corners)
+            of_errors = data.put_errors(part, by_sample, added, columns)
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= joined[part, :, None]
         state_ends[part] = ends[:, :, :m]
         right_ends[part][..., columns] = ends[:, :, m:]
-        return corners, defects.put(part, ends, pieces, columns, wide=wide)
+        return corners, defects.put(part, ends, pieces, columns), of_errors
 
-    by_part = map(work, parts) if executor is None else executor.map(work, parts)
-    for part, sums in zip(parts, by_part, strict=True):
-        for (block, _), *totals in zip(blocks_of(part, ends_of_blocks), *sums, strict=True):
-            for form, total in zip((data, defects), totals, strict=True):
-                form.corners[block] += total[:-1, :-1]
-                form.corner_gradients[block] += total[-1, :-1]
+    by_part = map(work, parts) if executor is None or len(parts) == 1 else executor.map(work, parts)
+    for part, (*sums, of_errors) in zip(parts, by_part, strict=True):
+        own = np.array([block for block, _ in blocks_of(part, ends_of_blocks)])
+        for form, corners in zip((data, defects), sums, strict=True):
+            form.add_corners(own, columns, corners)
+        if of_errors is not None:
+            data.add_corners(own[:1], np.arange(p + 1), of_errors[None])
     data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
     if segments.prior is not None:
         add_prior(data.corners[0], data.corner_gradients[0], segments.prior, misfit.point, scales)
@@ -221,8 +221,12 @@ def whitened_jacobian(
     root, whiten = _weights(segments, misfit, scales, loss, part)
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * misfit.residuals[..., part]).transpose(2, 0, 1)
-    chosen = [np.flatnonzero(sensors.kind == kind) for kind in (X, V, A, F, S)]
     rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
+    shown = [
+        (kind, channels, as_slice(channels), (whiten[:, channels] * rates[kind]).astype(np.float32))
+        for kind in (X, V, A, F, S)
+        if len(channels := np.flatnonzero(sensors.kind == kind))
+    ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
     for number, tangent in enumerate(
@@ -232,11 +236,9 @@ def whitened_jacobian(
         if tangent.acceleration is None or between:
             continue
         motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
-        for kind in (X, V, A, F, S):
-            if len(chosen[kind]):
-                factor = (whiten[sample, chosen[kind]] * rates[kind]).astype(np.float32)
-                rows = _shown(motions, kind, chosen[kind], sensors, misfit.point, rates[V]) * factor[:, None]
-                jacobian[:, sample, chosen[kind], :moving] = rows.transpose(2, 0, 1)
+        for kind, channels, places, factors in shown:
+            rows = _shown(motions, kind, channels, sensors, misfit.point, rates[V])
+            jacobian[:, sample, places, :moving] = (rows * factors[sample, :, None]).transpose(2, 0, 1)
     if segments.random is not None and segments.random.shown is not None:
         _add_shown_forces(jacobian, segments.random, scales, whiten)
     if errors is not None:
@@ -330,8 +332,10 @@ def _shown(
     rate: float | Floats,
 ) -> Single:
     """(c, P, k) tangents of what the `channels` of one `kind` show; those that are late to first order in the delay."""
-    rows = np.asarray(motions[kind][sensors.mass[channels]])
+    rows = motions[kind][as_slice(sensors.mass[channels])]
     late = sensors.delay[channels] >= 0 if kind < A and len(sensors.delay) else np.zeros(0, dtype=bool)
+    if late.any():
+        rows = rows.copy()
     for number in np.flatnonzero(late).tolist():
         delay, mass = point.delays[sensors.delay[channels[number]]], sensors.mass[channels[number]]
         rows[number] -= (delay * rate * motions[kind + 1][mass]).astype(rows.dtype)

@@ -45,8 +45,8 @@ class CandidateForces:
         return CandidateForces(
             np.append(self.first, others.first),
             np.append(self.second, others.second),
-            np.concatenate([self.starts, others.starts], axis=1),
-            np.concatenate([self.middles, others.middles], axis=1),
+            np.concatenate([self.starts, others.starts], axis=1, dtype=np.float32),
+            np.concatenate([self.middles, others.middles], axis=1, dtype=np.float32),
         )
 
 
@@ -187,8 +187,8 @@ class TangentForces:
         self, masses: Indices, which: Indices, weights: Floats, force: Floats | Single, step: Floats
     ) -> None:
         """Count the forces `which` (k,) of `force`, weighted, on masses (k,), none of which occurs twice for a force."""
-        factor = (weights / self.mass_values[masses])[:, None] * step**2
-        change = (force[:, which] * factor).astype(np.float32)
+        factor = ((weights / self.mass_values[masses])[:, None] * step**2).astype(np.float32)
+        change = (force[:, which] * factor).astype(np.float32, copy=False)
         self.candidates.append((masses, self.width + which, change))
 
     def __call__(self, j: int, motion: Single, inner: Single, out: Single, rates: Single) -> None:
