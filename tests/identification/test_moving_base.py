@@ -68,6 +68,49 @@ def test_weak_form_finds_the_coefficients() -> None:
     assert distance(fit) < scipy.stats.chi2.ppf(QUANTILE, len(fit.values))
 
 
+def with_masses(given: lw.Structure, **masses: lw.Coefficient) -> lw.Structure:
+    return replace(given, masses=tuple(replace(m, mass=masses.get(m.name, m.mass)) for m in given.masses))
+
+
+UNKNOWN_MASSES = {
+    "unknown": {"m2": lw.Coefficient.unknown()},
+    "far from its start": {"m2": lw.Coefficient.unknown(0.8)},
+    "known to within": {
+        "m1": lw.Coefficient.unknown(1.004, sigma=0.01),
+        "m2": lw.Coefficient.unknown(),
+    },
+}
+
+
+@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base"), ("rel:x", "v:base")], ids=str)
+@pytest.mark.parametrize("case", UNKNOWN_MASSES)
+def test_an_acceleration_of_the_base_determines_masses(case: str, sensors: tuple[str, ...]) -> None:
+    """The force of inertia is the unknown mass times what was recorded; another mass sets the scale."""
+    fit = lw.identify(measured(*sensors), with_masses(two_storeys().unknown("all"), **UNKNOWN_MASSES[case]))
+    assert fit.trusted
+    assert distance(fit) < scipy.stats.chi2.ppf(QUANTILE, len(fit.values))
+    [mass] = (mass for mass in fit.masses if mass.name == "m2.mass")
+    assert mass.interval is not None
+    assert mass.interval[1] - mass.interval[0] < 0.05  # of 0.5 kg: the record determines it
+
+
+def test_weak_form_finds_a_mass_on_a_base_of_which_the_acceleration_is_known() -> None:
+    unknown = with_masses(two_storeys().unknown("all"), m2=lw.Coefficient.unknown(0.8))
+    fit = lw.identify(measured("rel:x", "a:base"), unknown, method="weak")
+    assert fit.trusted
+    assert distance(fit) < scipy.stats.chi2.ppf(QUANTILE, len(fit.values))
+
+
+@pytest.mark.parametrize("method", ["ml", "weak"])
+def test_nothing_sets_the_scale_where_all_masses_are_unknown(method: str) -> None:
+    """An acceleration of the base fixes ratios of masses and coefficients only."""
+    unknown = with_masses(
+        two_storeys().unknown("all"), m1=lw.Coefficient.unknown(), m2=lw.Coefficient.unknown()
+    )
+    with pytest.raises(lw.IdentificationError, match="nothing sets the scale of the forces"):
+        lw.identify(measured("rel:x", "a:base"), unknown, method=method)
+
+
 def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
     columns = record.values.copy()
     columns[:, record.channels.index(channel)] = values

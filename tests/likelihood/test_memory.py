@@ -85,7 +85,7 @@ def test_sensitivities_of_states_are_differences_of_the_flow() -> None:
         return flow(system.at(values), at, h, 20, Inputs()).ends(h)
 
     orbit = flow(system.at(theta), start, h, 20, Inputs())
-    *_, last = tangents(system.at(theta), orbit, h, scale, theta)
+    *_, last = tangents(system.at(theta), orbit, h, scale, theta, inputs=Inputs())
     computed = np.concatenate([last.state[0], last.state[1] / h, last.memory])
     eps, errors = 1e-5, []
     for column in range(len(scale) + len(theta)):

@@ -123,23 +123,23 @@ def _inertia_and_inputs(
     """
     segments, names = optimum.segments, identified.mass_names
     stride = segments.flow_steps_per_tangent
-    orbit = misfit.trajectories.thinned(stride)
+    accelerations = segments.inputs.accelerations(misfit.trajectories.thinned(stride))
     for i, name in enumerate(names):
         if name in identified.modes:  # of unit mass by definition; its frequency and damping are terms
             continue
         inertia = -float(identified.mass_values[i])
-        ends, middles = orbit.accelerations[:, i] * inertia, orbit.middle_accelerations[:, i] * inertia
-        if segments.inputs.frame is not None:
-            at_ends, between = at_ends_and_middles(segments.inputs.frame, stride)
-            ends, middles = ends + inertia * at_ends, middles + inertia * between
+        ends, middles = (inertia * acceleration[:, i] for acceleration in accelerations)
         yield Hypothesis("mass", name), i, ends, middles
     if segments.inputs.force is None:
         return
-    step = segments.step * stride
+    step, forces = (
+        segments.step * stride,
+        segments.inputs.applied(segments.system.at(optimum.point.theta), slice(None)),
+    )
     for i, name in enumerate(names):
         if name in identified.modes:  # on which a force acts at points
             continue
-        applied = segments.inputs.force[:, :, i]
+        applied = forces[:, :, i]
         smallest = 0.0
         if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
             of_frame = float(identified.mass_values[i]) * segments.inputs.frame

@@ -162,7 +162,7 @@ def input_kicks(
     for number, name in enumerate(identified.mass_names):
         if f"force:{name}" not in channels or inputs.force is None:
             continue
-        applied = inputs.force[:, 0, number]
+        applied = inputs.applied(mechanics, slice(None))[:, 0, number]
         if inputs.frame is not None:
             applied = applied + mechanics.masses[number] * inputs.frame[:, 0]
         pattern = np.eye(identified.size)[number] / mechanics.masses[number]

@@ -137,6 +137,12 @@ def exciting_base(record: Record, structure: Structure) -> str | None:
 
 def _require_white(channel: str, record: Record, structure: Structure) -> None:
     """IdentificationError where noise of the base is not white in what it does to the masses and sensors."""
+    free = [mass.name for mass in structure.masses if not mass.mass.known and np.isinf(mass.mass.sigma)]
+    if channel == f"a:{BASE}" and free and framed(record, structure).acceleration is not None:
+        raise IdentificationError(
+            f'noise of {channel} cannot be allowed for beside the unknown mass "{free[0]}", on which its force is not known: '
+            f"weigh it, or state {{ start, sigma }}, or give the displacement, x:{BASE}"
+        )
     if channel == f"v:{BASE}":
         raise IdentificationError(
             f"noise of {channel} cannot be allowed for: what moves the masses is its derivative, in which each sample of "
@@ -237,7 +243,7 @@ def system_with(structure: Structure, places: Sequence[str]) -> System:
         if place in _OF_BASE:
             state = next(i for i, (link, _) in enumerate(system.states) if link == number)
             moved = place == f"a:{BASE}"
-            incidence[:, system.state_links[state]] = system.parameters.mass_constant if moved else 0.0
+            incidence[:, system.state_links[state]] = system.parameters.stated_masses if moved else 0.0
             error = error if moved else state
     return replace(system, incidence=incidence, base_error=error)
 

@@ -5,7 +5,9 @@ only. If no link ends at the ground, the equations in coordinates relative to th
 
     M z'' = -B f(B'z, B'z') + w - M 1 x_base''
 
-so that the base rests and every mass carries a force of inertia (Chopra, Dynamics of Structures, section 1.7).
+so that the base rests and every mass carries a force of inertia (Chopra, Dynamics of Structures, section 1.7). That of a mass
+that is not known follows the estimate of it: the record has the force by the value that the structure states, and the
+acceleration of the coordinates for the rest of it.
 """
 
 from __future__ import annotations
@@ -34,8 +36,9 @@ class FramedRecord:
     Attributes
     ----------
     record : Record
-        Responses in these coordinates, named as those of masses, in the order of the original; with forces of inertia where
-        the coordinates are relative to the base.
+        Responses in these coordinates, named as those of masses, in the order of the original. Where the coordinates are
+        relative to the base, with forces of inertia of masses that have a value in the structure, x:base at rest, and the
+        acceleration of the coordinates as a:base.
     names : mapping of str to str
         For each response of the original its name in `record`.
     carried : mapping of str to array of shape (2, N)
@@ -119,20 +122,13 @@ def framed(record: Record, structure: Structure) -> FramedRecord:
 
 
 def _require_links_to_base(record: Record, structure: Structure) -> None:
-    """IdentificationError where the displacement of the base counts, or a force of inertia has no mass."""
+    """IdentificationError where the displacement of the base counts."""
     has = next(f"{kind}:{BASE}" for kind in "va" if f"{kind}:{BASE}" in record.channels)
     grounded = [link.name for link in structure.links if GROUND in link.between]
     if grounded:
         raise IdentificationError(
             f'link "{grounded[0]}" ends at the ground and another at the base, so the displacement of the base is needed, '
             f"which {has} determines only up to drift: give a channel x:{BASE}, or let every link end at the base"
-        )
-    unknown = [mass for mass in structure.masses if mass.mass.value is None or not mass.mass.known]
-    if unknown:
-        doubt = "known to within a deviation only" if np.isfinite(unknown[0].mass.sigma) else "unknown"
-        raise IdentificationError(
-            f'mass "{unknown[0].name}" is {doubt}, and with {has} alone the excitation is proportional to the masses: weigh '
-            f"it and state one number, or give a channel x:{BASE}"
         )
 
 
@@ -166,10 +162,10 @@ def _changed(
                 noise[name] = record.noise[name]
     if acceleration is not None:
         _require_band_limited(record)
-        for name, mass in zip(structure.mass_names, structure.mass_values, strict=True):
-            channel = f"force:{name}"
-            columns[channel] = columns.get(channel, 0.0) - mass * acceleration
-        columns[f"x:{BASE}"] = np.zeros(len(record))
+        for mass in structure.masses:
+            channel = f"force:{mass.name}"
+            columns[channel] = columns.get(channel, 0.0) - (mass.mass.value or 0.0) * acceleration
+        columns |= {f"x:{BASE}": np.zeros(len(record)), f"a:{BASE}": acceleration}
         noise[f"x:{BASE}"] = 0.0
     return replace(
         record,
@@ -180,6 +176,23 @@ def _changed(
         interpolation={name: kind for name, kind in record.interpolation.items() if name in columns},
         uncertainty={},  # of channels by their own names, which the estimators take from the record itself
     )
+
+
+def frame_acceleration(record: Record) -> Floats | None:
+    """Acceleration of the coordinates of a record.
+
+    Parameters
+    ----------
+    record : Record
+        The record, in the coordinates of `framed`.
+
+    Returns
+    -------
+    array of shape (N,) or None
+        The acceleration in m/s^2; None where they are at rest, and not in those of a base that accelerates.
+    """
+    rests = f"x:{BASE}" in record.channels and not record.channel(f"x:{BASE}").any()
+    return record.channel(f"a:{BASE}") if rests and f"a:{BASE}" in record.channels else None
 
 
 def _require_band_limited(record: Record) -> None:

@@ -14,9 +14,11 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.interpolation import BAND_LIMITED, at_samples
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import frame_acceleration
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
@@ -148,13 +150,14 @@ def weak_equations(
     applied = _applied(record, structure)
     smooth = window.filter(motion.displacements, window.kernels)
     layout = structure_layout(structure)
+    total = _with_frame(smooth, applied, frame_acceleration(record), layout, window)
     context = PatchContext(
         structure_layout=layout,
         values=layout.values(values or {}),
         motion=motion,
         window=window,
         rate_window=rate_window or window,
-        filtered=smooth,
+        filtered=total,
         forces={
             mass: -window.filter(np.nan_to_num(force)[None], window.kernels[:1])[0, 0]
             for mass, force in applied.items()
@@ -189,6 +192,28 @@ def _applied(record: Record, structure: Structure) -> dict[int, Floats]:
             for mass, weight in structure.topology.weights(structure.topology.index[place]):
                 applied[mass] = applied.get(mass, 0.0) + weight * force
     return dict(sorted(applied.items()))
+
+
+def _with_frame(
+    smooth: Floats,
+    applied: dict[int, Floats],
+    acceleration: Floats | None,
+    layout: StructureLayout,
+    window: Window,
+) -> Floats:
+    """The sums (3, n + 2, R) with the acceleration (N,) of the coordinates in that of masses that are parameters.
+
+    Their forces of inertia, which `applied` has by the values in the structure, leave it.
+    """
+    if acceleration is None:
+        return smooth
+    total, masses = smooth.copy(), layout.structure.masses
+    for index in (index for index in range(len(masses)) if (-1 - index, MASS) in layout.parameter_index):
+        total[PHI_2, index] += window.filter(acceleration[None], window.kernels[:1])[0, 0]
+        applied[index] = applied[index] + (masses[index].mass.value or 0.0) * acceleration
+        if not applied[index].any():
+            del applied[index]
+    return total
 
 
 def _displacements(smooth: Floats, window: Window) -> Floats:

@@ -189,7 +189,7 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, unknown: lw.Str
     stored = [
         (tangent.state.copy(), None if tangent.acceleration is None else tangent.acceleration.copy())
         for tangent in tangents(
-            system.at(theta), flow(system.at(theta), start, h, steps, drive), h, scale, theta
+            system.at(theta), flow(system.at(theta), start, h, steps, drive), h, scale, theta, inputs=drive
         )
     ]
     state, acceleration = stored[-1][0], stored[-1 - refine][1]
@@ -220,7 +220,9 @@ def test_tangents_have_their_declared_order(three: lw.Structure, unknown: lw.Str
         step = 1e-3 / refine
         h = np.full(len(time), step)
         orbit = flow(system.at(theta), start, h, 5 * refine, exact_inputs(time, step, 5 * refine))
-        *_, last = tangents(system.at(theta), orbit, h, scale, theta)
+        *_, last = tangents(
+            system.at(theta), orbit, h, scale, theta, inputs=exact_inputs(time, step, 5 * refine)
+        )
         scaled: np.ndarray = last.state / np.array([1.0, step])[:, None, None, None]
         return scaled
 

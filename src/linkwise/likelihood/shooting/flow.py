@@ -35,7 +35,7 @@ class Inputs:
     base : array of shape (J, 5, 2, K) or None
         Displacement in m and velocity in m/s of the base.
     frame : array of shape (J, 5, K) or None
-        Acceleration in m/s^2 of the coordinates, of which `force` has the forces of inertia.
+        Acceleration in m/s^2 of the coordinates; `force` has its forces of inertia by the masses that the structure states.
     points : array of shape (J, 5, k, K) or None
         Forces on points of hosts in N, where shapes are parameters; `force` has them by the shapes that the structure states.
     """
@@ -58,9 +58,25 @@ class Inputs:
     def applied(self, mechanics: NumericSystem, steps: int | slice) -> Floats:
         """Forces on the masses (..., 5, n, K) in N in some steps; there must be some."""
         assert self.force is not None
-        if self.points is None or mechanics.shape_change is None:
-            return np.asarray(self.force[steps])
-        return np.asarray(self.force[steps] + mechanics.shape_change.T @ self.points[steps])
+        force = self.force[steps]
+        if self.points is not None and mechanics.shape_change is not None:
+            force = force + mechanics.shape_change.T @ self.points[steps]
+        parameters = mechanics.system.parameters
+        if self.frame is not None and parameters.mass_map.any():
+            more = (mechanics.masses - parameters.stated_masses)[:, None]
+            force = force - more * self.frame[steps][..., None, :]
+        return np.asarray(force)
+
+    def accelerations(self, orbit: Trajectories) -> tuple[Floats, Floats]:
+        """Accelerations (J + 1, n, K) and (J, n, K) of the masses at the ends and middles of steps of an orbit, in m/s^2.
+
+        Those of the orbit are relative to the coordinates.
+        """
+        if self.frame is None:
+            return orbit.accelerations, orbit.middle_accelerations
+        stride = len(self.frame) // len(orbit.middle_accelerations)
+        ends, middles = at_ends_and_middles(self.frame, stride)
+        return orbit.accelerations + ends[:, None], orbit.middle_accelerations + middles[:, None]
 
 
 @dataclass(frozen=True, eq=False)

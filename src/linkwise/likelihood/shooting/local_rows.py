@@ -70,7 +70,8 @@ class LocalRows:
         orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
         candidates = None if self.candidates is None else self.candidates.part(part)
         unit = self.scales.theta[: segments.system.parameters.size]
-        forces = tangent_forces(mechanics, orbit, step, unit, candidates)
+        inputs = segments.inputs.part(part)
+        forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
         rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
         return rows, (root * residuals).transpose(2, 1, 0)
 

@@ -120,7 +120,8 @@ def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
     some = _sampled(segments, misfit)
     step = segments.step[some] * thinned
     orbit = misfit.trajectories.part(some).thinned(thinned)
-    starts, middles = tangent_forces(mechanics, orbit, step, scales.theta[: system.parameters.size])
+    unit, inputs = scales.theta[: system.parameters.size], segments.inputs.part(some)
+    starts, middles = tangent_forces(mechanics, orbit, step, unit, inputs=inputs)
     masses, links, memory = map(np.arange, (n, system.incidence.shape[1], len(system.states)))
     columns = np.arange(len(scales.state))
     transfer = Transfer.of(mechanics.incidence, mechanics.gain)

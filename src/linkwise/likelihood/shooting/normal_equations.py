@@ -230,7 +230,7 @@ def whitened_jacobian(
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
     for number, tangent in enumerate(
-        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs)
+        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
     ):
         sample, between = divmod(number, segments.tangent_refine)
         if tangent.acceleration is None or between:

@@ -33,6 +33,8 @@ class Parameters:
         Map to the c coefficients.
     mass_constant, mass_map : array of shape (n,), (n, p)
         Map to the masses.
+    stated_masses : array of shape (n,)
+        Values of the masses in the structure, 0 of those without one.
     lower, upper : array of shape (p,)
         Bounds.
     """
@@ -43,6 +45,7 @@ class Parameters:
     map: Floats
     mass_constant: Floats
     mass_map: Floats
+    stated_masses: Floats
     lower: Floats
     upper: Floats
 
@@ -218,6 +221,7 @@ def _parameters(structure: Structure, groups: list[LawGroup], order: Indices, ro
         map=map_,
         mass_constant=np.where(mass_map.any(axis=1), 0.0, masses),
         mass_map=mass_map,
+        stated_masses=masses,
         lower=np.array([parameter.lower for parameter in free]),
         upper=np.array([parameter.upper for parameter in free]),
     )

@@ -55,7 +55,8 @@ def tangents(
     scale: Floats,
     unit: Floats,
     candidates: CandidateForces | None = None,
-    inputs: Inputs | None = None,
+    *,
+    inputs: Inputs,
 ) -> Iterator[TangentStep]:
     """Sensitivities along an orbit, by Nystroem's method of order 4.
 
@@ -76,8 +77,8 @@ def tangents(
         Units of the parameters.
     candidates : CandidateForces, optional
         Candidate forces.
-    inputs : Inputs, optional
-        What acts along the orbit; needed where it acts on points of hosts whose shapes are parameters.
+    inputs : Inputs
+        What acts along the orbit.
 
     Yields
     ------
@@ -86,7 +87,7 @@ def tangents(
     """
     n = len(mechanics.gain)
     P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
-    starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs)
+    starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
     transfer = Transfer.of(mechanics.incidence, mechanics.gain)
     return march(transfer.stretched(mechanics.system), starts, middles, *units_of_states(scale, step, n, P))
 
@@ -182,7 +183,8 @@ def tangent_forces(
     step: Floats,
     unit: Floats,
     candidates: CandidateForces | None = None,
-    inputs: Inputs | None = None,
+    *,
+    inputs: Inputs,
 ) -> tuple[TangentForces, TangentForces]:
     """Tangent forces at the ends of the steps and in their middles.
 
@@ -196,19 +198,18 @@ def tangent_forces(
     starts, middles : TangentForces
         The forces.
     """
-    starts = TangentForces(mechanics, orbit.links, orbit.memory, orbit.accelerations, step, unit)
-    middles = TangentForces(
-        mechanics, orbit.middle_links, orbit.middle_memory, orbit.middle_accelerations, step, unit
-    )
+    at_ends, between = inputs.accelerations(orbit)
+    starts = TangentForces(mechanics, orbit.links, orbit.memory, at_ends, step, unit)
+    middles = TangentForces(mechanics, orbit.middle_links, orbit.middle_memory, between, step, unit)
     if candidates is not None:
         starts.add_candidates(candidates, candidates.starts, step)
         middles.add_candidates(candidates, candidates.middles, step)
     if mechanics.system.shapes is not None:
-        applied = None if inputs is None else inputs.points
+        applied = inputs.points
         stride = 1 if applied is None else len(applied) // len(orbit.middle_links)
-        at_ends, between = (None, None) if applied is None else at_ends_and_middles(applied, stride)
-        starts.add_shapes(orbit.states, orbit.links, orbit.memory, at_ends, step)
-        middles.add_shapes(orbit.middles(step), orbit.middle_links, orbit.middle_memory, between, step)
+        pushed, pushed_between = (None, None) if applied is None else at_ends_and_middles(applied, stride)
+        starts.add_shapes(orbit.states, orbit.links, orbit.memory, pushed, step)
+        middles.add_shapes(orbit.middles(step), orbit.middle_links, orbit.middle_memory, pushed_between, step)
     return starts, middles
 
 

@@ -134,7 +134,7 @@ def _values(
         values = host_start(records[0], structure, channel_noise(records[0]), known)
         return np.array([values[p.name] for p in parameters]), None
     if needs_integration(records[0], structure):
-        values = law_start(records[0], structure, channel_noise(records[0]), known)
+        values = known | law_start(records[0], structure, channel_noise(records[0]), known)
         return np.array([values[p.name] for p in parameters]), None
     integrated = _integrated(records, structure)
     try:
