@@ -186,6 +186,31 @@ def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.R
     assert (ratio > 1.0).all() and (ratio < 1.0 / np.sqrt(share)).all()
 
 
+@pytest.mark.parametrize("kind", ["x", "v", "a"])
+def test_every_fifth_sample_may_be_lost_at_random(kind: str) -> None:
+    """No window of the weak form is whole, and no block of the spectra from which noise is found."""
+    true = two("k*d + c*v + b*d**3", k=500.0, c=0.5, b=1e6)
+    record = shaken(true, sensors=(kind,), release={"v:m1": 1.0}).with_noise(30.0, seed=12)
+    values = record.values.copy()
+    values[np.random.default_rng(13).random(values.shape) < 0.2] = np.nan
+    lossy = replace(record, values=values)
+    fit = lw.identify(lossy, true.unknown("all"))
+    assert fit.trusted
+    assert np.abs(errors(fit, true)).max() < WITHIN
+    discovery = lw.discover(lossy, {"m1": 1.0, "m2": 0.2})
+    assert {found.name for found in discovery.structure.links} == {"m1-ground", "m2-m1"}
+
+
+def test_long_gaps_everywhere_are_refused() -> None:
+    """Bursts of 15 samples leave no window of the weak form, and are not guessed at."""
+    true = two("k*d + c*v + b*d**3", k=500.0, c=0.5, b=1e6)
+    record = shaken(true, release={"v:m1": 1.0}).with_noise(30.0, seed=12)
+    values = record.values.copy()
+    values[np.arange(len(values)) % 30 < 15] = np.nan
+    with pytest.raises(lw.IdentificationError, match="too many samples are missing"):
+        lw.identify(replace(record, values=values), true.unknown("all"))
+
+
 def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     first = chain_record(2, duration=1.5).with_noise(30.0, seed=8)
     second = chain_record(2, duration=0.8, rate=1500.0, hit="m2", speed=-3.0).with_noise(30.0, seed=9)

@@ -15,10 +15,12 @@ from linkwise.discovery.host_screen import screen_links
 from linkwise.discovery.screen import ScreenResult, screen, weak_start
 from linkwise.discovery.spanning_tree import most_significant_tree
 from linkwise.discovery.term_parameters import first_values
+from linkwise.errors import IdentificationError
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.common_samples import common_samples
 from linkwise.records.record import Record
+from linkwise.signals.short_gaps import short_gaps_bridged
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.integrated_displacements import with_displacements
@@ -42,12 +44,27 @@ class ScreenedRecords:
 
     @classmethod
     def of(cls, records: Sequence[Record], candidates: Candidates) -> ScreenedRecords:
-        """Screen what the records show of the candidates, less those that were never active."""
+        """Screen what the records show of the candidates, less those that were never active.
+
+        Short gaps are bridged where there are not enough windows without one.
+        """
         if candidates.hosts:
             first = screen_links(records[0], candidates)
             result = ScreenResult(first, frozenset(candidates.by_name))
             return cls(records, (), candidates, False, result, first, ())
         records = [common_samples(record) or record for record in records]
+        try:
+            return cls._of_masses(records, candidates)
+        except IdentificationError:
+            bridged = [short_gaps_bridged(record) for record in records]
+            if not any(bridged):
+                raise
+        filled = [ours or given for ours, given in zip(bridged, records, strict=True)]
+        return cls._of_masses(filled, candidates)
+
+    @classmethod
+    def _of_masses(cls, records: Sequence[Record], candidates: Candidates) -> ScreenedRecords:
+        """The screen without hosts, of records at one rate."""
         displaced = [with_displacements(record, candidates.masses) for record in records]
         motions = [read_displacements(record, candidates.full_structure) for record in displaced]
         rates = [record.rate for record in displaced]

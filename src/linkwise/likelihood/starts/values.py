@@ -20,8 +20,10 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.short_gaps import short_gaps_bridged
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.estimate import weak_search
+from linkwise.weak.fit import WeakFit
 from linkwise.weak.integrated_displacements import with_displacements
 
 ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
@@ -171,15 +173,30 @@ def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]
 def _best_weak_fit(
     records: Sequence[Record], structure: Structure, known: Mapping[str, float]
 ) -> ValuesAndDeviations:
-    """The weak fit with the smallest standard deviations, in the geometric mean, among those to each of the records."""
-    fits, failure = [], None
-    for record in (common_samples(record) or record for record in records):
-        try:
-            fits.append(weak_search(record, structure, read_displacements(record, structure), known)[1])
-        except IdentificationError as error:
-            failure = failure or error
-    if failure is not None and not fits:
-        raise failure
+    """The weak fit with the smallest standard deviations, in the geometric mean, among those to each of the records.
+
+    Short gaps are bridged where no record has enough windows without one.
+    """
+    sampled = [common_samples(record) or record for record in records]
+    fits, failures = _weak_fits(sampled, structure, known)
+    if not fits:
+        bridged = [filled for record in sampled if (filled := short_gaps_bridged(record)) is not None]
+        fits = _weak_fits(bridged, structure, known)[0]
+    if not fits:
+        raise failures[0]
     tiny = np.finfo(float).tiny
     best = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
     return best.values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))
+
+
+def _weak_fits(
+    records: Sequence[Record], structure: Structure, known: Mapping[str, float]
+) -> tuple[list[WeakFit], list[IdentificationError]]:
+    """The weak fits to each of the records, and why others fail."""
+    fits, failures = [], []
+    for record in records:
+        try:
+            fits.append(weak_search(record, structure, read_displacements(record, structure), known)[1])
+        except IdentificationError as error:
+            failures.append(error)
+    return fits, failures
