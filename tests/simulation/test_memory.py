@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rigs import BOUC_WEN, hysteretic
 from scipy.integrate import solve_ivp
 from structures import link, named, structure
 
@@ -311,3 +312,24 @@ def test_a_link_with_memory_on_a_base_at_rest_has_no_force(base: str) -> None:
     rig = structure({}, named("damper", "base-ground", "bouc-wen", k=500.0, c=1.0, F=5.0, x0=5e-3, s=0.6))
     record = lw.simulate(rig, base=base, duration=0.1, rate=100.0, sensors=["f:damper"])
     np.testing.assert_array_equal(record.values, 0.0)
+
+
+@pytest.mark.parametrize("band_limited", [True, False])
+@pytest.mark.parametrize("power", [1, 3])
+def test_a_hysteretic_link_leaves_its_rest(power: int, band_limited: bool) -> None:
+    """The base rests for a second, but for what a spline swings before a bend; then hysteresis follows as by `solve_ivp`."""
+    rate, rest = 200.0, 1.0
+    time = np.arange(501) / rate
+    moved = np.where(time < rest, 0.0, 0.01 * np.sin(6.0 * (time - rest)) ** power)
+    base = lw.Sampled(0.0, rate, moved, band_limited=band_limited)
+    record = lw.simulate(hysteretic(), base=base, duration=2.5, rate=rate)
+    law = BOUC_WEN
+
+    def rate_of_z(t: float, z: np.ndarray) -> np.ndarray:
+        v, s = base.derivative(np.array([t]))[0], law["s"]
+        return np.asarray((v - s * abs(v) * z - (1.0 - s) * v * np.abs(z)) / law["x0"])
+
+    solved = solve_ivp(rate_of_z, (0.0, 2.5), [0.0], t_eval=time, max_step=0.1 / rate, rtol=1e-10, atol=1e-12)
+    force = law["k"] * base.value(time) + law["c"] * base.derivative(time) + law["F"] * solved.y[0]
+    # the base moves towards the ground: force on its first end, the base; the tolerance is that of dense output
+    assert record.channel("f:damper") == pytest.approx(force, abs=1e-6 * law["F"])

@@ -18,6 +18,7 @@ from linkwise.simulation.integrator.interface import Placement
 
 _FRACTION = 1e-3  # of a step: far enough for g to exceed rounding, short enough for g to keep its sign
 _SHORTEST = 1e-12  # of a step
+_INSTANT = 4.0  # of the spacing of numbers: a moment that time can tell
 _ROUNDING = 1e-12  # of the terms of g: a g that stays that small counts as zero
 _ON_KINK = 1e-6  # of the change of g within the moment: if smaller, g counts as zero
 _CLEAR = 1e-6  # of the terms of g: a g that is larger has the sign that it shows
@@ -66,9 +67,11 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
         later_state, later = integrator.trial_step(fraction, longest)
         then = system.kink_values(later_state, parameters, later)
         on_kink = np.abs(values) <= _ON_KINK * np.abs(then - values)
-        if np.any(~on_kink & (values * then < 0.0)) and fraction > _SHORTEST:
+        passed = ~on_kink & (values * then < 0.0)
+        if passed.any() and fraction > _SHORTEST and 0.1 * (later - time) > _INSTANT * np.spacing(time):
             fraction *= 0.1  # another kink is passed within this moment
             continue
+        on_kink |= passed  # nearer to it than time can tell
         wrong = on_kink & (then * branches < 0.0)
         if not wrong.any():
             unwatched[:] = then == 0.0

@@ -130,6 +130,8 @@ class _Run:
             start, state = self.integrator.time, self.integrator.state
             while self.next < limit and self.times[self.next] <= start:
                 self.store(state[None])
+            if start >= end:
+                return
             wanted = self.times[self.next : min(limit, self.before_interruption())]
             stops = np.empty(len(wanted) + 1)
             stops[:-1], stops[-1] = wanted, end

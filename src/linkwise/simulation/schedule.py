@@ -104,7 +104,7 @@ class RunSchedule:
         for drive in self._sampled:
             edges, coefficients = drive.pieces
             piece = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, len(coefficients) - 1)
-            columns += [edges[piece, None], coefficients[piece]]
+            columns += [edges[piece, None], _without_rounding(edges, coefficients)[piece]]
         return np.hstack(columns)
 
     def parameters(self, layout: ParameterLayout, kind: type = np.float64) -> NDArray[Any]:
@@ -119,3 +119,12 @@ class RunSchedule:
         values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
         values[layout.branches] = 1.0
         return values
+
+
+def _without_rounding(edges: Floats, coefficients: Floats) -> Floats:
+    """Coefficients (S, w), 0 where they add less to a piece than its rounding: a spline never rests, and Taylor series of
+    motions that are nearly at rest underflow.
+    """
+    lengths = np.diff(edges)[: len(coefficients), None]
+    added = np.abs(coefficients) * lengths ** np.arange(coefficients.shape[1])
+    return np.where(added > np.finfo(float).eps * added.max(initial=0.0), coefficients, 0.0)
