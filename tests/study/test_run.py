@@ -368,5 +368,8 @@ def test_links_with_memory_hosts_and_rigs_are_studied(tmp_path: Path) -> None:
         # 0.5 is seven standard deviations off 95 % for eight independent intervals; those of a link go together
         assert (cells[name, "ml"].coverage or 0.0) >= 0.5 and (cells[name, "ml"].nmse or 1.0) < 0.01
         for method in ("weak", "monomial, states"):
+            if (name, method) == ("beam", "weak"):  # whose one mode two sensors tell
+                assert not cells[name, method].reasons and (cells[name, method].coverage or 0.0) >= 0.5
+                continue
             ((reason, count),) = cells[name, method].reasons
-            assert count == 2 and "not supported in method" in reason
+            assert count == 2 and "not supported in" in reason
