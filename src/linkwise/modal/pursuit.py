@@ -66,25 +66,29 @@ def pursued_modes(
 
 
 def _merged(measured: ModalMeasurement, modes: Projection) -> Projection:
-    """The modes without those that stand beside another for one whose frequency or damping moves with its amplitude.
-
-    Such are within the bandwidth of each other and move alike at all points, which modes of a linear structure do not.
-    """
+    """The modes without those that stand beside another for one whose frequency or damping moves with its amplitude."""
     while len(modes.logs) > 1:
         frequencies, damping = np.exp(modes.logs).T
-        residues = _residues(modes).reshape(len(frequencies), -1)
-        if residues.shape[1] < 2:
+        double = doubled_mode(frequencies, damping, _residues(modes).reshape(len(frequencies), -1))
+        if double is None:
             break
-        sizes = np.linalg.norm(residues, axis=1)
-        bandwidths = frequencies * damping
-        near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(bandwidths, bandwidths)
-        alike = np.abs(residues @ residues.T) > _ALIKE * np.outer(sizes, sizes)
-        pairs = np.argwhere(np.triu(near & alike, k=1))
-        if not len(pairs):
-            break
-        weaker = min(pairs[0].tolist(), key=lambda number: sizes[number] / damping[number])
-        modes = _refined(measured, np.delete(modes.logs, weaker, axis=0))
+        modes = _refined(measured, np.delete(modes.logs, double, axis=0))
     return modes
+
+
+def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int | None:
+    """The weaker of two modes that are within the bandwidth of each other and move alike; None if there are none.
+
+    `motions` (n, p) are residues or shapes. Modes of a linear structure that lie so close move differently.
+    """
+    if len(frequencies) < 2 or motions.shape[1] < 2:
+        return None
+    sizes = np.linalg.norm(motions, axis=1)
+    bandwidths = frequencies * damping
+    near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(bandwidths, bandwidths)
+    alike = np.abs(motions @ motions.T) > _ALIKE * np.outer(sizes, sizes)
+    pairs = np.argwhere(np.triu(near & alike, k=1)).tolist()
+    return min(pairs[0], key=lambda number: float(sizes[number] / damping[number])) if pairs else None
 
 
 @dataclass(frozen=True, eq=False)

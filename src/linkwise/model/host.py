@@ -281,7 +281,7 @@ class Host:
             The host.
         """
         modes = tuple(
-            replace(mode, **link(name).coefficients)
+            HostMode(**link(name).coefficients, shape=mode.shape, shape_sigma=mode.shape_sigma)
             for name, mode in zip(self.coordinates, self.modes, strict=True)
         )
         damping = {pair: link(name).coefficients[DAMPING] for pair, name in self.damping_links.items()}

@@ -137,7 +137,7 @@ def reduce_matrices(
         more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
         squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
     frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-    coupling, between = 0.0, {}
+    coupling, between = 0.0, dict[Pair, Coefficient]()
     if of_damping is not None:
         zeta, coupling, between = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
     elif isinstance(damping, tuple):

@@ -15,7 +15,7 @@ from linkwise.identification.modal_test.result import HostEstimate
 from linkwise.likelihood.whiteness import is_white
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.output_error import ModalFit, modal_fit
-from linkwise.modal.pursuit import pursued_modes
+from linkwise.modal.pursuit import PursuedModes, doubled_mode, pursued_modes
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.host_mode import HostMode
@@ -115,6 +115,10 @@ def identify_host(
             )
         progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
         fit = modal_fit(measured, pursued)
+        while (
+            modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None
+        ):
+            fit = modal_fit(measured, _without(double, measured, fit))
         faint = _powers(measured, fit) < _FAINT
     chi_square, samples = _chi_square(measured, fit)
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
@@ -137,6 +141,13 @@ def identify_host(
         remarks=_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
         seconds=perf_counter() - started,
     )
+
+
+def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedModes:
+    """The modes of a fit without one."""
+    residues = fit.shapes[:, measured.sensed, None] * fit.shapes[:, None, measured.forced]
+    kept = np.arange(len(residues)) != mode
+    return PursuedModes(fit.frequencies[kept], fit.damping[kept], residues[kept])
 
 
 def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
