@@ -11,7 +11,7 @@ import linkwise as lw
 TRUE = {"k": 500.0, "k3": 5e6, "c": 0.2}
 
 
-def body(**law: float | None) -> lw.Structure:
+def body(**law: float) -> lw.Structure:
     """A free body with one mode that bends, and a sink on it."""
     free = host("body", (0.0, 20.0), 0.01, {"left": (1.2, 1.5), "mid": (1.2, -1.0)})
     return structure({"sink": 0.05}, link("nes", "sink-body.mid", "k*d + k3*d**3 + c*v", **law), hosts=[free])

@@ -166,7 +166,8 @@ def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
     mass = np.diag([2.0, 1.0, 3.0])
     stiffness = 400.0 * np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     dashpots = np.array([[0.5, 0.0, -0.2], [0.0, 0.3, 0.0], [-0.2, 0.0, 0.4]])
-    matrices = lw.HostMatrices(*map(scipy.sparse.csc_array, (mass, stiffness, dashpots)), ("1", "2", "3"))
+    sparse = [scipy.sparse.csc_array(matrix) for matrix in (mass, stiffness, dashpots)]
+    matrices = lw.HostMatrices(sparse[0], sparse[1], sparse[2], ("1", "2", "3"))
     points = {"a": 1, "b": 2, "c": 3}
     reduced = matrices.reduce("bodies", points, keep=3, residual=False)
     structure = lw.Structure("bodies", (), (), (reduced.host,))

@@ -146,8 +146,8 @@ def identify_host(
 def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedModes:
     """The modes of a fit without one."""
     residues = fit.shapes[:, measured.sensed, None] * fit.shapes[:, None, measured.forced]
-    kept = np.arange(len(residues)) != mode
-    return PursuedModes(fit.frequencies[kept], fit.damping[kept], residues[kept])
+    others = np.arange(len(residues)) != mode
+    return PursuedModes(fit.frequencies[others], fit.damping[others], residues[others])
 
 
 def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
