@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.memory import Valley
@@ -19,14 +20,24 @@ _TIED = 20.0  # in -2 log likelihood: a valley that near is as good
 
 
 def fit_from_valleys(search: Callable[[Floats], LikelihoodFit], valleys: Sequence[Valley]) -> LikelihoodFit:
-    """Fit from the best starts until a fit explains the records to within their noise."""
+    """Fit from the best starts until a fit explains the records to within their noise.
+
+    Raises IdentificationError if the motion from none of them is finite.
+    """
     fits: list[LikelihoodFit] = []
+    failures: list[IdentificationError] = []
     for valley in valleys[:_MOST]:
         if valley.misfit > _NEAR * valleys[0].misfit:
             break
-        fits.append(search(valley.values))
+        try:
+            fits.append(search(valley.values))
+        except IdentificationError as error:
+            failures.append(error)
+            continue
         if fits[-1].status is AnnealingStatus.INTERRUPTED or _explains(fits[-1]):
             break
+    if not fits:
+        raise failures[0]
     best = min(fits, key=_rank)
     others = tuple(fit.values for fit in fits if fit is not best and _converged(fit) and _as_good(fit, best))
     return replace(best, others=others)

@@ -1,0 +1,33 @@
+"""Fits from several starts: one whose motion is not finite does not end the others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from structures import oscillator
+
+import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.starts.memory import Valley
+from linkwise.likelihood.valleys import fit_from_valleys
+
+TRUE = np.array([400.0, 1.0])
+TRULY = oscillator("k*d + c*v", mass=1.0, k=400.0, c=1.0)
+
+
+def search(values: Floats) -> LikelihoodFit:
+    if values[0] < 0.0:
+        raise lw.IdentificationError("the motion runs to infinity")
+    record = lw.simulate(TRULY, release={"v:m1": 1.0}, duration=2.0, rate=100.0).with_noise(30.0, seed=1)
+    return likelihood_fit([record], TRULY.unknown("all"), values)
+
+
+def test_a_start_that_runs_to_infinity_leaves_the_others() -> None:
+    found = fit_from_valleys(search, [Valley(-TRUE, 0.1), Valley(1.01 * TRUE, 0.2)])
+    assert found.values == pytest.approx(search(1.01 * TRUE).values, rel=1e-9)  # the same search
+
+
+def test_no_finite_start_is_told() -> None:
+    with pytest.raises(lw.IdentificationError, match="runs to infinity"):
+        fit_from_valleys(search, [Valley(-TRUE, 0.1), Valley(-2.0 * TRUE, 0.2)])
