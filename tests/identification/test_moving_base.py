@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -102,7 +103,7 @@ def test_weak_form_finds_a_mass_on_a_base_of_which_the_acceleration_is_known() -
 
 
 @pytest.mark.parametrize("method", ["ml", "weak"])
-def test_nothing_sets_the_scale_where_all_masses_are_unknown(method: str) -> None:
+def test_nothing_sets_the_scale_where_all_masses_are_unknown(method: Literal["ml", "weak"]) -> None:
     """An acceleration of the base fixes ratios of masses and coefficients only."""
     unknown = with_masses(
         two_storeys().unknown("all"), m1=lw.Coefficient.unknown(), m2=lw.Coefficient.unknown()

@@ -10,7 +10,7 @@ from duffing_ring import NOISE, SIZE, VALUES, noisy, ring
 
 import linkwise as lw
 import linkwise.likelihood.fit as likelihood_fit_module
-from linkwise.arrays import Bools
+from linkwise.arrays import Floats
 from linkwise.likelihood.noise_level import with_noise_of_residuals
 from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
@@ -50,8 +50,8 @@ def test_a_search_beside_the_optimum_that_creeps_starts_again_from_loose_links(
             fails = schedule.initial_q == schedule.final_q or loose_fails
             return replace(annealed, status=AnnealingStatus.EXHAUSTED) if fails else annealed
 
-    def creeping(segments: Segments, fit: AnnealingFit, annealer: Annealer, stated: Bools) -> AnnealingFit:
-        return with_noise_of_residuals(segments, fit, Creeping(annealer), stated)  # type: ignore[arg-type]
+    def creeping(segments: Segments, fit: AnnealingFit, annealer: Annealer, lowest: Floats) -> AnnealingFit:
+        return with_noise_of_residuals(segments, fit, Creeping(annealer), lowest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(likelihood_fit_module, "with_noise_of_residuals", creeping)
     fit = lw.identify(noisy(1003), RING.unknown("all"))
@@ -67,3 +67,23 @@ def test_noise_that_is_stated_stays() -> None:
     fit = lw.identify(stated, RING.unknown("all"))
     assert fit.chi_square_per_sample == pytest.approx(0.25, abs=3.0 * 0.25 * np.sqrt(2.0 / fit.samples))
     assert fit.verdicts[0] is lw.Verdict.NOISE_MISMATCH
+
+
+@pytest.mark.parametrize("kind", ["x", "v", "a"])
+def test_a_record_without_noise_is_identified(kind: str) -> None:
+    """What a simulation gives: its channels count as 160 dB, and no search fits rounding."""
+    chain = lw.bnes_chain(2)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0, sensors=[kind])
+    fit = lw.identify(record, chain.unknown("nes"))
+    assert fit.trusted
+    truth = np.array([chain.coefficient(parameter.name).value for parameter in fit.parameters])
+    assert fit.values == pytest.approx(truth, rel=1e-6)
+    assert (np.abs(fit.values - truth) < 4.0 * np.sqrt(fit.covariance.diagonal())).all()
+
+
+def test_a_record_without_noise_refuses_another_law() -> None:
+    chain = lw.bnes_chain(2)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
+    other = lw.parse_structure(lw.format_structure(chain).replace("beta*d**3", "beta*d**2"))
+    fit = lw.identify(record, other.unknown("nes"))
+    assert not fit.trusted

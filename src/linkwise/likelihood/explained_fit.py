@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Floats
 from linkwise.likelihood.block_scores import block_scatter
 from linkwise.likelihood.coloured_fit import ColouredFit, with_coloured_noise
 from linkwise.likelihood.coloured_noise import ColouredNoise
@@ -18,6 +18,7 @@ from linkwise.likelihood.shooting.segments import Iterate, Segments
 
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
 _LEAST_ROBUST = 0.5  # of the cost of normal noise; Student's t with 3 degrees of freedom leaves 0.80 to 0.92
+_ROUNDED = 1.0 + 1e-9
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
 
 
@@ -67,7 +68,7 @@ def explained_fit(
     annealer: Annealer,
     *,
     limit: float,
-    stated: Bools,
+    lowest: Floats,
     allowed: AllowedErrors,
 ) -> ExplainedFit:
     """`fit`, or, where noise as expected does not explain it, the likelier of fits with coloured noise and with model error.
@@ -84,8 +85,8 @@ def explained_fit(
         Fits again.
     limit : float
         By how much chi-square may differ from 1.
-    stated : array of bool, shape (C,)
-        Whether the noise of a channel is stated.
+    lowest : array of shape (C,)
+        The least deviations of the noise that residuals may show, infinite where it is stated.
     allowed : AllowedErrors
         What it may resort to.
 
@@ -94,8 +95,8 @@ def explained_fit(
     ExplainedFit
         The fit and its errors.
     """
-    any_stated = bool(stated.any())
-    off = _is_off(fit, annealer.loss, limit, stated=any_stated)
+    any_stated = bool(np.isinf(lowest).any())
+    off = _is_off(fit, annealer.loss, limit, lowest)
     exact = allowed.model_error and not allowed.known_model_error
     coloured = with_coloured_noise(segments, fit, annealer) if exact and allowed.coloured_noise else None
     candidate = None
@@ -106,17 +107,25 @@ def explained_fit(
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
         return _with_coloured_noise(coloured, off=any_stated and off)
     if candidate is not None and candidate.exact:
-        fit = with_noise_of_residuals(segments, candidate.fit, annealer, stated)
-        return _with_exact_laws(fit, off=_is_off(fit, annealer.loss, limit, stated=any_stated))
+        fit = with_noise_of_residuals(segments, candidate.fit, annealer, lowest)
+        return _with_exact_laws(fit, off=_is_off(fit, annealer.loss, limit, lowest))
     if candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, any_stated)
     return _with_exact_laws(fit, off=off)
 
 
-def _is_off(fit: AnnealingFit, loss: Loss, limit: float, *, stated: bool) -> bool:
-    """Whether chi-square is not that of the noise; where outliers make up a part of it, a robust loss leaves less."""
-    lowest = 1.0 - limit if stated or isinstance(loss, Gaussian) else min(_LEAST_ROBUST, 1.0 - limit)
-    return not lowest <= fit.chi_square <= 1.0 + limit
+def _is_off(fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
+    """Whether chi-square is not that of the noise.
+
+    Where outliers make up a part of it, a robust loss leaves less, and channels with hardly any noise leave nothing.
+    """
+    if fit.chi_square > 1.0 + limit:
+        return True
+    if (fit.scales.sigma <= lowest * _ROUNDED)[np.isfinite(lowest)].any():
+        return False
+    stated = bool(np.isinf(lowest).any())
+    least = 1.0 - limit if stated or isinstance(loss, Gaussian) else min(_LEAST_ROBUST, 1.0 - limit)
+    return not fit.chi_square >= least
 
 
 def _with_exact_laws(fit: AnnealingFit, *, off: bool) -> ExplainedFit:

@@ -232,14 +232,14 @@ def _fitted(
     annealer: Annealer,
 ) -> LikelihoodFit:
     segments, start, fit, limit = searched(problem, spread, options, annealer)
-    known = sensing.stated(records)
+    known, lowest = sensing.stated(records), sensing.lowest(records)
     if segments.random is not None:
         segments, fit = marginal_fit(segments, fit, known, annealer)
     else:
-        fit = with_noise_of_residuals(segments, fit, annealer, known)
+        fit = with_noise_of_residuals(segments, fit, annealer, lowest)
     inexact = options.model_error and segments.random is None
     allowed = AllowedErrors(inexact, options.coloured_noise, options.relaxation is not None)
-    explained = explained_fit(segments, start, fit, annealer, limit=limit, stated=known, allowed=allowed)
+    explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, allowed=allowed)
     fit, p = explained.fit, segments.system.parameters.size
     ratios = explained.error_ratios
     frame, point = sensing.frames[0], fit.point

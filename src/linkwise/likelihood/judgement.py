@@ -38,6 +38,9 @@ from linkwise.records.channel import BASE, Channel
 from linkwise.signals.outliers import outliers_exceed_noise
 from linkwise.verdict import Verdict
 
+_NEXT_TO_NOTHING = (
+    0.01  # of the noise that intervals take: residuals that memory of a hundred samples makes no larger
+)
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error that is trusted. Intervals include the error to first order; the
 neglected second order is 1 % of the forces at this limit, a tenth of what they include."""
@@ -237,7 +240,7 @@ def _verdict(
     if filtered:
         return Verdict.COLOURED_RESIDUALS, explained + _FILTERED
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
-    if exact and not coloured and is_coloured(fit.misfit.residuals):
+    if exact and fit.chi_square > _NEXT_TO_NOTHING and not coloured and is_coloured(fit.misfit.residuals):
         return Verdict.COLOURED_RESIDUALS, explained + _NOT_WHITE
     faint = undetermined_far_away(fit, identified)
     if faint:

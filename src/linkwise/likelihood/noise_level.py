@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkwise.arrays import Bools
+from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.damped_step import freedom
 from linkwise.likelihood.shooting.loss import Gaussian
@@ -23,7 +23,7 @@ _LOOSE = 0.01  # ... which looser links straighten: the relaxation from which it
 
 
 def with_noise_of_residuals(
-    segments: Segments, fit: AnnealingFit, annealer: Annealer, stated: Bools
+    segments: Segments, fit: AnnealingFit, annealer: Annealer, lowest: Floats
 ) -> AnnealingFit:
     """A fit whose chi-square is below 1 again, with the noise of its residuals in place of that found beforehand.
 
@@ -35,8 +35,8 @@ def with_noise_of_residuals(
         The fit.
     annealer : Annealer
         Fits again.
-    stated : array of bool, shape (C,)
-        Whether the noise of a channel is stated; it stays as it is.
+    lowest : array of shape (C,)
+        The least deviations; infinite where the noise of a channel is stated, which stays as it is.
 
     Returns
     -------
@@ -44,14 +44,17 @@ def with_noise_of_residuals(
         The fit; the given one where its chi-square is not below 1, or without an optimum.
     """
     least = max(_LEAST, _CHANCE * np.sqrt(2.0 / fit.samples))
-    if fit.status is not AnnealingStatus.CONVERGED or fit.chi_square > 1.0 - least or stated.all():
+    if fit.status is not AnnealingStatus.CONVERGED or fit.chi_square > 1.0 - least:
         return fit
     if not isinstance(annealer.loss, Gaussian):  # whose mean cost alone is that of the noise
         return fit
     counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
     powers = np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts * fit.samples / freedom(segments)
-    factors = np.where(stated, 1.0, np.sqrt(np.minimum(powers, 1.0)))
-    scales = replace(fit.scales, sigma=fit.scales.sigma * np.maximum(factors, np.finfo(float).eps))
+    least = np.minimum(lowest / fit.scales.sigma, 1.0)
+    factors = np.clip(np.sqrt(powers), least, 1.0)
+    if (factors == 1.0).all():
+        return fit
+    scales = replace(fit.scales, sigma=fit.scales.sigma * factors)
     tight = AnnealingSchedule(initial_q=fit.q, final_q=fit.q, max_steps=_STEPS)
     again = annealer(segments, fit.point, scales, tight)
     if again.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK):

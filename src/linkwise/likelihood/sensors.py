@@ -21,7 +21,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord
-from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.channel_noise import channel_noise, noise_floor
 
 SAMPLES = (
     5  # in a segment: shorter ones have more unknowns, longer ones a steeper cost where motion is chaotic
@@ -131,6 +131,12 @@ class SensorModel:
     def stated(self, records: Sequence[Record]) -> Bools:
         """(C,) whether a record states the noise of a channel."""
         return np.array([any(name in record.noise for record in records) for name in self.noise[0]])
+
+    def lowest(self, records: Sequence[Record]) -> Floats:
+        """(C,) the least deviations of the noise that residuals may show: infinite where a record states it."""
+        floors = [noise_floor(record) for record in records]
+        least = [max(floor[name] for floor in floors) for name in self.noise[0]]
+        return np.where(self.stated(records), np.inf, least)
 
     def segments(
         self, records: Sequence[Record], structure: Structure, system: System, refine: int
