@@ -38,9 +38,7 @@ from linkwise.records.channel import BASE, Channel
 from linkwise.signals.outliers import outliers_exceed_noise
 from linkwise.verdict import Verdict
 
-_NEXT_TO_NOTHING = (
-    0.01  # of the noise that intervals take: residuals that memory of a hundred samples makes no larger
-)
+_NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals no larger than that
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error that is trusted. Intervals include the error to first order; the
 neglected second order is 1 % of the forces at this limit, a tenth of what they include."""
