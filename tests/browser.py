@@ -24,7 +24,7 @@ OPTIONS = [
     *("--host-resolver-rules=MAP * ~NOTFOUND", "--window-size=1000,2500"),
 ]
 BUDGETS = (20_000, 100_000, 500_000)
-"""Time in ms on the clock of the page, which runs ahead of a busy machine; the next one where pictures were not loaded in it."""
+"""Time in ms on the clock of the page, which runs ahead of a busy machine: the next one where pictures were not loaded."""
 # What the page is allowed, put into a copy: all that it carries in itself. Asking for anything else is a word on the console,
 # which a file or a host that cannot be had is not.
 PROBE = """<script>addEventListener("load", async () => {

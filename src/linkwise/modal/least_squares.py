@@ -70,9 +70,9 @@ def least_squares(
         matrix = linear.curvature / np.outer(scale, scale)
         while True:
             step = np.linalg.solve(matrix + damping * np.eye(len(point)), linear.slope / scale) / scale
-            if promised is None:
-                promised = float(linear.slope @ step)
             trial = within(point + step)
+            if promised is None:  # what points out of the bounds gains nothing
+                promised = float(linear.slope @ (trial - point))
             trial_cost = cost(trial)
             if trial_cost < linear.cost:
                 break
