@@ -48,7 +48,9 @@ def test_a_delay_is_taken_out(record: lw.Record, late: float) -> None:
     assert shifted.start == pytest.approx(0.0 if late > 0 else 3 / 200.0, abs=1e-12)
     middle = slice(40, -40)
     assert shifted.channel("a:base")[middle] == pytest.approx(shifted.channel("x:m1")[middle], abs=1e-4)
-    assert shifted.notes == (f"Delays were taken out: {late:g} s in a:base.",)
+    assert shifted.notes == (
+        f"Delays were taken out: {late:g} s in a:base. One that is found with the laws is what is left beside it.",
+    )
 
 
 def test_delays_that_cannot_be_are_refused(record: lw.Record) -> None:

@@ -66,5 +66,6 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
     if last <= first:
         raise RecordError("the delays leave no sample that all channels have")
     listed = ", ".join(f"{delay:g} s in {Channel.parse(name)}" for name, delay in delays.items())
-    moved = replace(record, values=values, notes=(*record.notes, f"Delays were taken out: {listed}."))
+    note = f"Delays were taken out: {listed}. One that is found with the laws is what is left beside it."
+    moved = replace(record, values=values, notes=(*record.notes, note))
     return moved[first:last]
