@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import scipy
 from present import some
-from structures import row_of_masses
+from structures import oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -167,3 +168,25 @@ def test_the_efficient_score_is_that_of_a_regression_on_the_scores_of_what_was_f
     assert alone is not None
     assert alone.deviation**2 == pytest.approx((tested.total - K) / K, rel=0.1)
     assert VarianceScore.of(tested, [tested]) is None
+
+
+def test_a_force_that_may_be_chance_is_told_with_a_limit() -> None:
+    """A force of 0.008 N/sqrt(Hz), about what the record shows of one beside its own noise; 4 s of a Duffing oscillator."""
+    rate, density = 400.0, 0.008
+    rng = np.random.default_rng(2403)
+    time = np.arange(1601) / rate
+    known = 20.0 * np.sin(40.0 * time) + 10.0 * np.sin(63.0 * time)
+    ambient = density * np.sqrt(rate / 2.0) * rng.standard_normal(len(time))
+    frame = oscillator("k*d + k3*d**3 + c*v", mass=1.0, name="s", k=2000.0, k3=2e5, c=1.0)
+    applied = lw.Sampled(0.0, rate, known + ambient, band_limited=True)
+    record = lw.simulate(frame, forces={"m1": applied}, duration=4.0, rate=rate).with_noise(30.0, seed=2403)
+    values = record.values.copy()
+    values[:, record.channels.index("force:m1")] = known
+    fit = lw.identify(replace(record, values=values), frame.unknown("all"), ambient="all")
+    assert fit.trusted, fit.message
+    [force] = fit.random_forces
+    assert force.upper_limit is not None
+    assert 0.0 < force.spectral_density < force.upper_limit
+    assert density < force.upper_limit < 2.0 * density
+    assert "it may be chance, and is below" in force.description
+    assert force.description in fit.findings

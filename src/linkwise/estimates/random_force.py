@@ -24,8 +24,8 @@ class RandomForceEstimate:
     unit : str
         N of a force, m or m/s^2 of a base.
     upper_limit : float or None
-        Where the deviation was looked for and found to be zero: what it does not exceed, at 95 %; of an ambient force the
-        spectral density. None for others.
+        Where the deviation was looked for and found to be zero, or not certainly above it: what it does not exceed, at 95 %;
+        of an ambient force the spectral density. None for others.
 
     Examples
     --------
@@ -46,12 +46,17 @@ class RandomForceEstimate:
     @property
     def description(self) -> str:
         """In words, with its size."""
-        if self.upper_limit is not None:
+        if self.upper_limit is not None and self.deviation == 0.0:
             return self._absence(self.upper_limit)
         origin = "found with the other unknowns" if self.found else "as stated"
+        unit, chance = ("N/sqrt(Hz)" if self.ambient else self.unit), ""
+        if self.upper_limit is not None:
+            chance = f"; it may be chance, and is below {self.upper_limit:.2g} {unit} (95 %)"
         if self.ambient:
-            return f"An ambient force on {self.where} of {self.spectral_density:.3g} N/sqrt(Hz), {origin}, is allowed for."
-        return f"Noise of {self.where} of {self.deviation:.3g} {self.unit}, {origin}, is allowed for."
+            size = f"An ambient force on {self.where} of {self.spectral_density:.3g} {unit}"
+        else:
+            size = f"Noise of {self.where} of {self.deviation:.3g} {unit}"
+        return f"{size}, {origin}, is allowed for{chance}."
 
     def _absence(self, limit: float) -> str:
         """That there is none, and the largest that there may be."""

@@ -38,6 +38,7 @@ from linkwise.records.channel import Channel
 from linkwise.runtime import one_blas_thread
 
 _LARGER = 1.1  # times what was stated: with less, 95 % intervals still cover 92 %
+_CERTAIN = 3.0  # standard errors of its square by which a deviation that was found is no chance
 _ONE_SIDED = 1.645  # standard errors, which a normal variable exceeds in 5 % of cases
 
 
@@ -84,12 +85,12 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
 
 
 def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
-    """The fit with upper limits of the random forces that were looked for and not found.
+    """The fit with upper limits of the random forces that were looked for and not found, or not beyond chance.
 
-    Their deviations are small in its equations, and zero in what is reported.
+    Deviations of the former are small in its equations, and zero in what is reported.
     """
     random = fit.optimum.segments.random
-    if random is None or random.present.all():
+    if random is None or not random.is_estimated.any():
         return fit
     optimum = fit.optimum
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
@@ -98,24 +99,30 @@ def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
     if sums is None:
         return fit
     forces = list(fit.random_forces)
-    for number in np.flatnonzero(~random.present).tolist():
-        score = VarianceScore.of(sums.forces[number], _found_beside(fit, sums))
-        if score is None:
+    for number in np.flatnonzero(random.is_estimated).tolist():
+        score = VarianceScore.of(sums.forces[number], _found_beside(fit, sums, but=number))
+        is_present = bool(random.present[number])
+        if score is None or (is_present and score.error < 1.0 / _CERTAIN):
             continue
         deviation = float(random.deviation[number, 0])
-        limit = deviation * float(np.sqrt(score.deviation**2 + _ONE_SIDED * score.error))
+        variance = 1.0 if is_present else score.deviation**2
+        limit = deviation * float(np.sqrt(variance + _ONE_SIDED * score.error))
         ambient = forces[number].ambient
         forces[number] = replace(forces[number], upper_limit=_density(fit) * limit if ambient else limit)
     return replace(fit, random_forces=tuple(forces))
 
 
-def _found_beside(fit: LikelihoodFit, sums: _Sums) -> list[SquareSum]:
-    """Sums of squares of what has deviations that were found; a force that is absent has none."""
+def _found_beside(fit: LikelihoodFit, sums: _Sums, but: int | None = None) -> list[SquareSum]:
+    """Sums of squares of what has deviations that were found, `but` a force; one that is absent has none."""
     random = fit.optimum.segments.random
     assert random is not None
     return [
         *sums.noise,
-        *(sums.forces[number] for number in np.flatnonzero(random.is_estimated & random.present)),
+        *(
+            sums.forces[number]
+            for number in np.flatnonzero(random.is_estimated & random.present)
+            if number != but
+        ),
     ]
 
 
