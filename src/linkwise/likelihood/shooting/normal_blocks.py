@@ -74,14 +74,16 @@ class NormalBlocks:
     def put_errors(
         self, part: slice, rows: Floats | Single, errors: Sequence[ChannelErrors], columns: Indices
     ) -> Floats:
-        """Store products of `errors` of sensors with `rows` (k, M, C, m + c) as of `put`.
+        """Store products of `errors` of sensors with `rows` (k, M C, m + c) as of `put`.
 
         Returns those in the border and its gradient (p + 1, p + 1).
         """
         m, size = self.state.shape[1], self.right.shape[2]
         corner = np.zeros((size, size))
         for of_channel in errors:
-            own, values, shown = of_channel.columns, of_channel.values, rows[:, :, of_channel.channel]
+            own, values = of_channel.columns, of_channel.values
+            by_sample = rows.reshape(*values.shape[:2], -1, rows.shape[2])
+            shown = by_sample[:, :, of_channel.channel]
             product = shown.transpose(0, 2, 1) @ values
             self.right[part][..., own] = product[:, :m]
             across = product[:, m:].sum(axis=0, dtype=float)

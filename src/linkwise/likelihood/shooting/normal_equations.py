@@ -149,8 +149,7 @@ def linearise(
         corners, of_errors = data.put(part, rows, pieces, columns), None
         if errors is not None:
             added = _whitened_errors(errors, segments, misfit, scales, loss, part, candidates)
-            by_sample = rows.reshape(len(rows), len(segments.samples), -1, rows.shape[2])
-            of_errors = data.put_errors(part, by_sample, added, columns)
+            of_errors = data.put_errors(part, rows, added, columns)
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= joined[part, :, None]
         state_ends[part] = ends[:, :, :m]
