@@ -26,6 +26,7 @@ from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule
 from linkwise.likelihood.shooting.block_information import block_information
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.linear_model import column_origins, linear_model
+from linkwise.likelihood.shooting.linearised_defects import change_of_defects, pull_of_defects
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.local_products import local_linearization
 from linkwise.likelihood.shooting.local_rows import LocalRows
@@ -175,6 +176,31 @@ def test_blocks_are_those_of_the_whole_where_all_is_reached(name: str) -> None:
     drops = [model.equations(0.1).drop(nodes, border) for model in (local, dense)]
     assert drops[0] == pytest.approx(drops[1], rel=1e-6)
     assert of_local.log_determinant(free) == pytest.approx(of_dense.log_determinant(free), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_defects_of_groups_follow_and_pull_as_those_of_the_whole(name: str) -> None:
+    """The same numerics, in single precision, in another order; both are transposed maps, to the last digits."""
+    local, dense = both(name, whole=True)
+    K, m = dense.data.state.shape[:2]
+    random, q = np.random.default_rng(2), 0.1
+    nodes, border = random.normal(size=(K, m)), random.normal(size=len(dense.data.corner))
+    missed = random.normal(size=(K - 1, m)) * dense.joined
+    changes, pulls = [], []
+    for model in (local, dense):
+        change = change_of_defects(model, nodes, border)
+        pull, corner = pull_of_defects(model, missed)
+        assert np.vdot(change, missed) == pytest.approx(-np.vdot(pull, nodes) - corner @ border, rel=1e-9)
+        changes.append(change)
+        pulls.append((pull, corner))
+    assert np.max(np.abs(changes[0] - changes[1])) < 1e-4 * np.max(np.abs(changes[1]))
+    free = np.ones(len(border), dtype=bool)
+    of_local, of_dense = (
+        present(present(model.factor(q)).moved(*pull).solve(free))
+        for model, pull in zip((local, dense), pulls, strict=True)
+    )
+    for own, of_whole in zip(of_local, of_dense, strict=True):
+        assert np.max(np.abs(own - of_whole)) < 1e-3 * np.max(np.abs(of_whole))
 
 
 @pytest.mark.parametrize("name", CASES)

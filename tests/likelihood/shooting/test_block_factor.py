@@ -42,6 +42,7 @@ def blocks(banded: BorderedSystem) -> BlockEquations:
         (nodes, m),
         some,
         lambda border: banded.right[..., -1] - banded.right[..., :-1] @ border,
+        lambda states: np.tensordot(states, banded.right[..., :-1], 2),
         lambda first, last: coupling[first:last],
         banded.corner,
         banded.corner_gradient,
@@ -68,6 +69,12 @@ def test_both_ends_meet(nodes: int, m: int, p: int) -> None:
         assert by_blocks.excess(border, free) == pytest.approx(
             by_band.excess(border, free), rel=1e-8, abs=1e-12
         )
+    added = np.random.default_rng(6).normal(size=banded.right.shape[:2]), np.linspace(-1.0, 1.0, p)
+    (states, border), (expected, expected_border) = (
+        present(factor.moved(*added).solve(free)) for factor in (by_blocks, by_band)
+    )
+    np.testing.assert_allclose(border, expected_border, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(states, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
     assert by_blocks.log_determinant(free) == pytest.approx(by_band.log_determinant(free), rel=1e-8)
 
 

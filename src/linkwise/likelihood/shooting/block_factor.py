@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, lapack
@@ -47,6 +47,8 @@ class BlockEquations:
         Its gradient.
     remainder : callable
         What a border (p,) leaves of the gradient of the nodes, (K, m).
+    across : callable
+        What nodes (K, m) add to the equations of the border, (p,).
     coupling : callable
         Of the nodes from a first one up to a last one, not included, the blocks (c, m, m) of the node that follows each (rows)
         with it (columns).
@@ -55,6 +57,7 @@ class BlockEquations:
     shape: tuple[int, int]
     blocks: Callable[[int, int], NodeBlocks]
     remainder: Callable[[Floats], Floats]
+    across: Callable[[Floats], Floats]
     coupling: Callable[[int, int], Floats]
     corner: Floats
     corner_gradient: Floats
@@ -188,6 +191,16 @@ class BlockFactor:
                 right[node] -= carried
                 self._through(node, right[node], transposed=True)
         return right
+
+    def moved(self, nodes: Floats, border: Floats) -> BlockFactor:
+        """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
+        before = self.equations
+        change = self.nodes(nodes[:, None].copy())[:, 0]
+        return replace(
+            self,
+            equations=replace(before, remainder=lambda values: before.remainder(values) + nodes),
+            reduced=self.reduced + border - before.across(change),
+        )
 
     def _links(self, nodes: range) -> Iterator[tuple[int, Floats]]:
         """Of each of some nodes the block (m, m) of the one behind it on the way to the middle (rows) with it (columns)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -191,6 +191,7 @@ class LocalSystem:
             self.linear.missed.shape,
             lambda first, last: self.blocks(first, last, damping),
             self.remainder,
+            self.across,
             self.coupling,
             corner[np.ix_(border, border)],
             self.corner_gradient[border],
@@ -277,6 +278,25 @@ class LocalSystem:
             left[1:, order.places[group.rows]] += weight * ends
         return left
 
+    def across(self, nodes: Floats) -> Floats:
+        """What nodes (K, m) add to the equations of the border, (p,), both in the order of the blocks."""
+        linear, order, weight = self.linear, self.order, self.weight
+        added = np.zeros(len(order.border))
+        for form, factor in ((linear.data, 1.0), (linear.defects, weight)):
+            for pair, blocks in zip(linear.pairs, form.pairs, strict=True):
+                at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
+                b = at_second.stop - at_second.start
+                of_second = np.tensordot(nodes[:, at_first], blocks.upper[:, :, b:], 2)
+                added[order.of_border[pair.second]][: len(of_second)] += factor * of_second
+                if pair.first != pair.second:
+                    of_first = np.einsum("kqb,kb->q", blocks.lower, nodes[:, at_second])
+                    added[order.of_border[pair.first]][: len(of_first)] += factor * of_first
+        for number, group in enumerate(linear.groups):
+            a = len(group.states)
+            of_ends = np.tensordot(nodes[1:, order.places[group.rows]], linear.ends[number][:-1, :, a:], 2)
+            added[order.of_border[number]][: group.moving - a] -= weight * of_ends
+        return added
+
 
 @dataclass(frozen=True, eq=False)
 class LocalFactor:
@@ -303,6 +323,11 @@ class LocalFactor:
         if solved is None:
             return None
         return solved[0][:, self.order.places], solved[1][np.argsort(border)]
+
+    def moved(self, nodes: Floats, border: Floats) -> LocalFactor:
+        """As `BorderedFactor.moved`."""
+        order = self.order
+        return replace(self, blocks=self.blocks.moved(nodes[:, order.states], border[order.border]))
 
     def excess(self, border: Floats, free: Bools) -> float:
         """As `BorderedFactor.excess`."""
