@@ -33,6 +33,7 @@ from linkwise.progress import Progress, ProgressReport, silent
 _MAX_DAMPING = 1e8  # at which steps are too short to matter
 _LOWEST_GAIN = -10.0  # gain ratio below which the parabola through a step is meaningless
 _MARGIN = 10.0  # times the reduction of the cost that is estimated to be left, which is not exact
+_OF_PART = 2.0  # times what a quarter of a step gains, or more of it: what a full one leaves is less
 _ROUNDING = 1e-7  # of the cost: error of reductions predicted by sensitivities in single precision
 
 
@@ -87,9 +88,10 @@ class AnnealingSchedule:
             return replace(self, final_q=max(self.final_q, step.q))
         return self
 
-    def exceeded(self, step: AnnealingStep) -> bool:
-        """Whether the lowest cost at the q of a step is surely above the sufficient one."""
-        return step.cost - step.reduction - _MARGIN * step.remaining > self.sufficient_cost
+    def exceeded(self, step: AnnealingStep, unclear: float) -> bool:
+        """Whether the lowest cost at the q of a step is surely above the sufficient one; `unclear` is what may be left."""
+        left = max(_MARGIN * step.remaining, _OF_PART * unclear)
+        return step.cost - step.reduction - left > self.sufficient_cost
 
     def factor(self, left: float) -> float:
         """Factor on q after a step whose quadratic model was wrong by `left` per sample."""
@@ -316,13 +318,15 @@ def anneal(
                 control = control.firmer()
                 continue
             trial, predicted, unclear = attempt
+            if control.stride < 1.0:
+                unclear = max(unclear, predicted)  # by the shorter step
             step = control.evaluated_step(len(path), misfit, trial, predicted, samples)
             path.append(step)
             progress(step.report)
             if step.reduction > 0.0:
                 misfit = trial
                 schedule = schedule.with_ceiling(step, misfit, samples)
-                if schedule.exceeded(step):
+                if schedule.exceeded(step, unclear):
                     status = AnnealingStatus.COSTLY
                     break
             left = schedule.tolerance + _ROUNDING * step.cost
