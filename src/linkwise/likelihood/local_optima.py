@@ -21,6 +21,7 @@ _DOUBLED = 5.0  # more of them for twice the masses, of which the slowest to con
 _DIRECTIONS = 2  # in which the cost is evaluated
 _EXHAUSTED = AnnealingSchedule.max_steps  # steps after which a search was taken up again
 _DISTANCE = 2.0  # standard errors
+_PRECISION = 0.1  # of the cost there: 2.5 % of the rise that is expected at two standard errors
 _STEPS = 60  # of annealing at most in each direction
 _LOOSENED = 1e3  # times the last q: annealing starts from here once parameters were moved
 _LOOSEST = 1e-2
@@ -260,8 +261,7 @@ def _rise(
     optimum = fit.optimum
     theta = optimum.point.theta.copy()
     theta[free] += step
-    everything = np.ones(len(theta), dtype=bool)
-    moved = _fitted_with(optimum, theta, everything, sufficient_cost=_raised_cost(fit, distance, enough))
+    moved = _motion_with(optimum, theta, sufficient_cost=_raised_cost(fit, distance, enough))
     return _relative_rise(fit, moved, distance), moved.status is AnnealingStatus.CONVERGED
 
 
@@ -290,15 +290,32 @@ def _fitted_with(
     lower = np.where(is_fixed, theta, system.parameters.lower)
     upper = np.where(is_fixed, theta, system.parameters.upper)
     constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
+    segments = replace(optimum.segments, system=constrained)
+    point = replace(optimum.point, theta=np.clip(theta, lower, upper))
+    return anneal(segments, point, optimum.scales, _tightened(optimum.q, sufficient_cost), loss=optimum.loss)
+
+
+def _motion_with(optimum: Optimum, theta: Floats, *, sufficient_cost: float) -> AnnealingFit:
+    """As `_fitted_with` all parameters held; without them as unknowns where nothing is known of them beforehand."""
+    segments, scales = optimum.segments, optimum.scales
+    if segments.prior is not None or segments.system.shapes is not None:
+        everything = np.ones(len(theta), dtype=bool)
+        return _fitted_with(optimum, theta, everything, sufficient_cost=sufficient_cost)
     return anneal(
-        replace(optimum.segments, system=constrained),
-        replace(optimum.point, theta=np.clip(theta, lower, upper)),
-        optimum.scales,
-        AnnealingSchedule(
-            initial_q=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)),
-            final_q=optimum.q,
-            max_steps=_STEPS,
-            sufficient_cost=sufficient_cost,
-        ),
+        replace(segments, system=segments.system.without_parameters(theta)),
+        replace(optimum.point, theta=np.empty(0)),
+        replace(scales, theta=scales.theta[len(theta) :]),
+        _tightened(optimum.q, sufficient_cost),
         loss=optimum.loss,
+    )
+
+
+def _tightened(q: float, sufficient_cost: float) -> AnnealingSchedule:
+    """From loosened links to a relaxation, which ends early where the cost is surely above a sufficient one."""
+    return AnnealingSchedule(
+        initial_q=max(q, min(_LOOSENED * q, _LOOSEST)),
+        final_q=q,
+        tolerance=_PRECISION,
+        max_steps=_STEPS,
+        sufficient_cost=sufficient_cost,
     )

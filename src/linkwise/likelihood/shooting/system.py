@@ -7,7 +7,7 @@ indices in the structure.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,44 +15,10 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.expression import Operation
 from linkwise.likelihood.shooting.law_group import LawGroup
+from linkwise.likelihood.shooting.parameters import Parameters
 from linkwise.likelihood.shooting.rate_partials import MemorySlopes, RatePartials
 from linkwise.likelihood.shooting.shape_parameters import ShapeParameters
-from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
-
-
-@dataclass(frozen=True, eq=False)
-class Parameters:
-    """Parameters theta (p,): coefficients = constant + map @ theta, masses = mass_constant + mass_map @ theta.
-
-    Attributes
-    ----------
-    names, units : tuple of str
-        Names of the parameters and their SI units.
-    constant, map : array of shape (c,), (c, p)
-        Map to the c coefficients.
-    mass_constant, mass_map : array of shape (n,), (n, p)
-        Map to the masses.
-    stated_masses : array of shape (n,)
-        Values of the masses in the structure, 0 of those without one.
-    lower, upper : array of shape (p,)
-        Bounds.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    constant: Floats
-    map: Floats
-    mass_constant: Floats
-    mass_map: Floats
-    stated_masses: Floats
-    lower: Floats
-    upper: Floats
-
-    @property
-    def size(self) -> int:
-        """Number of parameters p."""
-        return len(self.names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +99,7 @@ class System:
             incidence=structure.incidence.toarray()[:, order],
             base=structure.base_incidence[order],
             groups=tuple(groups),
-            parameters=_parameters(structure, groups, order, rows),
+            parameters=Parameters.of(structure, groups, order, rows),
             order=order,
             state_links=np.array(owners, dtype=int),
             states=tuple(states),
@@ -164,6 +130,25 @@ class System:
             None if self.shapes is None else self.shapes.change(theta),
         )
 
+    def without_parameters(self, theta: Floats) -> System:
+        """The system whose parameters are known: none is left. Shapes of hosts must not be among them.
+
+        Parameters
+        ----------
+        theta : array of shape (p,)
+            Their values.
+
+        Returns
+        -------
+        System
+            The system without parameters.
+        """
+        assert self.shapes is None
+        numbers = self.at(theta)
+        known = self.parameters.known(numbers.coefficients, numbers.masses)
+        groups = tuple(replace(group, free=()) for group in self.groups)
+        return replace(self, groups=groups, parameters=known)
+
     @cached_property
     def interactions(self) -> tuple[tuple[int, int, tuple[tuple[int, float], ...]], ...]:
         """Each pair of a link and a parameter of its law, with the rows of coefficients and the factors to sum for it."""
@@ -193,38 +178,6 @@ class System:
     def free_rows(self) -> int:
         """Number of rows of partial derivatives with respect to coefficients in `NumericSystem.partials`."""
         return sum(len(group.free) * group.size for group in self.groups)
-
-
-def _parameters(structure: Structure, groups: list[LawGroup], order: Indices, rows: int) -> Parameters:
-    position_of = {int(index): position for position, index in enumerate(order)}
-    row_of = {}
-    for group in groups:
-        for index in order[group.links]:
-            for name in group.law.coefficients:
-                row_of[int(index), name] = group.row(name).start + position_of[int(index)] - group.links.start
-    free = structure.parameters
-    map_, mass_map = np.zeros((rows, len(free))), np.zeros((structure.size, len(free)))
-    for column, parameter in enumerate(free):
-        for index, name in parameter.members:
-            if index < 0 and name == MASS:
-                mass_map[-1 - index, column] = 1.0
-            elif index >= 0:
-                map_[row_of[index, name], column] = 1.0
-    constant = np.zeros(rows)
-    for (index, name), row in row_of.items():
-        constant[row] = 0.0 if map_[row].any() else structure.links[index].coefficients[name].value or 0.0
-    masses = np.array([mass.mass.value or 0.0 for mass in structure.masses])
-    return Parameters(
-        names=tuple(parameter.name for parameter in free),
-        units=tuple(parameter.unit for parameter in free),
-        constant=constant,
-        map=map_,
-        mass_constant=np.where(mass_map.any(axis=1), 0.0, masses),
-        mass_map=mass_map,
-        stated_masses=masses,
-        lower=np.array([parameter.lower for parameter in free]),
-        upper=np.array([parameter.upper for parameter in free]),
-    )
 
 
 @dataclass(frozen=True, eq=False)
