@@ -21,7 +21,7 @@ from linkwise.likelihood.shooting.damped_step import DampedEquations, damped_ste
 from linkwise.likelihood.shooting.linear_model import GaussNewtonModel
 from linkwise.likelihood.shooting.linearised_defects import change_of_defects, pull_of_defects
 from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.normal_equations import Linearization
+from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Scales, Segments
 
@@ -79,7 +79,7 @@ def curved_step(
         The misfit behind the step, the predicted reduction of the cost, and what of it may be left: all after a correction,
         which meets the prediction along a bend where the gradient turns. None where the equations are not positive definite.
     """
-    q, rules = damped.q, _OF_FEW if isinstance(linear, Linearization) else _OF_MANY
+    q, rules = damped.q, _OF_FEW if len(segments.system.incidence) < MANY else _OF_MANY
     if not _is_explained(segments, misfit, loss):
         rules = replace(rules, parts=(1.0,), most=0)
     first: tuple[Misfit, float, float] | None = None
