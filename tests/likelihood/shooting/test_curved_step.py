@@ -45,11 +45,14 @@ def with_other_noise(start: Optimum, seed: int, initial_q: float) -> AnnealingFi
     )
 
 
+@pytest.mark.parametrize("rules", ["_OF_FEW", "_OF_MANY"])
 @pytest.mark.parametrize("seed", [4201, 4203])
 def test_tight_links_lead_to_the_optimum_that_loose_ones_find(
-    seed: int, monkeypatch: pytest.MonkeyPatch
+    seed: int, rules: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """By the corrections that steps of few masses are worth, and by those of many."""
     start = optimum(seed)
+    monkeypatch.setattr(curved_step, "_OF_FEW", getattr(curved_step, rules))
     tight, loose = (with_other_noise(start, seed, q) for q in (start.q, 0.1))
     assert tight.status is loose.status is AnnealingStatus.CONVERGED
     assert tight.misfit.cost(start.q) < loose.misfit.cost(start.q) + TOLERANCE
