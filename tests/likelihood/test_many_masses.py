@@ -186,20 +186,19 @@ def test_defects_of_groups_follow_and_pull_as_those_of_the_whole(name: str) -> N
     random, q = np.random.default_rng(2), 0.1
     nodes, border = random.normal(size=(K, m)), random.normal(size=len(dense.data.corner))
     missed = random.normal(size=(K - 1, m)) * dense.joined
-    changes, pulls = [], []
-    for model in (local, dense):
+    changes = []
+    models: tuple[LocalLinearization | Linearization, ...] = (local, dense)
+    free, steps = np.ones(len(border), dtype=bool), []
+    for model in models:
         change = change_of_defects(model, nodes, border)
         pull, corner = pull_of_defects(model, missed)
         assert np.vdot(change, missed) == pytest.approx(-np.vdot(pull, nodes) - corner @ border, rel=1e-9)
         changes.append(change)
-        pulls.append((pull, corner))
+        factor = model.factor(q)
+        assert factor is not None
+        steps.append(present(factor.moved(pull, corner).solve(free)))
     assert np.max(np.abs(changes[0] - changes[1])) < 1e-4 * np.max(np.abs(changes[1]))
-    free = np.ones(len(border), dtype=bool)
-    of_local, of_dense = (
-        present(present(model.factor(q)).moved(*pull).solve(free))
-        for model, pull in zip((local, dense), pulls, strict=True)
-    )
-    for own, of_whole in zip(of_local, of_dense, strict=True):
+    for own, of_whole in zip(*steps, strict=True):
         assert np.max(np.abs(own - of_whole)) < 1e-3 * np.max(np.abs(of_whole))
 
 
