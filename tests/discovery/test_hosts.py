@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import cache
 
@@ -33,7 +34,7 @@ def with_sink(end: str, shapes: Mapping[str, tuple[float, ...]]) -> lw.Structure
 
 
 @cache
-def record(end: str, sensors: tuple[str, ...]) -> lw.Record:
+def record(end: str, sensors: tuple[str, ...], seed: int = 4) -> lw.Record:
     """Two hammer hits on the beam, which has a bistable sink at one of its points."""
     return lw.simulate(
         with_sink(end, CANTILEVER_SHAPES | NEAR),
@@ -42,11 +43,13 @@ def record(end: str, sensors: tuple[str, ...]) -> lw.Record:
         duration=0.4,
         rate=1000.0,
         sensors=sensors,
-    ).with_noise(25.0, seed=4)
+    ).with_noise(25.0, seed=seed)
 
 
-def discovered(end: str, sensors: tuple[str, ...], known: lw.Host) -> lw.Discovery:
-    return lw.discover(record(end, sensors), lw.PartialStructure(SINK, (), (known,)), terms="v, d, d**3")
+def discovered(end: str, sensors: tuple[str, ...], known: lw.Host, seed: int = 4) -> lw.Discovery:
+    return lw.discover(
+        record(end, sensors, seed), lw.PartialStructure(SINK, (), (known,)), terms="v, d, d**3"
+    )
 
 
 def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
@@ -83,12 +86,13 @@ def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
 
 
 def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
-    discovery = discovered(
-        "tip", ("a:beam.tip", "a:beam.mid", "a:sink"), beam(CANTILEVER_SHAPES, second=1.03)
-    )
-    assert not discovery.trusted
+    """Links stand in for it; where the search settles, the frequency is named. Of ten records it does in about seven."""
+    sensors, wrong = ("a:beam.tip", "a:beam.mid", "a:sink"), beam(CANTILEVER_SHAPES, second=1.03)
+    discoveries = [discovered("tip", sensors, wrong, seed) for seed in (4, 5, 6)]
+    assert not any(discovery.trusted for discovery in discoveries)
+    remarks = [" ".join(discovery.remarks) for discovery in discoveries]
     assert any(
-        "the frequency of beam.mode2 were 2.9 % less than stated" in text for text in discovery.remarks
+        re.search(r"the frequency of beam.mode2 were [23]\.\d % less than stated", text) for text in remarks
     )
 
 
