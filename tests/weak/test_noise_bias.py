@@ -62,8 +62,9 @@ def test_bias_of_a_spring_in_closed_form() -> None:
         (["k*d + c*v", "a*d + b*d**3 + c*v"], [0.1, 0.3]),
         (["k*d + k2*d**2 + k3*d**3 + c3*v*d**2 + f0"], [0.25]),
         (["k*d", "k*d + p*d**4", "b*d**3"], [0.2, 0.1, 0.15]),
+        (["k*d + c*v + F*tanh(v/1e6)", "b*d**3 + F*tanh(v/1e6)"], [0.1, 0.15]),
     ],
-    ids=["sink", "one mass", "three masses"],
+    ids=["sink", "one mass", "three masses", "smoothed rates"],
 )
 def test_products_lose_their_bias(laws: list[str], sigma: list[float]) -> None:
     """The mean of the moments over many records is the products without noise; 4.5 standard errors bound each of < 60

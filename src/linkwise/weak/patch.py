@@ -23,6 +23,7 @@ from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout
 from linkwise.weak.noise_bias import noise_bias
 from linkwise.weak.patch_layout import PatchLayout
+from linkwise.weak.rate_bias import rate_bias
 from linkwise.weak.terms import LawTerms, law_terms
 from linkwise.weak.weak_form import PHI_2, WeakPart, none_alone
 from linkwise.weak.window import Window
@@ -191,6 +192,9 @@ class PatchContext:
         products = self._products(rows, layout)
         curved = [terms for terms in evaluated if not isinstance(terms.slope, float)]
         bias = noise_bias(layout, curved, slope, noise, self.window, valid, self.alone)
+        bias += rate_bias(
+            layout, evaluated, slope, noise, self.window, valid, self.rate_window.slope[0], self.alone
+        )
         present = np.append(self.values, 0.0)[layout.coefficients.parameter]
         return Patch(
             layout=layout,
@@ -243,6 +247,7 @@ class PatchContext:
             elongations=lambda links: self.structure_layout.elongations(displacements, links),
             rates=self._rates,
             variance=lambda links: variance[links],
+            rate_noise=float(np.linalg.norm(self.rate_window.slope)),
         )
         return evaluated, _constant_slopes(layout, evaluated)
 

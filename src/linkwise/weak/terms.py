@@ -28,12 +28,15 @@ class LawTerms:
         The terms in the layout.
     derivatives : tuple
         h, h', h'', ...: arrays of shape (m, N) over all samples, numbers where constant.
+    rate_slope : array of shape (m, N) or None
+        The mean slope of h with respect to a noisy v; None for parts that need no rate.
     """
 
     part: WeakPart
     links: Indices
     terms: slice
     derivatives: tuple[Floats | float, ...]
+    rate_slope: Floats | None = None
 
     @property
     def slope(self) -> Floats | float:
@@ -49,6 +52,7 @@ def law_terms(
     elongations: Callable[[Indices], Floats],
     rates: Callable[[Floats], Floats],
     variance: Callable[[Indices], Floats],
+    rate_noise: float,
 ) -> list[LawTerms]:
     """Evaluate the laws of all links of a layout.
 
@@ -66,6 +70,8 @@ def law_terms(
         Smoothed rates (m, N) in m/s from elongations; called only where a law needs them.
     variance : callable
         Variances (m,) in m^2 of the elongations of m links.
+    rate_noise : float
+        Standard deviation in 1/s of smoothed rates over that of elongations.
 
     Returns
     -------
@@ -77,16 +83,28 @@ def law_terms(
     IdentificationError
         If an unknown enters its law nonlinearly and has no start.
     """
-    evaluated = []
+    evaluated, rate_slopes = [], []
     for group in layout.groups:
         inside = {name: group.coefficients[name].at(values)[:, None] for name in group.weak_law.inside}
         _require_starts(structure_layout, group, inside)
         d = elongations(group.links) if group.weak_law.curved else np.zeros((len(group.links), 1))
-        v = rates(d) if group.weak_law.needs_rate else 0.0
-        evaluated.append(iter(group.weak_law.evaluate(d, v, variance(group.links)[:, None], inside)))
+        v = rates(d) if group.weak_law.needs_rate else np.zeros(())
+        noise = variance(group.links)[:, None]
+        evaluated.append(iter(group.weak_law.evaluate(d, v, noise, inside)))
+        deviation = np.where(
+            noise > 0.0, rate_noise * np.sqrt(noise), 1.0
+        )  # without noise slopes do not count
+        by_rate = (
+            group.weak_law.rate_slopes(d, v, noise, deviation, inside) if group.weak_law.needs_rate else ()
+        )
+        rate_slopes.append(iter(by_rate))
     return [
         LawTerms(
-            terms.part, layout.groups[terms.group].links, terms.terms, tuple(next(evaluated[terms.group]))
+            terms.part,
+            layout.groups[terms.group].links,
+            terms.terms,
+            tuple(next(evaluated[terms.group])),
+            next(rate_slopes[terms.group], None),
         )
         for terms in layout.group_terms
     ]

@@ -154,6 +154,37 @@ class WeakLaw:
             for chain in self._derivatives
         ]
 
+    @cached_property
+    def _rate_program(self) -> Program:
+        rated = [
+            chain[0] for part, chain in zip(self.parts, self._derivatives, strict=True) if part.needs_rate
+        ]
+        return Program(rated, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
+
+    def rate_slopes(
+        self, d: Floats, v: Floats, variance: Floats, deviation: Floats, values: Mapping[str, Floats]
+    ) -> list[Floats | None]:
+        """Evaluate the mean slopes by v, over its noise, of the functions that need a rate: also that of a jump is finite.
+
+        Parameters
+        ----------
+        d, v, variance, values
+            As in `evaluate`.
+        deviation : array of shape (m, 1)
+            Standard deviations in m/s of the noise in v, not zero.
+
+        Returns
+        -------
+        list of (array or None)
+            For each part the slope, of the shape of d; None where it needs no rate.
+        """
+        inside = [values[name] for name in self.inside]
+        above, below = (
+            self._rate_program(d, v + sign * deviation, variance, *inside) for sign in (1.0, -1.0)
+        )
+        slopes = iter([(high - low) / (2.0 * deviation) for high, low in zip(above, below, strict=True)])
+        return [next(slopes) if part.needs_rate else None for part in self.parts]
+
 
 @lru_cache(maxsize=512)
 def weak_law(law: Law, free: frozenset[str]) -> WeakLaw:
