@@ -1,10 +1,9 @@
 """Whether pieces of a record agree on the coefficients: a term that the laws lack acts otherwise where the motion is smaller.
 
-Friction beside a damper looks like more damping the smaller the motion is, and quadratic damping like less. Terms that are
-nonlinear in the rate have no score without bias, since they would need a smoothed rate. So the laws as they are stated are
-fitted to pieces of the record: halves of the record, of its first half and of its first quarter, since a motion that decays
-is soon hidden by noise, and quarters. The squares of what the pieces differ by, over their variances, follow chi-square where
-the laws are right (Cochran 1954).
+Friction beside a damper looks like more damping the smaller the motion is, and quadratic damping like less. Where the motion
+decays no score of such terms is needed, which would take a smoothed rate: the laws as they are stated are fitted to halves of
+the record, of its first half and of its first quarter, since a motion that decays is soon hidden by noise, and to quarters.
+The squares of what the pieces differ by, over their variances, follow chi-square where the laws are right (Cochran 1954).
 
 The terms and the windows of the whole record are those of its pieces (`piecewise`), but for the second half, where a motion
 that decays is slower than in the first and needs wider windows.

@@ -9,6 +9,9 @@ The test functions of the fit are as short as the fastest motion. In the equatio
 they leave is noise of its inertia, which falls with the fifth power of their width, so every term is tested under wider ones
 too. They see an error of a sensor or of a stated mass of a tenth the size.
 
+Friction and quadratic damping act by the rate as the test functions of the fit smooth it: what that takes from the terms makes
+their scores smaller, and what its noise adds is known (`rate_bias`).
+
 The equations of each patch of masses are tested alone, so that the cost grows with the structure and not with its square.
 
 References
@@ -38,6 +41,7 @@ from linkwise.weak.window import Window
 
 _TERMS = ("1", "d", "d**2", "d**3", "v", "v*d", "v*d**2")  # of which none needs a smoothed v
 _FIFTH = "d**5"
+_DAMPING = ("sign(v)", "v*abs(v)")  # under an input: where the motion decays, its pieces tell them from c*v
 _FIFTH_SAMPLES = (
     7.0  # per period of the fastest motion that the fifth power needs: fewer alias it into the test functions
 )
@@ -104,7 +108,9 @@ def significant_score(
         return None
     known = dict(zip(equations.parameters, map(float, values), strict=True))
     fine = record.rate > _FIFTH_SAMPLES * equations.motion.bandwidth
-    wide, prefix = with_terms(structure, (*_TERMS, _FIFTH) if fine else _TERMS)
+    driven = equations.force is not None or equations.motion.base is not None
+    terms = (*_TERMS, *((_FIFTH,) if fine else ()), *(_DAMPING if driven else ()))
+    wide, prefix = with_terms(structure, terms)
     uncertain = _NOISE_POWER + (abs(excess - 1.0) if record.noise else 0.0)
     try:
         for width in _WIDTHS:  # wider ones only where those of the fit see nothing
