@@ -130,9 +130,9 @@ def test_friction_under_a_steady_input_takes_trust_away(base: str, seed: int) ->
 
     The same record is trusted where the law has the friction, and that of a sink without it.
     """
-    plain = {"alpha": -40.0, "beta": 9e4, "c": 0.3}
-    smooth = oscillator(SINK, mass=0.02, to="base", **plain)
-    rubbing = oscillator(f"{SINK} + F*tanh(v/0.05)", mass=0.02, to="base", **plain, F=0.01)
+    smooth = oscillator(SINK, mass=0.02, to="base", alpha=-40.0, beta=9e4, c=0.3)
+    law = f"{SINK} + F*tanh(v/0.05)"
+    rubbing = oscillator(law, mass=0.02, to="base", alpha=-40.0, beta=9e4, c=0.3, F=0.01)
     noisy, clean = (
         lw.simulate(sink, duration=6.0, rate=500.0, base=BASES[base]).with_noise(40.0, seed=seed)
         for sink in (rubbing, smooth)

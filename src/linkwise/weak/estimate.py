@@ -29,7 +29,7 @@ from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, judgement
 from linkwise.weak.layout import structure_layout
 from linkwise.weak.priors import with_priors
 from linkwise.weak.residual import weak_residual
-from linkwise.weak.weak_form import weak_law
+from linkwise.weak.smoothed_rates import rated_links, with_smoothing
 
 _LINKS_AT_ONCE = 16  # whose samples are in memory at a time
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
@@ -91,6 +91,8 @@ class WeakForm(Estimator):
         with one_blas_thread():
             motion = read_displacements(record, structure)
             equations, fit, converged = weak_search(record, structure, motion)
+            if converged:
+                fit = with_smoothing(record, structure, equations, fit)
             fit, contradicted = with_priors(fit, structure.parameters)
         verdict, message = (
             judgement(record, structure, equations, fit)
@@ -279,11 +281,10 @@ def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[st
             f"The residuals are {100.0 * (np.sqrt(excess) - 1.0):.0f} % larger than the noise explains: something small is "
             "missing from the laws. All intervals are widened by as much."
         )
-    rated = [
-        link.name for link in structure.links if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
-    ]
+    rated = rated_links(structure)
     if rated:
         yield (
             f"The law of {', '.join(rated)} is nonlinear in v, which the weak form takes from smoothed displacements; where v "
-            'changes fast this biases the values, and method "ml" avoids it.'
+            "changes fast this biases the values. Intervals include what more smoothing would change, in proportion; method "
+            '"ml" avoids it.'
         )
