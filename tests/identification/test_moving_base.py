@@ -112,6 +112,18 @@ def test_nothing_sets_the_scale_where_all_masses_are_unknown(method: Literal["ml
         lw.identify(measured("rel:x", "a:base"), unknown, method=method)
 
 
+@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("x", "x:base")], ids=str)
+def test_starts_do_not_set_the_scale_of_forces(sensors: tuple[str, ...]) -> None:
+    """With a start for each unknown the search ended at them, with errors of rounding: "can be trusted"."""
+    started = {"m1": 1.0, "m2": 0.5}
+    masses = {name: lw.Coefficient.unknown(value) for name, value in started.items()}
+    unknown = with_masses(two_storeys().unknown("all"), **masses)
+    with pytest.raises(lw.IdentificationError, match="nothing sets the scale of the forces"):
+        lw.identify(measured(*sensors), unknown)
+    known = with_masses(two_storeys().unknown("all"), m1=masses["m1"], m2=lw.Coefficient.number(0.5))
+    assert lw.identify(measured(*sensors), known).trusted
+
+
 def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
     columns = record.values.copy()
     columns[:, record.channels.index(channel)] = values

@@ -19,6 +19,7 @@ from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.fit_remarks import fit_remarks, sensor_errors
 from linkwise.likelihood.fitted_motion import motion_of_links
+from linkwise.likelihood.force_scale import require_force_scale
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
@@ -177,7 +178,8 @@ class MaximumLikelihood(Estimator):
         Raises
         ------
         IdentificationError
-            If an unknown has no starting value, or the records lack channels or differ in them.
+            If an unknown has no starting value, the records lack channels or differ in them, or nothing sets the scale of the
+            forces.
         """
         if structure.on_rig:
             return self._on_rig(records, structure, progress)
@@ -186,6 +188,8 @@ class MaximumLikelihood(Estimator):
             if structure.hosts:
                 require_supported(framed(record, structure).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
+        if not self.ambient:
+            require_force_scale(records, structure)
         sensors = errors_to_find(
             records,
             offsets=self.offsets,

@@ -33,6 +33,11 @@ SIGNIFICANT = 5.0
 """Standard deviations of what noise adds to the information on a parameter; below, intervals are too narrow."""
 _NAMED = 6  # parameters that a message lists
 
+NO_FORCE_SCALE = (
+    "nothing sets the scale of the forces: every mass and coefficient is unknown and no force is in the record; give one mass "
+    "or coefficient a number, or a channel force:MASS"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class WeakFit:
@@ -113,10 +118,7 @@ def _require_informed(system: WeakEquations, structure: Structure) -> None:
             f"all its neighbours; missing {', '.join(unmeasured) or 'x:base'}"
         )
     if not any(len(patch.layout.free_terms) and patch.fixed.any() for patch in system.patches):
-        raise IdentificationError(
-            "nothing sets the scale of the forces: every mass and coefficient is unknown and no force is in the record; give "
-            "one mass or coefficient a number, or a channel force:MASS"
-        )
+        raise IdentificationError(NO_FORCE_SCALE)
 
 
 def residual_power(patch: Patch, values: Floats) -> Floats:
