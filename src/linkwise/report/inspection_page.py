@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from markupsafe import Markup
 
 from linkwise import plot
-from linkwise.inspection.levels.text import distortion_rows, mode_rows, ring_down_rows
+from linkwise.inspection.levels.text import distortion_rows, gaps_text, mode_rows, ring_down_rows
 from linkwise.inspection.levels.text import headline as level_headline
 from linkwise.inspection.result import Inspection, labels
 from linkwise.inspection.text import HEAD, alert_text, channel_row, headline
@@ -65,6 +65,8 @@ def _ring_down(reported: Reported[Inspection]) -> Section | None:
         "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from windows of "
         "the decay."
     )
+    if levels.with_gaps:
+        text = f"{text} {gaps_text(levels)}"
     return Section(
         "Ring-down", [text], rows=ring_down_rows(levels), figure=lambda: plot.ring_down_figure(levels)
     )

@@ -182,6 +182,17 @@ def test_modes_of_a_linear_decay_do_not_move() -> None:
     assert 0.5 < squares.mean() < 2.0 and squares.max() < 5.0**2
 
 
+def test_a_channel_with_gaps_is_left_out_of_ring_downs_and_named() -> None:
+    record = released(4e6).with_noise(50.0, seed=1)
+    values = record.values.copy()
+    values[300:340, 0] = np.nan
+    comparison = lw.compare_levels([replace(record, values=values)])
+    assert comparison.with_gaps == ("a:m1",)
+    assert {ring.channel for ring in comparison.ring_downs} == {"a:m2"}
+    assert "a:m1 lacks samples at the highest level" in " ".join(str(comparison).split())
+    assert comparison.to_dict()["without_ring_down"] == ["a:m1"]
+
+
 @pytest.mark.parametrize("sensor", ["x:m1", "v:m1", "a:m1"])
 def test_acceleration_over_displacement_is_the_restoring_force(sensor: str) -> None:
     cubic = 4e8

@@ -13,7 +13,7 @@ from linkwise.inspection.levels.acceleration_surface import acceleration_surface
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, UNDAMPED, LevelComparison
-from linkwise.inspection.levels.ring_down import decay_of, decaying_modes, ring_downs
+from linkwise.inspection.levels.ring_down import decay_of, decaying_modes, motions, ring_downs
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -134,6 +134,7 @@ def compare_levels(
         responses=tuple(ResponseFunction.of(record, response, force) for record in ordered if forced),
         distortions=tuple(distortion(record, response, force) if forced else None for record in ordered),
         ring_downs=rings,
+        with_gaps=tuple(name for name in _shown(ordered[-1]) if name not in motions(ordered[-1])),
         surfaces=acceleration_surfaces(ordered[-1], by_level[0].frequencies, of_highest),
     )
 

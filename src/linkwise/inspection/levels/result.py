@@ -51,6 +51,8 @@ class LevelComparison(JudgedView):
         Modes of the highest level as they ring down.
     surfaces : tuple of AccelerationSurface
         Restoring force per mass at the sensors that move most, at the highest level while no force acts.
+    with_gaps : tuple of str
+        Channels of the highest level that lack samples, which ring-downs and surfaces leave out.
 
     See Also
     --------
@@ -80,6 +82,7 @@ class LevelComparison(JudgedView):
     distortions: tuple[Distortion | None, ...]
     ring_downs: tuple[RingDown, ...]
     surfaces: tuple[AccelerationSurface, ...]
+    with_gaps: tuple[str, ...]
 
     @property
     def frequency_changes(self) -> Floats:
@@ -196,5 +199,6 @@ class LevelComparison(JudgedView):
                 }
                 for ring in self.ring_downs
             ],
+            "without_ring_down": list(self.with_gaps),
             "first_nonlinear": None if first is None else self.labels[first],
         }

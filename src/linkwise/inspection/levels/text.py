@@ -24,6 +24,8 @@ def levels_text(comparison: LevelComparison) -> str:
     rings = ring_down_rows(comparison)
     if len(rings) > 1:
         blocks.append("\n".join(align_columns(rings)))
+    if comparison.with_gaps:
+        blocks.append(gaps_text(comparison))
     return "\n\n".join(blocks)
 
 
@@ -149,6 +151,15 @@ def ring_down_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
                 )
             )
     return rows
+
+
+def gaps_text(comparison: LevelComparison) -> str:
+    """What ring-downs leave out."""
+    names = comparison.with_gaps
+    lack = "lacks" if len(names) == 1 else "lack"
+    return paragraph(
+        f"{', '.join(names)} {lack} samples at the highest level, and no mode is followed there as it rings down."
+    )
 
 
 def ring_name(ring: RingDown) -> str:
