@@ -12,7 +12,14 @@ from structures import HARDENING, link, structure
 import linkwise as lw
 from linkwise.likelihood import local_optima
 from linkwise.likelihood.fit import CostShape, LikelihoodFit, likelihood_fit
-from linkwise.likelihood.local_optima import is_regular, lower_of_two, profiles_rise, rises_by
+from linkwise.likelihood.local_optima import (
+    is_quadratic,
+    is_regular,
+    lower_of_two,
+    profiles_rise,
+    rises_by,
+    rises_in_weak_directions,
+)
 from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.loss import Loss
@@ -130,3 +137,25 @@ def test_a_valley_that_bends_is_told(seed: int) -> None:
     fit = lw.identify(clean.with_noise(17.0, seed=seed), pair.unknown("all"))
     off = np.abs(fit.values - truth(pair, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
     assert not fit.trusted or off.max() < 5.0
+
+
+def test_checks_know_the_inertia_of_an_unknown_mass_in_coordinates_of_the_base() -> None:
+    """With all parameters held, forces of inertia were those of the masses that the structure states, here none."""
+    storeys = structure(
+        {"m1": 1.3, "m2": 1.0},
+        link("lower", "m1-base", "k*d + c*v", k=2000.0, c=1.0),
+        link("upper", "m2-m1", "k*d + c*v", k=1500.0, c=0.5),
+    )
+    record = lw.simulate(
+        storeys,
+        duration=4.0,
+        rate=500.0,
+        base="0.01*sin(35*t) + 0.004*sin(61*t)",
+        sensors=("a:m1", "a:m2", "a:base"),
+    ).with_noise(30.0, seed=1)
+    unknown = storeys.unknown("all", "mass:m1")
+    theta, spread = starting_values([record], unknown)
+    fit = likelihood_fit([record], unknown, theta, spread=spread)
+    assert fit.status is AnnealingStatus.CONVERGED
+    assert is_quadratic(fit) and rises_in_weak_directions(fit)
+    assert not is_quadratic(replace(fit, covariance=16.0 * fit.covariance))

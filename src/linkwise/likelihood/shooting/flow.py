@@ -61,10 +61,9 @@ class Inputs:
         force = self.force[steps]
         if self.points is not None and mechanics.shape_change is not None:
             force = force + mechanics.shape_change.T @ self.points[steps]
-        parameters = mechanics.system.parameters
-        if self.frame is not None and parameters.mass_map.any():
-            more = (mechanics.masses - parameters.stated_masses)[:, None]
-            force = force - more * self.frame[steps][..., None, :]
+        more = mechanics.masses - mechanics.system.parameters.stated_masses
+        if self.frame is not None and more.any():
+            force = force - more[:, None] * self.frame[steps][..., None, :]
         return np.asarray(force)
 
     def accelerations(self, orbit: Trajectories) -> tuple[Floats, Floats]:
