@@ -87,3 +87,14 @@ def test_a_record_without_noise_refuses_another_law() -> None:
     other = lw.parse_structure(lw.format_structure(chain).replace("beta*d**3", "beta*d**2"))
     fit = lw.identify(record, other.unknown("nes"))
     assert not fit.trusted
+
+
+def test_a_channel_without_noise_does_not_hide_noise_that_is_stated_too_large() -> None:
+    chain = lw.bnes_chain(2)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
+    deviation = 1e-3 * float(np.std(record.channel("x:m1")))
+    values = record.values.copy()
+    values[:, 0] += deviation * np.random.default_rng(7).standard_normal(len(record))
+    noisy_first = replace(record, values=values, simulated=None)
+    stated = replace(noisy_first, noise={"x:m1": 10.0 * deviation})
+    assert lw.identify(stated, chain.unknown("nes")).verdicts[0] is lw.Verdict.NOISE_MISMATCH

@@ -96,7 +96,7 @@ def explained_fit(
         The fit and its errors.
     """
     any_stated = bool(np.isinf(lowest).any())
-    off = _is_off(fit, annealer.loss, limit, lowest)
+    off = _is_off(segments, fit, annealer.loss, limit, lowest)
     exact = allowed.model_error and not allowed.known_model_error
     coloured = with_coloured_noise(segments, fit, annealer) if exact and allowed.coloured_noise else None
     candidate = None
@@ -108,24 +108,28 @@ def explained_fit(
         return _with_coloured_noise(coloured, off=any_stated and off)
     if candidate is not None and candidate.exact:
         fit = with_noise_of_residuals(segments, candidate.fit, annealer, lowest)
-        return _with_exact_laws(fit, off=_is_off(fit, annealer.loss, limit, lowest))
+        return _with_exact_laws(fit, off=_is_off(segments, fit, annealer.loss, limit, lowest))
     if candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, any_stated)
     return _with_exact_laws(fit, off=off)
 
 
-def _is_off(fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
+def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
     """Whether chi-square is not that of the noise.
 
-    Where outliers make up a part of it, a robust loss leaves less, and channels with hardly any noise leave nothing.
+    Where outliers make up a part of it, a robust loss leaves less. Channels with hardly any noise leave nothing: whether
+    chi-square is too small the others tell.
     """
     if fit.chi_square > 1.0 + limit:
         return True
-    if (fit.scales.sigma <= lowest * _ROUNDED)[np.isfinite(lowest)].any():
-        return False
-    stated = bool(np.isinf(lowest).any())
-    least = 1.0 - limit if stated or isinstance(loss, Gaussian) else min(_LEAST_ROBUST, 1.0 - limit)
-    return not fit.chi_square >= least
+    stated = np.isinf(lowest)
+    least = 1.0 - limit if stated.any() or isinstance(loss, Gaussian) else min(_LEAST_ROBUST, 1.0 - limit)
+    noisy = stated | (fit.scales.sigma > lowest * _ROUNDED)
+    if noisy.all():
+        return not fit.chi_square >= least
+    samples = segments.observed[:, noisy].sum()
+    power = float(np.sum(fit.misfit.residuals[:, noisy] ** 2)) / max(samples, 1)
+    return bool(samples) and not power >= least
 
 
 def _with_exact_laws(fit: AnnealingFit, *, off: bool) -> ExplainedFit:
