@@ -124,6 +124,32 @@ def test_starts_do_not_set_the_scale_of_forces(sensors: tuple[str, ...]) -> None
     assert lw.identify(measured(*sensors), known).trusted
 
 
+def test_a_base_at_rest_with_an_accelerometer_is_no_frame() -> None:
+    """Its noise was taken for the acceleration of the coordinates: KeyError 0, or inertia counted twice."""
+    at_rest = lw.simulate(
+        two_storeys(),
+        duration=4.0,
+        rate=500.0,
+        base="0*t",
+        forces={"m2": "40*sin(35*t) + 25*sin(61*t)"},
+        sensors=("x", "x:base"),
+    ).with_noise(40.0, seed=SEED)
+    noise = 0.01 * np.random.default_rng(SEED).standard_normal(len(at_rest))
+    record = replace(
+        at_rest,
+        channels=(*at_rest.channels, "a:base"),
+        values=np.column_stack([at_rest.values, noise]),
+        simulated=None,
+    )
+    unknown = with_masses(two_storeys().unknown("all"), m1=lw.Coefficient.unknown())
+    with_base, without = (lw.identify(given, unknown, method="weak") for given in (record, at_rest))
+    assert with_base.values == pytest.approx(without.values, rel=1e-9)  # the same equations
+    unforced = replace(
+        record.select([name for name in record.channels if name != "force:m2"]), source="unforced"
+    )
+    lw.identify(unforced, unknown, method="weak")
+
+
 def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
     columns = record.values.copy()
     columns[:, record.channels.index(channel)] = values

@@ -48,6 +48,8 @@ def test_forces_of_inertia_are_those_of_stated_masses() -> None:
         in_record = frame_acceleration(frame.record)
         assert in_record is not None
         assert (in_record == frame.acceleration).all()
+        in_part = frame_acceleration(frame.record[10:50])
+        assert in_part is not None and (in_part == frame.acceleration[10:50]).all()
     assert frame_acceleration(measured("x", "x:base", "a:base")) is None
 
 

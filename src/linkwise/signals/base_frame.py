@@ -13,7 +13,7 @@ acceleration of the coordinates for the rest of it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -27,6 +27,10 @@ from linkwise.records.record import Record
 
 _KINDS = "xva"
 _BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
+
+
+class RelativeRecord(Record):
+    """A record in coordinates relative to a base, whose acceleration is a:base; x:base rests."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +171,7 @@ def _changed(
             columns[channel] = columns.get(channel, 0.0) - (mass.mass.value or 0.0) * acceleration
         columns |= {f"x:{BASE}": np.zeros(len(record)), f"a:{BASE}": acceleration}
         noise[f"x:{BASE}"] = 0.0
-    return replace(
+    changed = replace(
         record,
         channels=tuple(columns),
         values=np.stack(list(columns.values()), axis=1),
@@ -176,6 +180,9 @@ def _changed(
         interpolation={name: kind for name, kind in record.interpolation.items() if name in columns},
         uncertainty={},  # of channels by their own names, which the estimators take from the record itself
     )
+    if acceleration is None:
+        return changed
+    return RelativeRecord(**{member.name: getattr(changed, member.name) for member in fields(changed)})
 
 
 def frame_acceleration(record: Record) -> Floats | None:
@@ -191,8 +198,7 @@ def frame_acceleration(record: Record) -> Floats | None:
     array of shape (N,) or None
         The acceleration in m/s^2; None where they are at rest, and not in those of a base that accelerates.
     """
-    rests = f"x:{BASE}" in record.channels and not record.channel(f"x:{BASE}").any()
-    return record.channel(f"a:{BASE}") if rests and f"a:{BASE}" in record.channels else None
+    return record.channel(f"a:{BASE}") if isinstance(record, RelativeRecord) else None
 
 
 def _require_band_limited(record: Record) -> None:
