@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from structures import host, link, structure
 
 import linkwise as lw
+from linkwise.likelihood.starts.rigid_motions import require_placed
 
 TRUE = {"k": 500.0, "k3": 5e6, "c": 0.2}
 
@@ -39,3 +42,16 @@ def test_displacements_tell_the_place_of_a_free_body() -> None:
 def test_what_does_not_tell_its_place_is_refused(kind: str) -> None:
     with pytest.raises(lw.IdentificationError, match="nothing tells the place of rigid motions at 0 Hz"):
         lw.identify(pushed(kind), body(**TRUE).unknown("nes"))
+
+
+def test_a_damper_to_the_ground_does_not_tell_the_place() -> None:
+    body_with_damper = body(**TRUE)
+    damped = replace(
+        body_with_damper, links=(*body_with_damper.links, link("mount", "body.left-ground", "c*v", c=0.3))
+    )
+    with pytest.raises(lw.IdentificationError, match="nothing tells the place of rigid motions at 0 Hz"):
+        require_placed(pushed("a"), damped)
+    held = replace(
+        body_with_damper, links=(*body_with_damper.links, link("mount", "body.left-ground", "k*d", k=3.0))
+    )
+    require_placed(pushed("a"), held)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.model.link import GROUND
+from linkwise.expression import symbols
+from linkwise.model.link import GROUND, Link
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -31,7 +32,7 @@ def require_placed(record: Record, structure: Structure) -> None:
     rows += [
         structure.incidence[:, [number]].toarray().ravel()
         for number, link in enumerate(structure.links)
-        if GROUND in link.between and link.name not in structure.modes
+        if GROUND in link.between and link.name not in structure.modes and _acts_by_place(link)
     ]
     placed = np.array(rows)[:, rigid] if rows else np.zeros((1, len(rigid)))
     if np.linalg.matrix_rank(placed) == len(rigid):
@@ -42,6 +43,11 @@ def require_placed(record: Record, structure: Structure) -> None:
         "displacement (x:HOST.POINT) for each, or state the frequency at which a suspension holds the structure, such as "
         "frequency = 0.5"
     )
+
+
+def _acts_by_place(link: Link) -> bool:
+    """Whether a force depends on the elongation; that of a damper does not."""
+    return bool(link.law.states) or "d" in symbols(link.law.expression)
 
 
 def _is_rigid(structure: Structure, mode: str) -> bool:
