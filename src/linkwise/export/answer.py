@@ -49,7 +49,10 @@ class ExportedAnswer:
         posterior = given.posterior
         names = posterior.names if posterior is not None else ()
         covariance = posterior.covariance if posterior is not None else np.zeros((0, 0))
-        note = "" if posterior is not None else "It has no standard errors, since the answer gives none."
+        notes = [] if posterior is not None else ["It has no standard errors, since the answer gives none."]
+        if any(host.damping for host in given.structure.hosts):
+            notes.append("An end HOST.-modeN moves as minus mode N of the host: damping between modes.")
+        note = " ".join(notes)
         return cls(given.structure, names, covariance, note, version("linkwise"))
 
     @property

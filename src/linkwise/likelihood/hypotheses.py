@@ -77,7 +77,7 @@ def missing_terms(
 
     Terms whose coefficients are among those `estimated`, by name, are there: their scores are rounding.
     """
-    names = [link.name for link in structure.links]
+    names = [link.name for link in structure.links if _offered(link, structure)]
     tested = set(sorted(names, key=lambda name: name in structure.modes)[:_LINKS])
     pairs = [
         (_of_term(link.name, law, structure), CandidateForce(first, second, law))
