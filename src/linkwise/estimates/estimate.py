@@ -29,8 +29,9 @@ from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.inspect import inspect
 from linkwise.model.host_damping import is_between_modes
+from linkwise.model.link import Link
 from linkwise.model.parameters import SHAPE_UNIT, Parameter
-from linkwise.model.structure import Link, Structure
+from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.text import as_text

@@ -106,11 +106,11 @@ def _skewed(equations: WeakEquations, fit: WeakFit) -> list[str]:
     """The coefficients that enter rates of states nonlinearly, as 1/R, and are too uncertain for a symmetric interval."""
     layout, deviations = equations.structure_layout, np.sqrt(fit.covariance.diagonal())
     remembers = {element.link for element in layout.elements[len(layout.structure.links) :]}
-    slots = {number: link for (link, _), number in layout.parameter_index.items()}
+    of_memory = {number for (link, _), number in layout.parameter_index.items() if link in remembers}
     return [
         equations.parameters[number]
-        for number in sorted(layout.nonlinear)
-        if slots[number] in remembers and deviations[number] > _SKEWED * abs(fit.values[number])
+        for number in sorted(of_memory.intersection(layout.nonlinear))
+        if deviations[number] > _SKEWED * abs(fit.values[number])
     ]
 
 
