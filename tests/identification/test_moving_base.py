@@ -124,6 +124,14 @@ def test_starts_do_not_set_the_scale_of_forces(sensors: tuple[str, ...]) -> None
     assert lw.identify(measured(*sensors), known).trusted
 
 
+def test_a_mass_that_noise_makes_zero_at_first_needs_a_start() -> None:
+    """The search began at 0 kg: "the mass must be positive", of a structure that states none."""
+    noisy = exact("a", "a:base").with_noise(5.0, seed=601)
+    unknown = with_masses(two_storeys().unknown("all"), m1=lw.Coefficient.unknown())
+    with pytest.raises(lw.IdentificationError, match=r"no starting value for m1.mass: .* is 0 kg.*State"):
+        lw.identify(noisy, unknown)
+
+
 def test_a_base_at_rest_with_an_accelerometer_is_no_frame() -> None:
     """Its noise was taken for the acceleration of the coordinates: KeyError 0, or inertia counted twice."""
     at_rest = lw.simulate(

@@ -13,7 +13,7 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.hosts import equivalent_start, host_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
-from linkwise.model.parameters import Parameter
+from linkwise.model.parameters import MASS, Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.common_samples import common_samples
 from linkwise.records.record import Record
@@ -67,18 +67,29 @@ def starting_values(
     Raises
     ------
     IdentificationError
-        If a parameter has no starting value.
+        If a parameter has no starting value, or a mass none above zero.
     """
     records = framed_records(records, structure)
     given = dict(given or {})
     priors = {p.name: p for p in structure.parameters if p.sigma < np.inf and p.name not in given}
     firm = [name for name, p in priors.items() if p.sigma <= _FIRM * abs(_start(p))]
     try:
-        return _beside_priors(records, structure, given, firm, weak)
+        return _with_masses(structure, _beside_priors(records, structure, given, firm, weak))
     except IdentificationError:
         if len(firm) == len(priors):
             raise
-    return _beside_priors(records, structure, given, list(priors), weak)
+    return _with_masses(structure, _beside_priors(records, structure, given, list(priors), weak))
+
+
+def _with_masses(structure: Structure, starts: tuple[Floats, Floats | None]) -> tuple[Floats, Floats | None]:
+    """The `starts`; IdentificationError where a mass has none above zero."""
+    for parameter, value in zip(structure.parameters, starts[0].tolist(), strict=True):
+        if not value > 0.0 and any(key == MASS for _, key in parameter.members):
+            raise IdentificationError(
+                f"no starting value for {parameter.name}: what the record gives first is {value:.3g} kg, as noise can make "
+                "it. State { start = ... } for it in the structure"
+            )
+    return starts
 
 
 def equivalent_values(
