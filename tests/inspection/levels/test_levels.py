@@ -191,6 +191,9 @@ def test_a_channel_with_gaps_is_left_out_of_ring_downs_and_named() -> None:
     assert {ring.channel for ring in comparison.ring_downs} == {"a:m2"}
     assert "a:m1 lacks samples at the highest level" in " ".join(str(comparison).split())
     assert comparison.to_dict()["without_ring_down"] == ["a:m1"]
+    values[300:340] = np.nan
+    with pytest.raises(lw.RecordError, match=r"a:m1, a:m2 lack samples\. Cut the record"):
+        lw.compare_levels([replace(record, values=values)])
 
 
 @pytest.mark.parametrize("sensor", ["x:m1", "v:m1", "a:m1"])

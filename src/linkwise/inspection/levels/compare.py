@@ -93,11 +93,9 @@ def compare_levels(
     measured = [_measurement(record, forced=forced) for record in ordered]
     of_highest = channel_noise(ordered[-1])
     rings = ring_downs(ordered[-1], of_highest)
+    gaps = tuple(name for name in _shown(ordered[-1]) if name not in motions(ordered[-1]))
     if len(records) == 1 and not rings:
-        raise RecordError(
-            "levels are compared between two records or more, and this one alone does not ring down: it has no part without "
-            "a force that is long enough to follow a mode as it decays"
-        )
+        raise RecordError(_no_ring_down(gaps))
     if modes is not None or (forced and len(records) > 1):
         pursued = pursued_modes(measured[0], modes, part(progress, 0.0, 0.5))
         start = np.stack([pursued.frequencies, pursued.damping], axis=1)
@@ -134,8 +132,21 @@ def compare_levels(
         responses=tuple(ResponseFunction.of(record, response, force) for record in ordered if forced),
         distortions=tuple(distortion(record, response, force) if forced else None for record in ordered),
         ring_downs=rings,
-        with_gaps=tuple(name for name in _shown(ordered[-1]) if name not in motions(ordered[-1])),
+        with_gaps=gaps,
         surfaces=acceleration_surfaces(ordered[-1], by_level[0].frequencies, of_highest),
+    )
+
+
+def _no_ring_down(gaps: Sequence[str]) -> str:
+    """Why a single record shows nothing."""
+    if gaps:
+        return (
+            f"no mode can be followed as it rings down: {', '.join(gaps)} lack samples. Cut the record to a part without "
+            "gaps, or give a second level to compare"
+        )
+    return (
+        "levels are compared between two records or more, and this one alone does not ring down: it has no part without a "
+        "force that is long enough to follow a mode as it decays"
     )
 
 
