@@ -18,6 +18,7 @@ _STEP = 0.1  # of a standard error: departures of runs are linear in it, and gro
 _LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
 _GROWN = 10.0  # times that over the burn: what is as uncertain from the start has not grown
 _STAYS = 0.5  # of the time that follows, as long as the burn: an uncertainty that passes is not the end
+_FEWEST = 50  # samples of that time at least: after a shorter burn the uncertainty grows for as long without any chaos
 _SHORTEST = 4  # samples that a window predicts at least
 _LONGEST = 8  # windows at least
 _SETTLE = 100  # samples at most that determine the state of a window
@@ -66,9 +67,10 @@ def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Predic
     record = predictor.record
     size = np.nanstd(record.select(record.responses).values, axis=0)
     deviation = np.sqrt(run.by_state)
-    early = np.sqrt(np.mean(run.by_state[:burn], axis=0))
+    span = max(burn, _FEWEST)
+    early = np.sqrt(np.mean(run.by_state[:span], axis=0))
     lost = (deviation > _LOST * size) & (deviation > _GROWN * early)
-    lost = (lost & (_ahead(lost, burn) > _STAYS)).any(axis=1)
+    lost = (lost & (_ahead(lost, span) > _STAYS)).any(axis=1)
     lost[:burn] = False
     if not lost.any():
         return run
