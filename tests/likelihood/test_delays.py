@@ -84,6 +84,29 @@ def test_a_delay_is_admitted_and_without_that_not_trusted() -> None:
     assert fit.trusted and delay == pytest.approx(3e-4, abs=5.0 * deviation)
 
 
+def test_a_delay_of_the_only_force_is_admitted_as_responses_that_are_early() -> None:
+    """Two samples of 5 ms late, a multisine of 0.3 to 12 Hz; the diagnosis names the force."""
+    structure = oscillator("k*d + b*d**3 + c*v", name="foot", k=400.0, b=3e4, c=1.2)
+    lines = 2 * np.pi * np.arange(6, 240) / 20.0
+    phases = np.random.default_rng(36).uniform(0.0, 2 * np.pi, len(lines))
+    time = np.arange(4001) / 200.0
+    applied, recorded = (
+        0.55 * np.sin(lines * (time - delay)[:, None] + phases).sum(axis=1) for delay in (0.0, 0.01)
+    )
+    force = lw.Sampled(0.0, 200.0, applied)
+    record = lw.simulate(structure, forces={"m1": force}, duration=20.0, rate=200.0).with_noise(35.0, seed=36)
+    columns = np.stack([record.channel("x:m1"), recorded], axis=1)
+    record = lw.Record(0.0, 200.0, ("x:m1", "force:m1"), columns)
+    asked = structure.unknown("all")
+    assert lw.identify(record, asked).diagnosis[0].kind == "force delay"
+    fit = lw.identify(record, asked, admit=["delay"])
+    delay, deviation = delay_found(fit, "x:m1")
+    assert fit.trusted and delay == pytest.approx(-0.01, abs=5.0 * deviation)
+    for name, true in (("foot.k", 400.0), ("foot.b", 3e4), ("foot.c", 1.2)):
+        coefficient = fit.coefficient(name)
+        assert abs(coefficient.value - true) < 4.0 * present(coefficient.standard_error)
+
+
 def test_a_delay_of_no_sensor_is_refused() -> None:
     with pytest.raises(lw.IdentificationError, match="no delay of x:m9 can be estimated: the sensors"):
         lw.identify(late("x:m1", 0, seed=34), ASKED, delays=["x:m9"])

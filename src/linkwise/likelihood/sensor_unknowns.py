@@ -105,9 +105,12 @@ def answer_with_sensors(
         instruments = [
             cause for cause in answer.diagnosis if cause.is_instrument and cause.kind != "input noise"
         ]
-        if interrupted or not instruments or instruments[0].kind not in admitted:
+        if interrupted or not instruments:
             return answer
         kind, channel = instruments[0].kind, instruments[0].where
+        kind = "delay" if kind == "force delay" else kind
+        if kind not in admitted:
+            return answer
         if kind != "delay" and any(_rivals(instruments[0], rival) for rival in instruments[1:]):
             return answer
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
