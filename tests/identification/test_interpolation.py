@@ -61,6 +61,16 @@ def test_a_held_force_taken_for_a_band_limited_one_looks_half_a_sample_late() ->
     assert not lw.validate(driven("held"), duffing()).trusted
 
 
+def test_straight_lines_taken_for_a_band_limited_force_look_like_a_filter() -> None:
+    """Their gain is (sin(a)/a)^2, 1 - a^2/3 to first order, as a second derivative times a twelfth of a sample squared."""
+    fit = lw.identify(driven("linear"), duffing().unknown("all"))
+    assert not fit.trusted
+    cause = fit.diagnosis[0]
+    assert cause.kind == "filter"
+    assert cause.size == pytest.approx(1.0 / (12.0 * RATE**2), rel=0.2)
+    assert "(as of an input that runs in straight lines between its samples)" in cause.description
+
+
 def test_weak_form_of_a_held_force() -> None:
     """The delay of half a sample would put k off by 2 % and c by 20 %: a force of mean period 0.15 s, as the motion has."""
     record = replace(driven("held"), interpolation={"force:m1": "held"})

@@ -143,7 +143,7 @@ def _stated(cause: Cause) -> str:
 
 def _low_pass(cause: Cause) -> str:
     corner = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * abs(cause.size)))
-    return f"a filter of {cause.where}, as a low pass of first order at {corner:.3g} Hz"
+    return f"a filter of {cause.where}, as a low pass of first order at {corner:.3g} Hz{_remarked(cause)}"
 
 
 def _in_other_unit(cause: Cause) -> str:

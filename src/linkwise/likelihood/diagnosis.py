@@ -45,6 +45,10 @@ _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 
 _LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
+_STRAIGHT = (
+    1.0 / 12.0
+)  # of a sample squared: what straight lines take off a motion is its second derivative times it
+_NEAR = 0.2  # relative, by which a filter may differ from that and still look like it
 _CHANCE = (
     16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 )
@@ -294,6 +298,10 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
+    if hypothesis.kind == "filter" and abs(size / (_STRAIGHT * sample**2) - 1.0) < _NEAR:
+        inputs = optimum.segments.inputs
+        driven = any(part is not None for part in (inputs.force, inputs.base, inputs.frame, inputs.points))
+        return "as of an input that runs in straight lines between its samples" if driven else ""
     if hypothesis.term in MEMORY_TERMS:
         return f"which laws with memory have, such as {MEMORY_TERMS[hypothesis.term]}"
     return ""
