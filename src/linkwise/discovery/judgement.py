@@ -23,8 +23,9 @@ from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import model_average
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.result import Discovery
-from linkwise.discovery.rival_errors import rival_errors, rival_remarks
+from linkwise.discovery.rival_errors import RivalError, rival_errors, rival_remarks
 from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_remarks, rival_forms
+from linkwise.discovery.rival_offsets import rival_offsets
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.term_parameters import without_values
@@ -47,6 +48,10 @@ _INEXACT = (
 _STATED_WRONG = (
     "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
     "interval is given. Check the stated value that the findings name, or let it be unknown."
+)
+_OFF_ZERO = (
+    "A zero offset of a sensor would explain the record with fewer terms than were found: no interval is given. Check the "
+    "zero of the channel that the findings name, or let its offset be estimated."
 )
 _NO_VALUES = (
     "No fit found the parameters of {}, which have numbers of a grid: what was found beside them may be false. Offer fewer "
@@ -83,19 +88,19 @@ def judged_discovery(
     offered = screened.candidates.full_structure
     estimate = estimate_of(selection.structure, fit, records, delays, offered=offered)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
-    alone = _errors(estimate)
-    estimate = widened(estimate, dropped.covariance)
+    alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
     firm = estimate.trusted and selection.settled
-    rivals = rival_errors(selection, estimate.structure) if firm and not fit.random_forces else ()
+    tested = firm and not fit.random_forces
+    rivals = rival_errors(selection, estimate.structure) if tested else ()
+    offsets = rival_offsets(selection, screened.candidates, records[0].channels) if tested else ()
     moves = estimate.trusted and bool(screened.candidates.hosts)
     moved = link_exchanges(selection, screened.candidates) if moves else ()
-    if any(rival.is_preferred for rival in rivals):
-        estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=_STATED_WRONG)
-    forms = rival_forms(selection, screened.candidates) if firm and not fit.random_forces else ()
+    estimate = _beside_rivals(estimate, rivals, offsets)
+    forms = rival_forms(selection, screened.candidates) if tested else ()
     estimate = allowing_for(estimate, forms)
-    origins = (
-        unknown_origins(estimate, records, selection, screened.candidates) if screened.integrated else ()
-    )
+    integrated = screened.integrated
+    origins = unknown_origins(estimate, records, selection, screened.candidates) if integrated else ()
+    others: tuple[_Rival, ...] = (*rivals, *offsets, *moved, *forms, *origins)
     memory = [replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory]
     search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
@@ -108,7 +113,7 @@ def judged_discovery(
             trusted=trusted,
             collinear=checks.collinear,
             in_proportion=checks.in_proportion,
-            replaceable=_replaceable(selection, estimate, alone, (*rivals, *moved, *forms, *origins)),
+            replaceable=_replaceable(selection, estimate, alone, others),
             shares=unit_shares(selection, screened.candidates) if trusted else {},
             added=np.asarray(estimate.for_dropped_terms).diagonal(),
         ),
@@ -118,7 +123,7 @@ def judged_discovery(
         remarks=(
             *(remark for _, remark in search),
             *rival_form_remarks(forms, selection),
-            *rival_remarks(rivals, selection.quadratic.names),
+            *rival_remarks((*rivals, *offsets), selection.quadratic.names),
             *link_exchange_remarks(moved),
             *origin_remarks(origins),
             *checks.remarks,
@@ -131,6 +136,16 @@ def judged_discovery(
         memory=tuple(memory),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+def _beside_rivals(
+    estimate: Estimate, errors: Sequence[RivalError], offsets: Sequence[RivalError]
+) -> Estimate:
+    """The estimate, without intervals where errors of stated values, or offsets of sensors, explain more than its terms."""
+    for rivals, message in ((errors, _STATED_WRONG), (offsets, _OFF_ZERO)):
+        if any(rival.is_preferred for rival in rivals):
+            return replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
+    return estimate
 
 
 class _Rival(Protocol):

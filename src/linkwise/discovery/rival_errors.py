@@ -21,6 +21,7 @@ from linkwise.discovery.stepwise import local_search
 from linkwise.likelihood.force_errors import errors_of_stated_values
 from linkwise.likelihood.hypotheses import Hypothesis
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 
 _LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
 _LARGEST_DAMPING = 1.0  # of a mode, which changes with temperature and joints
@@ -31,9 +32,17 @@ _STATED = {
     "frequency": "the frequency of {} were {} than stated",
     "damping": "the damping of {} were {} than stated",
 }
-_PHRASES = {**_STATED, "force gain": "{} were {} than recorded"}
+_PHRASES = {
+    **_STATED,
+    "force gain": "{} were {} than recorded",
+    "offset": "{} had a zero offset of {}",
+}
 _CHECK = "check the value, or let it be unknown"
-_ADVICE = {**dict.fromkeys(_STATED, _CHECK), "force gain": "check its calibration"}
+_ADVICE = {
+    **dict.fromkeys(_STATED, _CHECK),
+    "force gain": "check its calibration",
+    "offset": "check the zero of the channel, or estimate its offset",
+}
 _NAMED = 3
 _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 
@@ -41,6 +50,8 @@ _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 @dataclass(frozen=True)
 class RivalError:
     """An error of a stated value, `where`, of relative `size`, beside which the `terms`, by number, are not needed.
+
+    Or a zero offset of a channel, in its own unit.
 
     `excess` is the criterion of that model above that of the selection: below zero the records prefer the error.
     """
@@ -59,6 +70,9 @@ class RivalError:
     def remark(self, names: tuple[str, ...]) -> str:
         """A sentence for the user; `names` are those of all terms by number."""
         size = f"{100.0 * abs(self.size):.2g} % {'more' if self.size > 0.0 else 'less'}"
+        of = "an error of what is stated"
+        if self.kind == "offset":
+            size, of = f"{self.size:.3g} {Channel.parse(self.where).unit}", "a zero offset of a sensor"
         error = _PHRASES[self.kind].format(self.where, size)
         terms = " and ".join(names[number] for number in self.terms)
         if self.is_preferred:
@@ -66,10 +80,11 @@ class RivalError:
                 f"If {error}, {terms} would not be needed and the criterion would be {-self.excess:.3g} lower: "
                 f"{_ADVICE[self.kind]}."
             )
+        error = error.replace("a zero offset", "one")
         change = f"only {self.excess:.1f} higher" if self.excess >= 0.0 else f"{-self.excess:.1f} lower"
         return (
-            f"This record hardly distinguishes {terms} from an error of what is stated: if {error}, the criterion would be "
-            f"{change} without {'it' if len(self.terms) == 1 else 'them'}."
+            f"This record hardly distinguishes {terms} from {of}: if {error}, the criterion would be {change} without "
+            f"{'it' if len(self.terms) == 1 else 'them'}."
         )
 
 
@@ -98,7 +113,7 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[RivalErro
         for number, hypothesis in enumerate(hypotheses)
         if hypothesis.kind in _PHRASES and hypothesis.where not in unknown
         for term in np.flatnonzero(screened[:, number]).tolist()
-        for size, terms, excess in _without_term(selection, model, p + number, term)
+        for size, terms, excess in without_term(selection, model, p + number, term)
         if abs(size) < _largest(hypothesis)
     ]
     best: dict[tuple[int, ...], RivalError] = {}
@@ -143,10 +158,13 @@ def _may_be_replaced(selection: Selection, model: QuadraticModel, largest: Float
     return np.asarray((pair >= 0)[:, None] & (np.abs(sizes) < largest) & (excess < CERTAIN + more))
 
 
-def _without_term(
+def without_term(
     selection: Selection, model: QuadraticModel, error: int, term: int
 ) -> Iterator[tuple[float, tuple[int, ...], float]]:
-    """Where an error, by its number in `model`, may replace a term: its size, all terms replaced, and the excess."""
+    """Where an error, by its number in `model`, may replace a term: its size, all terms replaced, and the excess.
+
+    The latter is the criterion above that of the selection, if it is below 10; of errors only this one may join.
+    """
     penalty, p = selection.penalty, len(selection.structure.parameters)
     chosen = list(range(p))
     selected = model.cost(chosen) + penalty.total(chosen)

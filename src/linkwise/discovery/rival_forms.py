@@ -95,13 +95,9 @@ def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm
     ]
     try:
         local = local_quadratic(selection.fit.optimum, forces)
-        known = selection.quadratic.h[:p, :p]
-        factor = float(np.trace(local.curvature[:p, :p] @ np.linalg.inv(known))) / p  # of overdispersion
+        model = selection.quadratic_beside(local, [form.text for _, _, form in tested])
     except np.linalg.LinAlgError:
         return ()
-    names = (*selection.quadratic.names[:p], *(form.text for _, _, form in tested))
-    scatter = None if local.scatter is None else local.scatter / factor**2
-    model = QuadraticModel(names, local.curvature / factor, local.slope / factor, scatter)
     linear = {name for name, entry in candidates.by_name.items() if entry.term.text.replace(" ", "") == "d"}
     rivals = []
     for number, (link, chosen, form) in enumerate(tested):
@@ -109,7 +105,9 @@ def rival_forms(selection: Selection, candidates: Candidates) -> tuple[RivalForm
         terms = min(totals, key=lambda dropped: totals[dropped], default=())
         if not (terms and totals[terms] < -_STRONG):
             curved = (
-                () if form.is_damping else (d for d in totals if d and linear.isdisjoint(names[k] for k in d))
+                ()
+                if form.is_damping
+                else (d for d in totals if d and linear.isdisjoint(model.names[k] for k in d))
             )
             terms = min(curved, key=lambda dropped: totals[dropped], default=())
         gain = -totals[terms] if terms in totals else 0.0

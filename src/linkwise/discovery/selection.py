@@ -17,7 +17,7 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.restarts import fit_with_restarts
-from linkwise.likelihood.score_test import CandidateForce, local_quadratic
+from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.model.structure import Structure
@@ -69,6 +69,18 @@ class Selection:
         """All moves to other subsets, exchanges among them, the best first."""
         inside = list(range(len(self.structure.parameters)))
         return tuple(ranked_moves(self.quadratic, self.penalty, inside, swaps=True))
+
+    def quadratic_beside(self, local: LocalQuadratic, names: Sequence[str]) -> QuadraticModel:
+        """A model about the same fit in its parameters and in what `names` call, on the scale of `quadratic`.
+
+        Raises numpy.linalg.LinAlgError where the latter is singular.
+        """
+        p = len(self.structure.parameters)
+        ratios = local.curvature[:p, :p] @ np.linalg.inv(self.quadratic.h[:p, :p])
+        factor = float(np.trace(ratios)) / p  # of overdispersion
+        scatter = None if local.scatter is None else local.scatter / factor**2
+        names = (*self.quadratic.names[:p], *names)
+        return QuadraticModel(names, local.curvature / factor, local.slope / factor, scatter)
 
     @property
     def noise(self) -> Floats:
