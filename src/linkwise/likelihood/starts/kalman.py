@@ -261,9 +261,11 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
     scale = np.sqrt(np.maximum(matrix.diagonal(), np.finfo(float).tiny))
     scaled = matrix / np.outer(scale, scale)
     scaled[range(len(scale)), range(len(scale))] += _SHARE
-    _, solution, failed = lapack.dposv(scaled, right / scale[:, None])
-    if failed:
-        raise np.linalg.LinAlgError("the covariance of a state is not positive definite")
+    sides = right / scale[:, None]
+    _, solution, failed = lapack.dposv(scaled, sides)
+    if failed:  # without random forces a covariance sinks to rounding
+        sizes, axes = np.linalg.eigh(scaled)
+        solution = axes @ (axes.T @ sides / np.maximum(sizes, _SHARE)[:, None])
     return np.asarray(solution / scale[:, None])
 
 
