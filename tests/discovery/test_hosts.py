@@ -8,7 +8,17 @@ from functools import cache
 
 import numpy as np
 import pytest
-from structures import CANTILEVER, CANTILEVER_SHAPES, CANTILEVER_SINK, NES, bodies, host, link, structure
+from structures import (
+    CANTILEVER,
+    CANTILEVER_SHAPES,
+    CANTILEVER_SINK,
+    NES,
+    bodies,
+    host,
+    link,
+    named,
+    structure,
+)
 
 import linkwise as lw
 from linkwise.discovery.candidates import all_candidates
@@ -142,3 +152,27 @@ def test_parameters_of_terms_are_refused_beside_a_host() -> None:
             lw.PartialStructure(SINK, (), (beam(CANTILEVER_SHAPES),)),
             terms="v, d, friction",
         )
+
+
+def test_memory_is_found_in_a_joint_of_a_beam() -> None:
+    """Offered by name; the link that the forces show has it, with its values and the evidence for it."""
+    law = {"k": 8000.0, "c": 2.0, "F": 10.0, "x0": 3e-4, "s": 0.5}
+    known = beam(CANTILEVER_SHAPES)
+    true = structure(
+        {"body": 0.5}, named("joint", "body-beam.tip", "bouc-wen", **law), hosts=[known], name="beam"
+    )
+    taps = "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 0.375)/0.002)**2)"
+    sensors = ("a:beam.tip", "a:beam.mid", "a:beam.root", "a:body")
+    record = lw.simulate(true, forces={"beam.root": taps}, duration=0.6, rate=1000.0, sensors=sensors)
+    discovery = lw.discover(
+        record.with_noise(40.0, seed=5),
+        lw.PartialStructure(bodies({"body": 0.5}), (), (known,)),
+        terms="linear, bouc-wen",
+    )
+    assert discovery.trusted
+    [evidence] = discovery.memory
+    assert (evidence.link, evidence.law, evidence.certain) == ("body-beam.tip", "bouc-wen", True)
+    for name, value in law.items():
+        estimate = discovery.estimate.coefficient(f"body-beam.tip.{name}")
+        assert estimate.standard_error is not None
+        assert abs(estimate.value - value) < 4.0 * estimate.standard_error  # one draw of five

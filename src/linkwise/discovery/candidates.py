@@ -315,13 +315,7 @@ def candidates_for(
             "friction(0.01)"
         )
     candidates = all_candidates(given, offered, stated=stated, base=bool(base), ground=grounded, hosts=hosts)
-    remembering = offered_memory(terms)
-    if hosts and remembering:
-        raise IdentificationError(
-            f"beside a host laws with memory are not found yet: leave {', '.join(remembering)} out of the terms, and identify "
-            "a structure with that law in the link that is suspected"
-        )
-    return replace(candidates, memory=remembering)
+    return replace(candidates, memory=offered_memory(terms))
 
 
 def _parts(structure: Structure) -> tuple[tuple[Mass, ...], tuple[Link, ...], tuple[Host, ...]]:

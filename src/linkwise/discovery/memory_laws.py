@@ -11,7 +11,7 @@ without memory.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,8 +26,10 @@ from linkwise.discovery.suspected_memory import SuspectedMemory
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.likelihood.starts.memory import memory_starts, rough_memory_start
+from linkwise.likelihood.starts.host_memory import host_memory_starts
+from linkwise.likelihood.starts.memory import Valley, memory_starts, rough_memory_start
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
@@ -40,6 +42,7 @@ _CEILING, _STEPS = (
     1.5,
     25,
 )  # chi-square and steps at which a fit ends: half more than noise, or nearly, is evidence enough
+_STEPS_BESIDE_HOSTS = 75  # as starts follow from smoothed forces, which may be far off
 _TELLING = 1.2  # chi-square of a fit that says that a link or a law is wrong
 _NEAR = 1.5  # times the least misfit of rough starts up to which starts are refined
 _ALIKE = 10.0  # of -2 log likelihood: laws nearer than that explain the records as well
@@ -70,8 +73,12 @@ class _Hypothesis:
     chosen: frozenset[str]
     structure: Structure
     memory: tuple[str, ...]
-    values: Floats = field(default_factory=lambda: np.zeros(0))
-    misfit: float = np.inf
+    valleys: tuple[Valley, ...] = ()
+
+    @property
+    def misfit(self) -> float:
+        """The part of the forces that the best starting values leave; infinite where there are none."""
+        return min((valley.misfit for valley in self.valleys), default=np.inf)
 
     @classmethod
     def of(cls, search: TermSearch, chosen: frozenset[str], pair: int, law: str) -> _Hypothesis:
@@ -84,34 +91,41 @@ class _Hypothesis:
         return cls(pair, law, own, chosen & known, structure, memory)
 
     def ranked(self, records: Sequence[Record]) -> _Hypothesis:
-        """With rough starting values and the part of the forces that they leave, infinite where there are none."""
+        """With rough starting values, or with all that smoothed forces give beside hosts; with none where there are none."""
         try:
-            start = rough_memory_start(records, self.structure)
+            if self.structure.hosts:
+                return replace(self, valleys=host_memory_starts(records[0], self.structure, {}))
+            return replace(self, valleys=(rough_memory_start(records, self.structure),))
         except IdentificationError:
             return self
-        return replace(self, values=start.values, misfit=start.misfit)
 
     def refined(self, records: Sequence[Record], limit: float) -> _Hypothesis:
         """With the best starting values on whole records, where the rough ones leave less than a limit."""
-        if self.misfit > limit:
+        if self.misfit > limit or self.structure.hosts:
             return self
         try:
-            start = memory_starts(records, self.structure, {})[0]
+            return replace(self, valleys=memory_starts(records, self.structure, {})[:1])
         except IdentificationError:
             return self
-        return replace(self, values=start.values)
 
     def fitted(self) -> LikelihoodFit | None:
         """The fit from the starting values; None where the motion runs away from there."""
+        steps = _STEPS_BESIDE_HOSTS if self.structure.hosts else _STEPS
+
+        def search(values: Floats) -> LikelihoodFit:
+            return self._from(values).first_fit(self.structure, ceiling=_CEILING, steps=steps)
+
         try:
-            return self._from(self.values).first_fit(self.structure, ceiling=_CEILING, steps=_STEPS)
+            return fit_from_valleys(search, self.valleys)
         except (IdentificationError, np.linalg.LinAlgError):
             return None
 
     def selected(self, fit: LikelihoodFit) -> Selection | None:
         """The subset that no candidate improves, searched from a fit; None where none is found."""
+        search = self._from(fit.values)
+        search = replace(search, sensors=replace(search.sensors, nodes=fit.optimum.point.nodes))
         try:
-            return select_structure(self._from(fit.values), self.chosen)
+            return select_structure(search, self.chosen)
         except IdentificationError:
             return None
 
@@ -191,8 +205,11 @@ def _ranked(
     search: TermSearch, screened: ScreenedRecords, laws: Sequence[str], records: Sequence[Record]
 ) -> list[_Hypothesis]:
     """Every law on every link of the skeleton, those with the least misfit first."""
-    pairs = skeleton(screened.records, screened.motions, search.candidates)
     by_name = search.candidates.by_name
+    if search.candidates.hosts:
+        pairs = frozenset(by_name[name].pair for name in screened.first)
+    else:
+        pairs = skeleton(screened.records, screened.motions, search.candidates)
     names = {name for name, entry in by_name.items() if entry.pair in pairs}
     linear = {name for name in names if by_name[name].term.text in _LINEAR}
     chosen = frozenset(linear | (names & screened.first))
@@ -224,7 +241,7 @@ def _suspected(
                 values = fitted | {f"{suspected.link}.{name}": v for name, v in suspected.start(law).items()}
                 if all(parameter.name in values for parameter in own.structure.parameters):
                     start = np.array([values[parameter.name] for parameter in own.structure.parameters])
-                    hypotheses.append(replace(own, values=start))
+                    hypotheses.append(replace(own, valleys=(Valley(start, 0.0),)))
     return hypotheses
 
 

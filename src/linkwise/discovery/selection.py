@@ -232,7 +232,7 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
     visited: dict[frozenset[str], Selection] = {}
     structure = search.candidates.structure(chosen)
     theta, spread = search.start(structure)
-    nodes = None
+    nodes = search.sensors.nodes
     last = number + _ROUNDS - 1
     while True:
         inside = list(range(len(structure.parameters)))
