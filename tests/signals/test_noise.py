@@ -102,6 +102,19 @@ def test_one_gap_costs_only_its_blocks() -> None:
     np.testing.assert_allclose(noise_sigma(noisy), sigma, rtol=0.06)
 
 
+@pytest.mark.parametrize("still", [0.2, 0.4, 0.8])
+def test_an_encoder_that_rests_has_the_noise_of_its_steps(still: float) -> None:
+    """Rounding to a step is noise of variance step^2 / 12 while the encoder moves; at rest it shows none."""
+    time, step = np.arange(8000) / 200.0, 1e-4
+    moving = np.maximum(time - still * time[-1], 0.0)
+    shown = step * np.round((np.minimum(moving, 1.0) * 0.03 * np.sin(9.0 * time) + 0.0123) / step)
+    assert noise_sigma(shown)[0] == pytest.approx(step / np.sqrt(12.0), rel=0.1)
+
+
+def test_a_channel_that_never_changes_has_no_noise() -> None:
+    assert noise_sigma(np.full(600, 0.1))[0] == 0.0
+
+
 def test_a_channel_without_data_has_no_noise_to_tell() -> None:
     values = np.column_stack([np.random.default_rng(0).normal(size=200), np.full(200, np.nan)])
     sigma = noise_sigma(values)

@@ -16,7 +16,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import RecordError
 from linkwise.records.common_samples import sampled_every
 
@@ -64,7 +64,8 @@ class BlockSpectra:
     counts : array of int, shape (C,)
         Number of complete blocks.
     cells : array of shape (C, B, G)
-        Power of each block in G groups of high bins; NaN where a sample is missing.
+        Power of each block in G groups of high bins; NaN where a sample is missing, and where the channel does not change,
+        as a display or an encoder at rest: that says nothing of its noise.
     """
 
     block: int
@@ -89,10 +90,10 @@ def noise_sigma(samples: ArrayLike) -> Floats:
 
     Notes
     -----
-    Incomplete blocks are left out; a channel that was sampled at a lower rate is judged by its own samples, and one with
-    frequent gaps by divided differences. The standard error is about 1.2 % at N = 6001, with frequent gaps 2 %, and decreases
-    with sqrt(N). For noise that is not white, the quarter of the cells with the least power determines
-    the result.
+    Incomplete blocks, and those in which a channel does not change at all, are left out; a channel that was sampled at a lower
+    rate is judged by its own samples, and one with frequent gaps by divided differences. The standard
+    error is about 1.2 % at N = 6001, with frequent gaps 2 %, and decreases with sqrt(N). For noise that is not white, the
+    quarter of the cells with the least power determines the result.
     """
     return _sigma(_channels(samples), None)
 
@@ -211,12 +212,15 @@ def _across_gaps(samples: Floats) -> float:
 def _levels(spectra: BlockSpectra, fewest: int) -> Floats:
     """Noise power (C,) of each channel, NaN with fewer than `fewest` complete blocks."""
     depth = _CELLS[spectra.block][1]
-    if spectra.cells.shape[1] >= fewest and (spectra.counts == spectra.cells.shape[1]).all():
+    telling = np.isfinite(spectra.cells[:, :, 0])
+    if spectra.cells.shape[1] >= fewest and telling.all():
         return _noise_level(spectra.cells, depth)
     level = np.full(len(spectra.cells), np.nan)
     for channel, cells in enumerate(spectra.cells):
-        if spectra.counts[channel] >= fewest:
-            level[channel] = _noise_level(cells[np.isfinite(cells[:, 0])][None], depth)[0]
+        if telling[channel].sum() >= fewest:
+            level[channel] = _noise_level(cells[telling[channel]][None], depth)[0]
+        elif spectra.counts[channel] >= fewest and not telling[channel].any():
+            level[channel] = 0.0  # at rest throughout
     return level
 
 
@@ -252,8 +256,17 @@ def _spectra(channels: Floats, block: int) -> BlockSpectra:
             complete = np.isfinite(part[:, 0])
             total[channel] += (waves if complete.all() else waves[complete]).sum(axis=0)
             counts[channel] += np.count_nonzero(complete)
+        cells[channel, _at_rest(samples, block)[:blocks]] = np.nan
     mean = total.reshape(len(channels), -1, 2).sum(axis=2) * unit / np.maximum(counts, 1)[:, None]
     return BlockSpectra(block, mean, counts, cells)
+
+
+def _at_rest(samples: Floats, block: int) -> Bools:
+    """(B,) whether `samples` (N,) are the same in all of a block and the samples that its differences need."""
+    changes = np.concatenate([[0], np.cumsum(np.diff(samples) != 0.0)])
+    return np.asarray(
+        changes[block + _ORDER - 1 :: block // 2] == changes[: -(block + _ORDER - 1) : block // 2]
+    )
 
 
 @lru_cache(maxsize=32)
