@@ -11,11 +11,13 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.other_models import PathPoint, RunnerUp
+from linkwise.discovery.prediction import BlockParabolas, PredictionExcess, block_parabolas
 from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
 from linkwise.discovery.result import CERTAIN, TermEvidence
 from linkwise.discovery.selection import Selection, link_motions
 from linkwise.discovery.stepwise import Move, MoveKind
 from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.model.link import BASE, GROUND
 
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
@@ -158,17 +160,45 @@ def _ambiguous_masses(
     return frozenset(collinear) | (spread - supports)
 
 
-def selection_path(selection: Selection) -> tuple[PathPoint, ...]:
-    """Models of all sizes around the selected one, each the best neighbour of the one before, up to `_LARGER` more terms."""
+def path_models(selection: Selection) -> list[tuple[list[int], str]]:
+    """Models of all sizes around the selected one, each the best neighbour of the one before, with the step that leads to it.
+
+    Up to `_LARGER` terms more, by numbers of coefficients, the smallest first.
+    """
     quadratic, penalty = selection.quadratic, selection.penalty
     chosen = list(range(len(selection.structure.parameters)))
-    models = [
+    return [
         *_smaller(quadratic, penalty, chosen)[::-1],
         (chosen, ""),
         *_larger(quadratic, chosen),
     ]
+
+
+def path_parabolas(selection: Selection, candidates: Candidates) -> BlockParabolas | None:
+    """The parabolas of blocks of the records in all terms of the `path_models`; None where there are none."""
+    if selection.fit.status is not AnnealingStatus.CONVERGED:
+        return None
+    p = len(selection.structure.parameters)
+    added = sorted({number for numbers, _ in path_models(selection) for number in numbers if number >= p})
+    try:
+        return block_parabolas(selection, candidates, added)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def selection_path(selection: Selection, parabolas: BlockParabolas | None = None) -> tuple[PathPoint, ...]:
+    """The `path_models`, with what `parabolas` of blocks say of how well each predicts them."""
+    quadratic, penalty = selection.quadratic, selection.penalty
+    chosen = list(range(len(selection.structure.parameters)))
+    models = path_models(selection)
     costs = [quadratic.cost(numbers) for numbers, _ in models]
     totals = [cost + penalty.total(numbers) for cost, (numbers, _) in zip(costs, models, strict=True)]
+    predictions = [
+        PredictionExcess(np.nan, np.nan) if parabolas is None else parabolas.prediction(numbers)
+        for numbers, _ in models
+    ]
+    shares = {} if parabolas is None else parabolas.shares
+    number_of = {name: number for number, name in enumerate(quadratic.names)}
     selected = quadratic.cost(chosen) + penalty.total(chosen)
     least = min(costs)
     return tuple(
@@ -178,8 +208,11 @@ def selection_path(selection: Selection) -> tuple[PathPoint, ...]:
             criterion=total - selected,
             step=step,
             chosen=numbers == chosen,
+            prediction=prediction.excess,
+            scatter=prediction.scatter,
+            share=shares.get(number_of[step[2:]], np.nan) if step else np.nan,
         )
-        for (numbers, step), cost, total in zip(models, costs, totals, strict=True)
+        for (numbers, step), cost, total, prediction in zip(models, costs, totals, predictions, strict=True)
     )
 
 

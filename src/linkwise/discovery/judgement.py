@@ -14,6 +14,7 @@ from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark,
 from linkwise.discovery.evidence import (
     exchange_remarks,
     opposed_damping,
+    path_parabolas,
     runners_up,
     selection_path,
     term_evidence,
@@ -22,6 +23,7 @@ from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchan
 from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import model_average
 from linkwise.discovery.power import unit_shares
+from linkwise.discovery.prediction import terms_without_gain
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rival_errors import RivalError, rival_errors, rival_remarks
 from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_remarks, rival_forms
@@ -85,23 +87,22 @@ def judged_discovery(
     `delays` in s were found by channel.
     """
     fit = selection.fit
-    offered = screened.candidates.full_structure
-    estimate = estimate_of(selection.structure, fit, records, delays, offered=offered)
+    candidates = screened.candidates
+    estimate = estimate_of(selection.structure, fit, records, delays, offered=candidates.full_structure)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
-    firm = estimate.trusted and selection.settled
+    firm, names = estimate.trusted and selection.settled, selection.quadratic.names
     tested = firm and not fit.random_forces
     rivals = rival_errors(selection, estimate.structure) if tested else ()
-    offsets = rival_offsets(selection, screened.candidates, records[0].channels) if tested else ()
-    moves = estimate.trusted and bool(screened.candidates.hosts)
-    moved = link_exchanges(selection, screened.candidates) if moves else ()
-    estimate = _beside_rivals(estimate, rivals, offsets)
-    forms = rival_forms(selection, screened.candidates) if tested else ()
-    estimate = allowing_for(estimate, forms)
-    integrated = screened.integrated
-    origins = unknown_origins(estimate, records, selection, screened.candidates) if integrated else ()
-    others: tuple[_Rival, ...] = (*rivals, *offsets, *moved, *forms, *origins)
-    memory = [replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory]
+    offsets = rival_offsets(selection, candidates, records[0].channels) if tested else ()
+    moved = link_exchanges(selection, candidates) if estimate.trusted and candidates.hosts else ()
+    forms = rival_forms(selection, candidates) if tested else ()
+    estimate = allowing_for(_beside_rivals(estimate, rivals, offsets), forms)
+    parabolas = path_parabolas(selection, candidates)
+    needless = terms_without_gain(selection, parabolas)
+    origins = unknown_origins(estimate, records, selection, candidates) if screened.integrated else ()
+    others: tuple[_Rival, ...] = (*rivals, *offsets, *moved, *forms, *origins, *needless)
+    memory = tuple(replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory)
     search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
     trusted = is_trusted(verdicts)
@@ -109,21 +110,22 @@ def judged_discovery(
         estimate=estimate,
         terms=term_evidence(
             selection,
-            screened.candidates,
+            candidates,
             trusted=trusted,
             collinear=checks.collinear,
             in_proportion=checks.in_proportion,
             replaceable=_replaceable(selection, estimate, alone, others),
-            shares=unit_shares(selection, screened.candidates) if trusted else {},
+            shares=unit_shares(selection, candidates) if trusted else {},
             added=np.asarray(estimate.for_dropped_terms).diagonal(),
         ),
-        path=selection_path(selection),
+        path=selection_path(selection, parabolas),
         runners_up=runners_up(selection),
-        average=model_average(selection, screened.candidates, alone),
+        average=model_average(selection, candidates, alone),
         remarks=(
             *(remark for _, remark in search),
             *rival_form_remarks(forms, selection),
-            *rival_remarks((*rivals, *offsets), selection.quadratic.names),
+            *(term.remark(names) for term in needless),
+            *rival_remarks((*rivals, *offsets), names),
             *link_exchange_remarks(moved),
             *origin_remarks(origins),
             *checks.remarks,
@@ -133,7 +135,7 @@ def judged_discovery(
         verdicts=verdicts,
         rounds=selection.rounds,
         seconds=estimate.seconds,
-        memory=tuple(memory),
+        memory=memory,
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
 

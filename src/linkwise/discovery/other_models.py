@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,14 @@ class PathPoint:
         The term added ("+ m2-m1.k3") or dropped ("- m2-m1.c") on the way from the selected model.
     chosen : bool
         Whether this is the selected model.
+    prediction : float
+        What the model pays more than the selected one for pieces of the records that both were not fitted to, in -2 log
+        likelihood: each of ten pieces is left out in turn. NaN where the records are too short.
+    scatter : float
+        Standard error of that, from how far the pieces disagree.
+    share : float
+        The force of the term of `step` over that of its link, as root mean squares along the motion; NaN where no such link
+        was found.
 
     Examples
     --------
@@ -40,6 +49,9 @@ class PathPoint:
     criterion: float
     step: str
     chosen: bool
+    prediction: float = nan
+    scatter: float = nan
+    share: float = nan
 
 
 @dataclass(frozen=True)

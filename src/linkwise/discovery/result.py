@@ -341,6 +341,9 @@ class Discovery(JudgedView):
                     "criterion": point.criterion,
                     "step": point.step,
                     "chosen": point.chosen,
+                    "prediction": point.prediction,
+                    "scatter": point.scatter,
+                    "share": point.share,
                 }
                 for point in self.path
             ],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import inf, isfinite, isnan
 
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
@@ -24,9 +24,14 @@ Rows = list[tuple[str, ...]]
 _LINKS = 24  # that are printed; a longer list is in the result folder
 _DOUBTFUL = 12
 _RUNNERS_UP = 5
+_SIZES = 3  # of models with fewer terms, and with more, beside the selected one
 
 TERM_HEAD = ("", "value", "std. error", "z", "margin", "unit")
 DOUBTFUL_HEAD = ("", "term", "now", "z", "margin", "probability", "would be")
+PATH_TITLE = (
+    "models of other sizes: criterion, and -2 log likelihood of pieces left out, above the selected one"
+)
+PATH_HEAD = ("terms", "step", "criterion", "prediction", "scatter", "share of force")
 RUNNER_UP_HEAD = ("model", "criterion above the selected one")
 
 
@@ -59,6 +64,8 @@ def discovery_text(discovery: Discovery) -> str:
     if discovery.runners_up:
         rows = runner_up_rows(discovery)[: _RUNNERS_UP + 1]
         blocks.append("\n".join(["the next best models", *align_columns(rows)]))
+    if len(rows := path_rows(discovery)) > 1:
+        blocks.append("\n".join([PATH_TITLE, *align_columns(rows)]))
     remarks = all_remarks(discovery)
     if remarks:
         blocks.append("\n".join(remark_lines(remark) for remark in remarks))
@@ -211,6 +218,24 @@ def doubtful_rows(discovery: Discovery) -> Rows:
 def runner_up_rows(discovery: Discovery) -> Rows:
     """The runners-up, best first."""
     return [RUNNER_UP_HEAD, *((model.change, rough(model.margin)) for model in discovery.runners_up)]
+
+
+def path_rows(discovery: Discovery) -> Rows:
+    """Models of sizes about that of the selected one, the smallest first, if pieces of the records were left out."""
+    chosen = next((number for number, point in enumerate(discovery.path) if point.chosen), 0)
+    near = discovery.path[max(0, chosen - _SIZES) : chosen + _SIZES + 1]
+    rows: Rows = [PATH_HEAD]
+    if all(isnan(point.prediction) for point in near):
+        return rows
+    for point in near:
+        share = f"{100.0 * point.share:.2g} %" if isfinite(point.share) else ""
+        judged = (
+            ("selected", "", "", "", "")
+            if point.chosen
+            else (point.step, rough(point.criterion), rough(point.prediction), rough(point.scatter), share)
+        )
+        rows.append((str(point.terms), *judged))
+    return rows
 
 
 def all_remarks(discovery: Discovery) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.discovery.text import (
+    PATH_TITLE,
     all_remarks,
     doubt_mark,
     doubtful_rows,
@@ -18,6 +19,7 @@ from linkwise.discovery.text import (
     headline,
     links_by_certainty,
     mass_rows,
+    path_rows,
     runner_up_rows,
     term_rows,
 )
@@ -76,6 +78,12 @@ def _path(reported: Reported[Discovery]) -> Section:
     )
 
 
+def _sizes(reported: Reported[Discovery]) -> Section | None:
+    """What models of other sizes cost and predict, where pieces of the record were left out."""
+    rows = path_rows(reported.result)
+    return Section(PATH_TITLE[:1].upper() + PATH_TITLE[1:], rows=rows) if len(rows) > 1 else None
+
+
 def _average(reported: Reported[Discovery]) -> Section | None:
     """The models that survive beside the selected one, if they give another force; none without trust."""
     discovery = reported.result
@@ -109,6 +117,7 @@ SECTIONS: Registry[Build[Discovery]] = Registry(
         "certainty": _certainty,
         "doubts": _doubts,
         "path": _path,
+        "sizes": _sizes,
         "average": _average,
         "evidence": _evidence,
     },
