@@ -15,7 +15,6 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import CAUSE_KINDS, Cause
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
-from linkwise.likelihood.block_scores import BLOCKS, EQUAL
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import (
@@ -25,7 +24,7 @@ from linkwise.likelihood.hypotheses import (
     missing_terms,
     usual_terms,
 )
-from linkwise.likelihood.longer_optimum import in_longer_segments
+from linkwise.likelihood.longer_optimum import blocks_in, in_half_the_samples, in_longer_segments
 from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
@@ -44,6 +43,7 @@ _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 """What the log determinant does not see: a jump, and forces with memory."""
 
 _LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
+_GROWTH = 1e3  # of a state over a segment, beyond which single precision would lose products of sensitivities
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 _STRAIGHT = (
     1.0 / 12.0
@@ -152,7 +152,6 @@ class Diagnosis:
     tested: TestedCauses | None
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
 def tested_causes(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
 ) -> TestedCauses:
@@ -160,7 +159,28 @@ def tested_causes(
 
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
-    optimum, misfit = in_longer_segments(fit)
+    try:
+        tested, growth = _tested_in(in_longer_segments(fit, longest=True), fit, identified, channels, terms)
+        if growth <= _GROWTH:
+            return tested
+    except np.linalg.LinAlgError:
+        pass
+    return _tested_in(in_longer_segments(fit), fit, identified, channels, terms)[0]
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
+def _tested_in(
+    longer: tuple[Optimum, Misfit],
+    fit: LikelihoodFit,
+    identified: Structure,
+    channels: Sequence[str],
+    terms: bool,
+) -> tuple[TestedCauses, float]:
+    """The tests of a fit in segments of its own or longer ones, and by how much the states grow in these."""
+    optimum, misfit = longer
+    filtered = common_filter(optimum.segments, misfit)
+    if optimum is not fit.optimum:
+        optimum, misfit, filtered = in_half_the_samples(optimum, misfit, filtered)
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
     shown = [name for name in channels if not Channel.parse(name).is_input]
@@ -183,7 +203,6 @@ def tested_causes(
         channels_of_cells = [cells[hypotheses[k].where] for k in measured]
         columns = columns.with_load_cells(measured, channels_of_cells, optimum.segments.tangent_refine)
     hypotheses.append(Hypothesis("filter", "all channels"))
-    filtered = common_filter(optimum.segments, misfit)
     columns = columns.with_sum(filtered)
     of_base = BaseErrors.of(optimum, misfit)
     if of_base is not None:
@@ -194,12 +213,13 @@ def tested_causes(
     if shapes is not None:
         hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
         columns = columns.with_shapes(shapes)
-    blocks = BLOCKS[0] if optimum.segments.count >= EQUAL * BLOCKS[0] else 1
+    blocks = blocks_in(longer[0].segments, fit.segments)
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
     curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
-    return TestedCauses(
+    tested = TestedCauses(
         tuple(hypotheses), columns.units, curvature, slope, scatter, errors, filtered, augmented.model
     )
+    return tested, augmented.growth
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`

@@ -4,21 +4,34 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from linkwise.likelihood.block_scores import BLOCKS, EQUAL, FEWEST
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule
+from linkwise.likelihood.shooting.halved_samples import halved
 from linkwise.likelihood.shooting.longer_segments import LongerSegments
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.normal_equations import block_ends
 from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 
 _LINKS = 0.25  # of -2 log likelihood, of which a coefficient gains 1 by chance: what links cost at most, and gains change by
+_LONGEST = (8, 7, 6, 5, 4)  # short segments in one of the longest, the first that leaves blocks as they are
+_SHIFTED = 1 / 30  # of a block, by which its ends are shifted at most
 
 
-def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
+def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Optimum, Misfit]:
     """The optimum of a fit and its misfit, in longer segments where the motion is exactly that of the laws.
 
     Parameters
     ----------
     fit : LikelihoodFit
         The fit.
+    longest : bool, optional
+        Whether segments of few masses may be longer still, so that sensitivities may grow a thousandfold in one.
 
     Returns
     -------
@@ -29,9 +42,52 @@ def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
     if not exact or not misfit.continuity / optimum.q**2 < _LINKS * optimum.noise**2:
         return optimum, misfit
-    longer = LongerSegments.of(optimum.segments)
+    longer = LongerSegments.of(optimum.segments, _most_joined(optimum.segments) if longest else None)
     if longer is None:
         return optimum, misfit
     return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), longer.misfit(
         misfit
     )
+
+
+def in_half_the_samples(
+    optimum: Optimum, misfit: Misfit, filtered: SensorErrors
+) -> tuple[Optimum, Misfit, SensorErrors]:
+    """An optimum whose motion is continuous with every second sample, where what is tested is smooth; otherwise the given one.
+
+    `filtered` is the roughest of the errors that sensors may have.
+    """
+    half = halved(optimum.segments, misfit, optimum.scales, optimum.loss, filtered.values)
+    if half is None:
+        return optimum, misfit, filtered
+    every_second = replace(filtered, values=filtered.values[::2])
+    return replace(optimum, segments=half[0], loss=Gaussian()), half[1], every_second
+
+
+def blocks_in(longer: Segments, shorter: Segments) -> int:
+    """The number of blocks in which longer segments scatter as the shorter ones do; 1 where they have no such blocks.
+
+    Their ends are the same, or there are so many segments in each that one more or less hardly matters.
+    """
+    joined = len(longer.samples) // len(shorter.samples)
+    many = longer.count >= EQUAL * BLOCKS[0]
+    return BLOCKS[0] if many or _same_blocks(shorter.count, joined) else 1
+
+
+def _most_joined(segments: Segments) -> int | None:
+    """How many short segments of few masses are joined at most, so that blocks, where there are any, stay the same."""
+    if len(segments.system.incidence) >= MANY:
+        return None
+    for joined in _LONGEST:
+        if _same_blocks(segments.count, joined):
+            return joined
+    return _LONGEST[-1] if segments.count > _LONGEST[-1] * (EQUAL * BLOCKS[0] - 1) else _LONGEST[0]
+
+
+def _same_blocks(count: int, joined: int) -> bool:
+    """Whether blocks of so many segments `joined` to one end where those of `count` short ones do."""
+    blocks, longer = BLOCKS[0], -(-count // joined)
+    if longer < FEWEST * blocks:
+        return False
+    before, after = (np.array(block_ends(size, blocks))[:-1] for size in (count, longer))
+    return bool(np.max(np.abs(joined * after - before)) <= _SHIFTED * count / blocks)

@@ -61,13 +61,15 @@ class AugmentedQuadratic:
     """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
 
     The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
-    it was asked for in blocks and the equations are dense.
+    it was asked for in blocks and the equations are dense; `growth` is that of the largest sensitivity of the states over a
+    segment, in their units, 1 where the equations are local.
     """
 
     curvature: Floats
     slope: Floats
     scatter: Floats
     model: FactoredModel | None = None
+    growth: float = 1.0
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
@@ -117,7 +119,9 @@ def augmented_quadratic(
     if factor is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))
-    model = None
+    model, growth = None, 1.0
+    if isinstance(linear, Linearization):
+        growth = float(np.max(np.abs(linear.state_ends), initial=1.0))
     if blocks > 1 and isinstance(linear, Linearization) and isinstance(factor, BorderedFactor):
         estimated = np.delete(
             np.arange(len(factor.schur)), segments.system.parameters.size + np.arange(added)
@@ -134,7 +138,7 @@ def augmented_quadratic(
         curvature = curvature - with_own @ follow
         slope = slope - follow.T @ factor.reduced[nuisance]
     if optimum.coloured is None:
-        return AugmentedQuadratic(curvature, slope, curvature, model)
+        return AugmentedQuadratic(curvature, slope, curvature, model, growth)
     rows = eliminated_rows(
         segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates=candidates, errors=errors
     )

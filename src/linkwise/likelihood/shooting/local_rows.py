@@ -61,7 +61,7 @@ class LocalRows:
         """The rows of some segments by group, and the whitened residuals (k, C, M)."""
         segments, misfit = self.segments, self.misfit
         residuals = misfit.residuals[..., part]
-        root = np.sqrt(self.loss.weight(residuals)) * segments.observed[..., part]
+        root = segments.roots(self.loss.weight(residuals), part)
         whiten = (root / self.scales.sigma[:, None]).astype(np.float32)
         if segments.relative_noise is not None:
             whiten /= segments.relative_noise[:, part].astype(np.float32)

@@ -31,15 +31,18 @@ class LongerSegments:
     parts: Indices
 
     @classmethod
-    def of(cls, shorter: Segments) -> LongerSegments | None:
-        """The segments of each chain joined; None with random forces, which are constant in a segment, and late bases."""
+    def of(cls, shorter: Segments, joined: int | None = None) -> LongerSegments | None:
+        """The segments of each chain joined, a few or as many as `joined` to one.
+
+        None with random forces, which are constant in a segment, and late bases.
+        """
         if shorter.random is not None or shorter.late_base is not None:
             return None
-        parts = _parts(shorter)
+        parts = _parts(shorter, joined)
         last = parts[:-1, -1]
         heads = parts[:, 0]
         inputs, waveforms = shorter.inputs, shorter.waveforms
-        joined = replace(
+        together = replace(
             shorter,
             samples=_end_to_end(shorter.samples, parts),
             observed=_end_to_end(shorter.observed, parts, _once(parts)),
@@ -59,7 +62,7 @@ class LongerSegments:
             if waveforms is None
             else replace(waveforms, values=_end_to_end(waveforms.values, parts)),
         )
-        return cls(joined, parts)
+        return cls(together, parts)
 
     def point(self, point: Iterate) -> Iterate:
         """A point with the nodes of the longer segments."""
@@ -92,9 +95,10 @@ class LongerSegments:
         return nodes
 
 
-def _parts(segments: Segments) -> Indices:
+def _parts(segments: Segments, joined: int | None) -> Indices:
     """(K', f) the short segments in each longer one, which no end of a chain interrupts."""
-    joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
+    if joined is None:
+        joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
     edges = [0, *(np.flatnonzero(~segments.linked) + 1).tolist(), segments.count]
     rows = [
         np.minimum(np.arange(head, head + joined), last - 1)

@@ -258,7 +258,7 @@ def _weights(
     segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice
 ) -> tuple[Floats, Single]:
     """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
-    root = np.sqrt(loss.weight(misfit.residuals[..., part])) * segments.observed[..., part]
+    root = segments.roots(loss.weight(misfit.residuals[..., part]), part)
     whiten = (root / scales.sigma[:, None]).astype(np.float32)
     if segments.relative_noise is not None:
         whiten /= segments.relative_noise[:, part].astype(np.float32)

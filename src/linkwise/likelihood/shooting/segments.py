@@ -130,7 +130,7 @@ class Segments:
     None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
     `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `waveforms` what
-    sensors add over time, None without any.
+    sensors add over time, None without any; `counts` (M, C, K) is how many samples of the record each stands for, None for 1.
     """
 
     system: System
@@ -148,6 +148,7 @@ class Segments:
     late_base: LateBase | None = None
     random: RandomStates | None = None
     waveforms: Waveforms | None = None
+    counts: Floats | None = None
 
     @property
     def count(self) -> int:
@@ -189,7 +190,14 @@ class Segments:
             late_base=None if self.late_base is None else self.late_base.chosen(which),
             random=None if self.random is None else self.random.chosen(which),
             waveforms=None if self.waveforms is None else self.waveforms.chosen(which),
+            counts=None if self.counts is None else self.counts[..., which],
         )
+
+    def roots(self, weight: Floats, part: slice) -> Floats:
+        """(M, C, k) square roots of what samples of some segments count for beside a `weight`; 0 where one is missing."""
+        if self.counts is not None:
+            weight = weight * self.counts[..., part]
+        return np.asarray(np.sqrt(weight) * self.observed[..., part])
 
     @cached_property
     def unconstrained(self) -> Bools:
