@@ -240,7 +240,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
     )
-    forces = _force_of_links(optimum, misfit, identified)
+    forces = _force_of_links(optimum, misfit, identified) if significant.any() else {}
     causes = (
         replace(
             _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),

@@ -29,8 +29,10 @@ class MemoryForce(ABC):
 
         Parameters
         ----------
-        change, duration : array of shape (N, L, K), (N, 1, K)
-            The change of the elongation in m over each piece, and its duration in s.
+        change : array of shape (N, L, K)
+            The change of the elongation in m over each piece; the first piece, between segments, takes no time.
+        duration : array of shape (K,)
+            The duration in s of each other piece.
         motion : tuple of array of shape (L, 1)
             The standard deviations of the elongation in m and of its rate in m/s.
         """
@@ -60,10 +62,8 @@ class MemoryForce(ABC):
         moves = np.isfinite(motion).all(axis=0) & (np.min(motion, axis=0) > 0.0)
         change = np.diff(path, axis=0, prepend=path[:1])
         change[0, :, 1:] = path[0, :, 1:] - path[-1, :, :-1]  # where a segment starts, that before it ends
-        duration = np.repeat(0.5 * step[None, None], len(path), axis=0)
-        duration[0] = 0.0
         d, v = (np.where(moves, deviation, 1.0)[:, None] for deviation in motion)
-        force = _states(*self.pieces(change, duration, (d, v)), linked)
+        force = _states(*self.pieces(change, 0.5 * step, (d, v)), linked)
         force[:, ~moves] = 0.0
         return force[::2], force[1::2]
 
@@ -128,7 +128,10 @@ class Relaxation(MemoryForce):
         """Exact where the rate is constant over a piece."""
         time = self.time * motion[0] / motion[1]
         decay = np.maximum(duration / time, np.finfo(float).tiny)
-        return np.exp(-decay), -change * np.expm1(-decay) / decay
+        left = np.repeat(np.exp(-decay)[None], len(change), axis=0)
+        added = change * (-np.expm1(-decay) / decay)
+        left[0], added[0] = 1.0, change[0]
+        return left, added
 
 
 MEMORY_FORCES: tuple[MemoryForce, ...] = (Slip(), Relaxation())

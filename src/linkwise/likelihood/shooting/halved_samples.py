@@ -87,10 +87,10 @@ def halved(
     if min(stop for _, stop in chains) < 2 * _FEWEST or not _is_smooth(chains, rough):
         return None
     weight = loss.weight(misfit.residuals) * segments.observed
-    counts = _low_pass(chains, weight)
+    both = _low_pass(chains, np.concatenate([weight, weight * misfit.residuals], axis=1))
+    counts, residuals = np.split(both, 2, axis=1)
     if np.any(counts[known] < _LEAST) or np.any(counts[~known] != 0.0):
         return None
-    residuals = _low_pass(chains, weight * misfit.residuals)
     np.divide(residuals, counts, out=residuals, where=known)
     unit = scales.sigma[:, None] * (1.0 if segments.relative_noise is None else segments.relative_noise)
     return replace(

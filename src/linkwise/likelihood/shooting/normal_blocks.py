@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.tangent_forces import Single
 
 
@@ -59,7 +60,7 @@ class NormalBlocks:
         m, single = self.state.shape[1], rows.dtype == np.float32
         product = (rows if single else rows[..., :m]).transpose(0, 2, 1) @ rows
         self.state[part] = product[:, :m, :m]
-        self.right[part][..., columns] = product[:, :m, m:]
+        put_columns(self.right[part], columns, product[:, :m, m:])
         if single:
             return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
         borders = (rows[piece, :, m:].reshape(-1, len(columns)) for piece in pieces)
@@ -67,9 +68,14 @@ class NormalBlocks:
 
     def add_corners(self, blocks: Indices, columns: Indices, corners: Floats) -> None:
         """Add corners and gradients (b, c, c) of `columns`, as of `put`, to those of b `blocks`."""
-        border = columns[:-1]
-        self.corners[blocks[:, None, None], border[:, None], border] += corners[:, :-1, :-1]
-        self.corner_gradients[blocks[:, None], border] += corners[:, -1, :-1]
+        border, which = as_slice(columns[:-1]), as_slice(blocks)
+        if isinstance(border, slice) and isinstance(which, slice):
+            self.corners[which, border, border] += corners[:, :-1, :-1]
+            self.corner_gradients[which, border] += corners[:, -1, :-1]
+            return
+        places, numbers = columns[:-1], blocks[:, None]
+        self.corners[numbers[:, None], places[:, None], places] += corners[:, :-1, :-1]
+        self.corner_gradients[numbers, places] += corners[:, -1, :-1]
 
     def put_errors(
         self, part: slice, rows: Floats | Single, errors: Sequence[ChannelErrors], columns: Indices
@@ -91,6 +97,12 @@ class NormalBlocks:
             corner[own[:, None], columns] = across.T
             corner[own[:, None], own] = (values.transpose(0, 2, 1) @ values).sum(axis=0, dtype=float)
         return corner
+
+
+def put_columns(out: Floats, columns: Indices, values: Floats | Single) -> None:
+    """Store values (..., c) in some columns of `out` (..., p + 1), of which the last one is the gradient's."""
+    out[..., as_slice(columns[:-1])] = values[..., :-1]
+    out[..., -1] = values[..., -1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from linkwise.likelihood.shooting.bordered_system import BorderedFactor, Bordere
 from linkwise.likelihood.shooting.late_sensors import late_motion
 from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.normal_blocks import ChannelErrors, NormalBlocks
+from linkwise.likelihood.shooting.normal_blocks import ChannelErrors, NormalBlocks, put_columns
 from linkwise.likelihood.shooting.prior import Prior
 from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.residuals import Misfit
@@ -153,7 +153,7 @@ def linearise(
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= joined[part, :, None]
         state_ends[part] = ends[:, :, :m]
-        right_ends[part][..., columns] = ends[:, :, m:]
+        put_columns(right_ends[part], columns, ends[:, :, m:])
         return corners, defects.put(part, ends, pieces, columns), of_errors
 
     by_part = map(work, parts) if executor is None or len(parts) == 1 else executor.map(work, parts)
