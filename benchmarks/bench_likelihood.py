@@ -160,6 +160,9 @@ def test_the_cost_of_one_fit(unit: float) -> None:
 def test_the_cost_of_a_diagnosis(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fits with a diagnosis and without one, in turn; the aim is 15 % more, which is not reached.
 
+    Of what is left, in half the samples of longer segments, carrying sensitivities on is a third of six masses and nearly half
+    of ten.
+
     Without one nothing follows it either: neither the scatter of blocks, nor terms that the records do not rule out.
     """
     chain, diagnose, spent = lw.bnes_chain(n), judgement.diagnose, []
