@@ -7,6 +7,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from present import some
 from problems import chain_record
 from structures import oscillator
 
@@ -88,8 +89,7 @@ def test_the_path_tells_prediction_and_share_of_force() -> None:
 def test_short_records_are_not_divided() -> None:
     record = chain_record(2, duration=0.1).with_noise(40.0, seed=1)
     discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    assert discovery.path
-    assert all(np.isnan(point.prediction) and np.isnan(point.share) for point in discovery.path)
+    assert all(np.isnan(point.prediction) and np.isnan(point.share) for point in some(discovery.path))
     assert "models of other sizes" not in str(discovery)
 
 
