@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record
-from structures import link
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.estimates.energy_supply import supplied_power
-from linkwise.estimates.findings import link_findings
+from linkwise.estimates.findings import bound_findings, link_findings
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 
 TIME = np.arange(400) / 1000.0
@@ -107,6 +107,22 @@ def test_a_damper_that_gives_here_and_takes_there_counts_on_the_whole() -> None:
     """c v (d^2 - e^2): negative about the middle, but positive over this swing."""
     law = "c*v*(d**2 - 0.001**2)"
     assert sentences(link_estimate(law, {"c": 5.0}, [0.1], (-0.02, 0.02))) == []
+
+
+def test_a_bound_names_the_law_that_has_none() -> None:
+    joint = lw.named_law("bouc-wen").link("joint", ("m2", "ground"))
+    two = structure(
+        {"m1": 1.0, "m2": 1.0}, link("spring", "m1-ground", "k*d", k=lw.Coefficient.unknown()), joint
+    )
+    names = [parameter.name for parameter in two.parameters]
+    stopped = {"joint.s", "spring.k"}
+    free = np.array([name not in stopped for name in names])
+    plain, named = sorted(bound_findings(two.parameters, free, two), key=len)
+    assert plain.startswith("spring.k was stopped by its bound") and "widen the bound" in plain
+    assert (
+        named.startswith("joint.s was stopped") and 'the law "bouc-wen-classical" has no such bound' in named
+    )
+    assert not list(bound_findings(two.parameters, np.ones(len(names), dtype=bool), two))
 
 
 def test_an_answer_without_intervals_claims_nothing_about_coefficients() -> None:

@@ -155,6 +155,9 @@ def test_every_named_law_is_consistent_and_complete(name: str) -> None:
     assert set(link.law.coefficients) == set(named.coefficients) >= set(named.bounds or {})
     assert "?" not in {*link.law.units.values(), *link.law.state_units.values()}
     assert named.title and named.source
+    if named.wider:  # takes every motion of this law, and has no bounds
+        wider = lw.named_law(named.wider)
+        assert wider.states.keys() == named.states.keys() and not wider.bounds
 
 
 def test_a_named_law_stands_in_place_of_a_law() -> None:

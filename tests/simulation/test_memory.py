@@ -39,6 +39,7 @@ VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest
 DRIVE = "30*sin(7*t) + 12*sin(2.3*t)"
 VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through its nonlinear range
     "bouc-wen": {"k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "s": 0.7},
+    "bouc-wen-classical": {"k": 60.0, "c": 0.8, "kh": 240.0, "beta": 8.0, "gamma": -11.0},
     "bouc-wen-baber-noori": {
         "k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "s": 0.7, "nu": 0.02, "eta": 0.01, "zs": 0.8, "p": 0.3, "q": 0.1,
         "psi": 0.3, "dpsi": 0.01, "lam": 0.4,

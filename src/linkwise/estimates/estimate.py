@@ -18,7 +18,7 @@ from linkwise.errors import StructureError
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.document import coefficient_document, link_document, mode_document
 from linkwise.estimates.energy_supply import supplied_power
-from linkwise.estimates.findings import findings_of_links
+from linkwise.estimates.findings import bound_findings, findings_of_links
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate, moving_mass
 from linkwise.estimates.link_motion import LinkMotion
 from linkwise.estimates.noise_estimate import NoiseEstimate
@@ -221,11 +221,7 @@ class Estimate(JudgedView):
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """Sentences on what is wrong with the records or cannot be determined; empty where there is nothing to say."""
-        stopped = [p.name for p, free in zip(self.parameters, self.free, strict=True) if not free]
-        bounds = tuple(
-            f"{name} was stopped by its bound and has no interval; widen the bound if it is not physical."
-            for name in stopped
-        )
+        bounds = bound_findings(self.parameters, self.free, self.given_structure)
         judged = [(number, self._every_link[number]) for number, _ in self._judged]
         sentences = findings_of_links(judged, self.supplies, self.motion)
         return (*map(str, self.alerts), *self.remarks, *bounds, *sentences)

@@ -6,13 +6,45 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.estimates.energy_supply import active_coefficients, supplying_time
 from linkwise.estimates.link_estimate import LinkEstimate
 from linkwise.estimates.link_motion import LinkMotion
+from linkwise.model.named_laws import named_law_of
+from linkwise.model.parameters import Parameter
+from linkwise.model.structure import Structure
 from linkwise.registry import Registry
 
 _COLLINEAR = 0.995  # correlation from which only a combination of two coefficients is reported as determined
+
+
+def bound_findings(parameters: Sequence[Parameter], free: Bools, structure: Structure) -> Iterator[str]:
+    """Which unknowns were stopped by their bounds.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        The unknowns.
+    free : array of bool, shape (p,)
+        False for those at a bound.
+    structure : Structure
+        Their structure.
+
+    Yields
+    ------
+    str
+        A sentence, with the named law that has no such bound where there is one.
+    """
+    for parameter, is_free in zip(parameters, free, strict=True):
+        if not is_free:
+            named = [named_law_of(structure.links[index].law) for index, _ in parameter.members if index >= 0]
+            wider = next((law.wider for law in named if law is not None and law.wider), "")
+            advice = (
+                f'the law "{wider}" has no such bound, and takes loops that this one cannot have'
+                if wider
+                else "widen the bound if it is not physical"
+            )
+            yield f"{parameter.name} was stopped by its bound and has no interval; {advice}."
 
 
 def findings_of_links(

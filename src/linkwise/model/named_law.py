@@ -55,6 +55,8 @@ class NamedLaw:
         Number of branches by default of a family, such as the sliders of Iwan's law; 0 of a single law.
     bounds : mapping of str to tuple, optional
         Bounds in SI units of coefficients that have some, within which they are searched for.
+    wider : str, optional
+        The named law that also takes what the bounds of this one exclude; empty where there is none.
 
     Examples
     --------
@@ -70,6 +72,7 @@ class NamedLaw:
     formula: LawText | Callable[[int], LawText]
     branches: int = 0
     bounds: Mapping[str, tuple[float, float]] | None = None
+    wider: str = ""
 
     @property
     def text(self) -> LawText:

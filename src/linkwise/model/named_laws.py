@@ -147,6 +147,18 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
             coefficients=_BOUC_WEN,
             formula=_single("k*d + c*v + F*z", z="(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"),
             bounds={"x0": _POSITIVE, "s": _SHARE},
+            wider="bouc-wen-classical",
+        ),
+        "bouc-wen-classical": NamedLaw(
+            title="smooth hysteresis whose loops may level off, or stiffen where beta + gamma < 0: z is a length",
+            source="Bouc 1967; Wen, J. Eng. Mech. Div. 102, 249 (1976), with A = 1, to which stiffness beside z is redundant",
+            coefficients={
+                **_SPRING,
+                "kh": "stiffness of the hysteretic force at z = 0",
+                "beta": "shape, by abs(v)*z",
+                "gamma": "shape, by v*abs(z)",
+            },
+            formula=_single("k*d + c*v + kh*z", z="v - beta*abs(v)*z - gamma*v*abs(z)"),
         ),
         "bouc-wen-baber-noori": NamedLaw(
             title="smooth hysteresis with pinching and degradation by the dissipated energy e",
