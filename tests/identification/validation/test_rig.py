@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from present import some
 from rigs import MOTION, hysteretic, measured, rig, run
+from structures import named, structure
 
 import linkwise as lw
 from linkwise.cli import linkwise as command
@@ -49,6 +50,19 @@ def test_a_law_that_lacks_the_state_is_refused(record: lw.Record) -> None:
     assert result.channels["f:damper"].nmse_percent == pytest.approx(
         expected, rel=8.0 / 50.0 / np.sqrt(950.0)
     )
+
+
+def test_a_state_that_the_start_does_not_show_is_as_uncertain_as_it_is_large() -> None:
+    """Within the backlash the force says nothing of the state: its variance was infinite, and the record refused."""
+    values = {"k": 2000.0, "c": 50.0, "F": 100.0, "x0": 1e-3, "g": 0.5}
+    true = structure({}, named("damper", "base-ground", "backlash-slip", **values), name="rig")
+    base = "0.0002*sin(3*t) + 0.003*sin(9*t)*t**2/(10 + t**2)"
+    record = measured(lw.simulate(true, duration=6.0, rate=200.0, base=base), 3)
+    result = lw.validate(record, true, burn=0.2)
+    deviation = result.deviation.channel("f:damper")[40:]
+    assert np.isfinite(deviation).all() and result.trusted
+    # noise of 1 N; a state of at most 1 that is unknown is worth at most the slope F/(1 - g), and nothing once it slid
+    assert 50.0 < deviation.max() < 200.0 and np.median(deviation[800:]) < 1.5
 
 
 def test_the_state_at_the_start_is_told_by_the_burn(record: lw.Record, fit: lw.Estimate) -> None:

@@ -17,7 +17,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
 _SUBSTEPS = 8  # between samples
-_PRIOR = 1e-6  # of the normal matrix: states that the start does not determine keep this much certainty
+_PRIOR = 1e-6  # of the normal matrix, for combinations of states that the start does not determine
 
 
 def rig_channels(record: Record, structure: Structure) -> Record:
@@ -93,7 +93,9 @@ def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[M
     minimum = minimise(problem, start, weights) if problem.size else Minimum(start, 0.0, paths, True)
     slopes = weights[:, None] * problem.jacobian(minimum.paths)
     normal = slopes.T @ slopes
-    normal += _PRIOR * np.diag(normal.diagonal()) + np.finfo(float).tiny * np.eye(problem.size)
+    powers = np.concatenate([np.mean(path.states**2, axis=0) for path in minimum.paths])
+    # a state that the start does not show, as behind backlash, is as uncertain as it is large later on
+    normal += _PRIOR * np.diag(normal.diagonal()) + np.diag(1.0 / np.where(powers > 0.0, powers, 1.0))
     return minimum, np.asarray(np.linalg.inv(normal), dtype=np.float64)
 
 
