@@ -202,6 +202,18 @@ def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
         ))  # fmt: skip
 
 
+def test_unknowns_that_a_small_motion_does_not_tell_apart_are_named() -> None:
+    """Before it yields, the link is a spring of k + kh."""
+    force = multisine(0.01, 60.0)
+    record = lw.simulate(joint(), duration=4.0, rate=200.0, sensors=["x"], forces={"m1": force})
+    asked = structure({"m1": lw.Coefficient.unknown()}, named("joint", "m1-ground", "bouc-wen-classical"))
+    fit = lw.identify(record.with_noise(40.0, seed=6), asked)
+    assert not fit.trusted
+    [sentence] = [finding for finding in fit.findings if " apart" in finding]
+    told = sentence.partition("hardly tells ")[2].partition(" apart")[0].replace(" and", ",").split(", ")
+    assert {"joint.k", "joint.kh"} <= set(told) and "joint.c" not in told
+
+
 INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
 """Relative: Newmark's average acceleration, with which the authors made the benchmark at 15 kHz, moves as the exact equations
 do at the frequency 2/h tan(w h/2), so a mass seems larger by (w h)**2 / 6; this at 150 Hz, where their multisine ends."""
@@ -219,6 +231,7 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path, name: 
     joint = link("bw", "m1-ground", "k*d + c*v + z", states) if written else named("bw", "m1-ground", name)
     fit = lw.identify(record, structure({"m1": lw.Coefficient.unknown()}, joint))
     assert fit.trusted, fit.explanation
+    assert not [finding for finding in fit.findings if " apart" in finding]
     own = {} if written else {"bw.alpha": "bw.kh", "bw.bg": "bw.beta", "bw.bd": "bw.gamma"}
     for key, value in TRUE.items():
         low, high = present(fit.coefficient(own.get(key, key)).interval)

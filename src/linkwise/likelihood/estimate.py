@@ -17,7 +17,7 @@ from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.fit_remarks import fit_remarks, sensor_errors
+from linkwise.likelihood.fit_remarks import fit_remarks, inseparable, sensor_errors
 from linkwise.likelihood.fitted_motion import motion_of_links
 from linkwise.likelihood.force_scale import require_force_scale
 from linkwise.likelihood.local_optima import lower_of_two
@@ -367,7 +367,11 @@ def estimate_of(
         compute_motion=partial(motion_of_links, fit, identified, records),
         record=records[0],
         more_records=tuple(records[1:]),
-        remarks=(*fit_remarks(fit, of_sensors, faint), *unseen_remark(unseen)),
+        remarks=(
+            *fit_remarks(fit, of_sensors, faint),
+            *unseen_remark(unseen),
+            *(inseparable(fit) if judgement.verdict.forbids else ()),
+        ),
         profile=None if added else partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,

@@ -147,6 +147,12 @@ class LikelihoodFit:
     random_forces: tuple[RandomForceEstimate, ...] = ()
     shape: CostShape = CostShape.UNKNOWN
 
+    @property
+    def has_errors(self) -> bool:
+        """Whether the free unknowns have variances: finite, and not negative as those of singular equations by rounding."""
+        variances = self.covariance.diagonal()[self.free]
+        return bool((np.isfinite(variances) & (variances >= 0.0)).all())
+
 
 def _workers() -> int:
     return min(processors(), _MOST_WORKERS)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+
+from linkwise.arrays import Floats
 from linkwise.estimates.sensor_error import ErrorKind, SensorErrorEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
@@ -14,6 +17,9 @@ _LOOSENED = (
     "search finds one of them. The motion was therefore allowed to depart from the laws by a small part "
     "of the noise, which widens the intervals."
 )
+
+_INSEPARABLE = 100.0  # variance of an unknown over that beside known others: a correlation of 0.995 of two
+_NEARLY = 2.0  # times the noise, in power: laws that leave no more nearly explain the records
 
 
 def fit_remarks(
@@ -50,6 +56,44 @@ def fit_remarks(
         *tied,
         *map(_of_faint_mode, faint),
     )
+
+
+def inseparable(fit: LikelihoodFit) -> tuple[str, ...]:
+    """Unknowns that the records hardly tell apart, where no intervals show it.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit that is not trusted.
+
+    Returns
+    -------
+    tuple of str
+        A sentence; none where there are no such unknowns, or where the laws leave much more than the noise.
+    """
+    if fit.chi_square > _NEARLY:
+        return ()
+    free = np.flatnonzero(fit.free)
+    inflation = _inflation(fit.covariance[np.ix_(free, free)])
+    names = [fit.segments.system.parameters.names[column] for column in free[inflation > _INSEPARABLE]]
+    if len(names) < 2:
+        return ()
+    return (
+        f"The record hardly tells {', '.join(names[:-1])} and {names[-1]} apart: each would be determined more than "
+        f"{np.sqrt(_INSEPARABLE):.0f} times better beside known values of the others. Hold one of them at a known value, or "
+        "record a wider range of motion.",
+    )
+
+
+def _inflation(covariance: Floats) -> Floats:
+    """(q,) the variance of each unknown over what it has where the others are known; infinite where it has none."""
+    variances = covariance.diagonal()
+    inflation = np.full(len(variances), np.inf)
+    usable = np.flatnonzero(np.isfinite(covariance).all(axis=1) & (variances > 0.0))
+    deviations = np.sqrt(variances[usable])
+    correlation = covariance[np.ix_(usable, usable)] / np.outer(deviations, deviations)
+    inflation[usable] = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True).diagonal()
+    return inflation
 
 
 def sensor_errors(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[SensorErrorEstimate, ...]:

@@ -160,7 +160,7 @@ def _failed(fit: LikelihoodFit) -> Judgement | None:
                 "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
             )
         return Judgement(Verdict.NOT_CONVERGED, reason)
-    if not np.isfinite(fit.covariance.diagonal()[fit.free]).all():
+    if not fit.has_errors:
         return Judgement(Verdict.HARDLY_DETERMINED, _NO_ERRORS)
     return None
 
