@@ -79,7 +79,7 @@ def host(
     frequencies: Sequence[Value],
     damping: float,
     shapes: Mapping[str, Sequence[float]],
-    between: Mapping[tuple[int, int], float] | None = None,
+    between: Mapping[tuple[int, int], Value] | None = None,
 ) -> lw.Host:
     """A host by the frequencies of its modes in Hz, a part of critical damping, and the shapes of its points by mode.
 

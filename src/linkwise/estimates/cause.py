@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from linkwise.model.host_damping import in_words
 from linkwise.registry import Registry
 
 
@@ -20,9 +21,9 @@ class Cause:
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
         share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``, a
         ``"high pass"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a
-        point, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel or that of the base,
-        an ``"ambient"`` force on a mass, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the
-        ground, or a stated value, ``"prior"``, that the records contradict.
+        point, ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force,
+        ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, a missing ``"term"`` of a link,
+        a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -194,6 +195,9 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "coefficient": _off("", relative=False),
         "frequency": _off("a frequency of ", relative=False),
         "damping": _off("a damping of ", relative=False),
+        "damping between modes": CauseKind(
+            lambda cause: f"damping of {cause.size:.3g} {cause.unit} {in_words(cause.where)}", unit="N s/m"
+        ),
         "shape": CauseKind(
             lambda cause: f"a shape of {cause.source} at {cause.where} that is off by {_percent(cause)}",
             unit="1",

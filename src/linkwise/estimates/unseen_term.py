@@ -1,23 +1,28 @@
-"""A term that a law may lack without a sign in the records, and what it would make of a coefficient."""
+"""A term that a law may lack without a sign in the records, and what it would make of a coefficient; damping of hosts, too."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from linkwise.model.host_damping import in_words, is_between_modes
 
 
 @dataclass(frozen=True)
 class UnseenTerm:
     """A term that records of exact laws bound so loosely that it could move a coefficient out of its interval.
 
+    Damping between two modes of a host that the host does not have is such a term as well.
+
     Attributes
     ----------
     link : str
-        The link whose law may lack it.
+        The link whose law may lack it; of damping between modes the one that would hold it, as ``"wing.mode1+mode2"``.
     term : str
-        Its form, such as ``"d**5"``.
+        Its form, such as ``"d**5"``; ``"v"`` of damping between modes.
     share : float
         The largest part of the force in the link, by root mean squares, that it could make: the end of its 95 % interval that
-        is farther from zero.
+        is farther from zero. Of damping between modes, the part of the largest that dissipates in every motion, the
+        geometric mean of the damping of the two modes.
     coefficient : str
         The coefficient that a term of this size would change most, counted in standard errors.
     change : float
@@ -46,10 +51,13 @@ class UnseenTerm:
     @property
     def description(self) -> str:
         """In words, with its sizes."""
+        part = f"of up to {100.0 * self.share:.2g} %"
+        term = f"a force like {self.term} in {self.link} {part} of the force there"
+        if is_between_modes(self.link):
+            term = f"damping {in_words(self.link)} {part} of the largest that dissipates"
         return (
-            f"a force like {self.term} in {self.link} of up to {100.0 * self.share:.2g} % of the force there, which would "
-            f"change {self.coefficient} by {100.0 * self.relative_change:.2g} % or {self.standard_errors:.2g} of its standard "
-            "errors"
+            f"{term}, which would change {self.coefficient} by {100.0 * self.relative_change:.2g} % or "
+            f"{self.standard_errors:.2g} of its standard errors"
         )
 
     def to_dict(self) -> dict[str, str | float]:

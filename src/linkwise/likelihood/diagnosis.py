@@ -15,9 +15,11 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import CAUSE_KINDS, Cause
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
+from linkwise.likelihood.damping_errors import DampingErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import (
+    BETWEEN_MODES,
     Hypothesis,
     linear_terms,
     missing_forces,
@@ -213,6 +215,10 @@ def _tested_in(
     if shapes is not None:
         hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
         columns = columns.with_shapes(shapes)
+    damping = DampingErrors.of(optimum, misfit, identified) if identified.hosts else None
+    if damping is not None:
+        hypotheses += [Hypothesis(BETWEEN_MODES, link) for link in damping.links]
+        columns = columns.with_damping(damping)
     blocks = blocks_in(longer[0].segments, fit.segments)
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
     curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)

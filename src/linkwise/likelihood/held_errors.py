@@ -17,6 +17,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.hypotheses import BETWEEN_MODES
 from linkwise.likelihood.missing_terms import MissingTerms, for_missing_terms
 from linkwise.model.structure import Structure
 
@@ -28,9 +29,20 @@ LARGEST_TERM = 0.05
 would change by more than an engineer can neglect."""
 _ANOTHER_LAW = 0.5
 """The same where other causes explain more: a term that makes most of the force in its link, which then has another law."""
-_KINDS = ("gain", "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay")
+_KINDS = (
+    "gain",
+    "offset",
+    "drift",
+    "delay",
+    "crosstalk",
+    "mass",
+    "force gain",
+    "force delay",
+)
 """Whose effect the first order describes. A filter of all sensors changes the motion that nonlinear links act by as well,
 noise of inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""
+_BESIDE_TERMS = (*_KINDS, BETWEEN_MODES)
+"""The same where a term explains more, which looks like damping of a host too. Where that explains most, it is stated."""
 
 
 def intervals_by_blocks(fit: LikelihoodFit) -> bool:
@@ -49,7 +61,7 @@ def held_errors(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Cause, ...
     if not errors or not intervals_by_blocks(fit):
         return ()
     if errors[0] is not causes[0]:
-        return tuple(error for error in errors if error.kind in _KINDS)
+        return tuple(error for error in errors if error.kind in _BESIDE_TERMS)
     small = all(
         error.kind in _KINDS and 0.0 < error.shift <= LARGEST_SHIFT and not error.overturned
         for error in errors

@@ -21,6 +21,9 @@ _TERMS = tuple(
         ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
     )
 )
+BETWEEN_MODES = "damping between modes"
+"""The kind of a hypothesis of damping that a host lacks, whose place is the link that would hold it."""
+
 _USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)", *MEMORY_TERMS)
 _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
@@ -68,6 +71,11 @@ def which_usual(hypotheses: Sequence[Hypothesis], structure: Structure) -> list[
         for number, hypothesis in enumerate(hypotheses)
         if hypothesis.kind == "term" and hypothesis.term in _USUAL and hypothesis.where not in structure.modes
     ]
+
+
+def which_between_modes(hypotheses: Sequence[Hypothesis]) -> list[int]:
+    """The numbers of those of damping between modes of hosts."""
+    return [number for number, hypothesis in enumerate(hypotheses) if hypothesis.kind == BETWEEN_MODES]
 
 
 def missing_terms(

@@ -22,7 +22,13 @@ from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.diagnosis import TestedCauses, least_gain
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.hypotheses import Hypothesis, missing_forces, which_usual
+from linkwise.likelihood.hypotheses import (
+    BETWEEN_MODES,
+    Hypothesis,
+    missing_forces,
+    which_between_modes,
+    which_usual,
+)
 from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shooting.residuals import evaluate
@@ -124,16 +130,17 @@ def for_usual_terms(
 ) -> MissingTerms | None:
     """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
 
-    Those at which the residuals hint; where it is `doubted` that the laws are exact, those of one link that are farther from
-    zero than their standard error, of more links fewer, as chance gives more of them (Foster and George, Ann. Statist. 22,
-    1994).
+    Damping between modes of hosts counts as one. Those at which the residuals hint; where it is `doubted` that the laws are
+    exact, those of one link that are farther from zero than their standard error, of more links fewer, as chance gives more of
+    them (Foster and George, Ann. Statist. 22, 1994).
     """
     usual = which_usual(tested.hypotheses, identified)
-    if not usual:
+    between = which_between_modes(tested.hypotheses)
+    if not (usual or between):
         return None
-    links = len({tested.hypotheses[number].where for number in usual})
+    links = max(len({tested.hypotheses[number].where for number in usual}), 1)
     least = min(_LIKELY**2 + 2.0 * np.log(links), _HINT**2) if doubted else _HINT**2
-    among = _among(tested, usual, len(fit.values))
+    among = _among(tested, usual + between, len(fit.values))
     limits = least + _prices(among[0])
     return _counted(fit, *among, [(limits, _MOST_USUAL if doubted else _MOST)])
 
@@ -193,9 +200,19 @@ def _rounds(hypotheses: Sequence[Hypothesis], identified: Structure) -> list[tup
 def _prices(hypotheses: Sequence[Hypothesis]) -> Floats:
     """(h,) what each gains by chance beside its size: a force with memory has a reach as well.
 
-    Beside a stiff link it hardly differs from a damper, whose interval it would make many times as wide.
+    Beside a stiff link it hardly differs from a damper, whose interval it would make many times as wide. Damping between
+    modes is one of many pairs.
     """
-    return np.array([PRICE_OF_REACH if hypothesis.term in MEMORY_TERMS else 0.0 for hypothesis in hypotheses])
+    pairs = sum(hypothesis.kind == BETWEEN_MODES for hypothesis in hypotheses)
+    of_pair = 2.0 * float(np.log(max(pairs, 1)))
+    return np.array(
+        [
+            of_pair
+            if hypothesis.kind == BETWEEN_MODES
+            else PRICE_OF_REACH * (hypothesis.term in MEMORY_TERMS)
+            for hypothesis in hypotheses
+        ]
+    )
 
 
 def _beyond(curvature: Floats, slope: Floats, order: NDArray[np.intp], counted: int) -> Floats:

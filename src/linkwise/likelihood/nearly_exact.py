@@ -22,9 +22,11 @@ from linkwise.likelihood.block_scores import BLOCKS, EQUAL, BlockScatter, block_
 from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_TERM
+from linkwise.likelihood.hypotheses import BETWEEN_MODES
 from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.missing_terms import MissingTerms, for_usual_terms, usual_scores
 from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.model.host_damping import in_words
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 
@@ -56,7 +58,10 @@ class Doubt:
         """What the residuals show of it."""
         if self.missing is None:
             return "a difference between parts of the records"
-        return f"a force like {self.missing.counted[0].term} in {self.missing.counted[0].where}"
+        first = self.missing.counted[0]
+        if first.kind == BETWEEN_MODES:
+            return f"damping {in_words(first.where)}"
+        return f"a force like {first.term} in {first.where}"
 
 
 def with_small_model_error(

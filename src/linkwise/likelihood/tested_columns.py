@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
+from linkwise.likelihood.damping_errors import DampingErrors
 from linkwise.likelihood.score_test import AugmentedQuadratic
 from linkwise.likelihood.shape_errors import ShapeErrors
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
@@ -81,6 +82,11 @@ class TestedColumns:
     def with_shapes(self, shapes: ShapeErrors) -> TestedColumns:
         """These and errors of the shapes of hosts, each of which acts on several places and channels."""
         return self._with(shapes.forces, shapes.errors, shapes.weights, np.ones(len(shapes.places)))
+
+    def with_damping(self, damping: DampingErrors) -> TestedColumns:
+        """These and damping between modes of hosts, which acts on both modes."""
+        nowhere = SensorErrors(self.errors.channel[:0], (), self.errors.source[:0], self.errors.values[:, :0])
+        return self._with(damping.forces, nowhere, damping.weights, damping.units)
 
     def _with(
         self, forces: CandidateForces, errors: SensorErrors, weights: Floats, units: Floats

@@ -14,10 +14,11 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.estimates.unseen_term import UnseenTerm
+from linkwise.likelihood.damping_errors import largest_damping
 from linkwise.likelihood.diagnosis import TestedCauses, link_forces
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
-from linkwise.likelihood.hypotheses import which_usual
+from linkwise.likelihood.hypotheses import BETWEEN_MODES, which_between_modes, which_usual
 from linkwise.likelihood.single_tests import single_tests
 from linkwise.model.structure import Structure
 
@@ -32,7 +33,7 @@ _TOLD = 3  # coefficients; the others are listed
 def unseen_terms(
     fit: LikelihoodFit, identified: Structure, tested: TestedCauses, covariance: Floats
 ) -> tuple[UnseenTerm, ...]:
-    """The usual terms that the records do not bound well enough, that which moves a coefficient farthest first.
+    """The usual terms, and damping between modes, that the records do not bound well enough, the farthest move first.
 
     Parameters
     ----------
@@ -58,20 +59,26 @@ def unseen_terms(
         zip((link.name for link in identified.links), link_forces(optimum, fit.misfit), strict=False)
     )
     terms = []
-    for number in which_usual(tested.hypotheses, identified):
+    largest = largest_damping(identified)
+    usual = which_usual(tested.hypotheses, identified)
+    for number in usual + which_between_modes(tested.hypotheses):
         hypothesis, size = tested.hypotheses[number], float(tests.sizes[number])
         limit = abs(size) + NORMAL_95 * optimum.noise * float(tests.deviations[number])
+        whole = forces.get(hypothesis.where, 0.0)
+        if hypothesis.kind == BETWEEN_MODES:
+            whole = largest[hypothesis.where] / float(tested.units[number])
+            limit = min(limit, whole)
         change = tests.changes[:, number] * optimum.scales.theta[:p] * np.divide(limit, abs(size))
         shifts, relative = np.abs(change) / deviations, np.abs(change / fit.values)
         beyond = fit.free & np.isfinite(shifts) & (shifts > LARGEST_SHIFT) & (relative > _NEGLIGIBLE)
-        if not (beyond.any() and tests.gains[number] > 0.0 and forces[hypothesis.where] > 0.0):
+        if not (beyond.any() and tests.gains[number] > 0.0 and whole > 0.0):
             continue
         farthest = int(np.argmax(np.where(beyond, shifts, 0.0)))
         terms.append(
             UnseenTerm(
                 link=hypothesis.where,
-                term=hypothesis.term,
-                share=limit / float(forces[hypothesis.where]),
+                term=hypothesis.term or "v",
+                share=limit / whole,
                 coefficient=fit.segments.system.parameters.names[farthest],
                 change=float(change[farthest]),
                 standard_errors=float(shifts[farthest]),

@@ -22,7 +22,7 @@ Pair = tuple[int, int]
 """Two modes of a host by number, counted from 1, the lower first; the same twice for what damps one mode."""
 
 DAMPING = "damping"
-_BETWEEN_MODES = re.compile(rf"\.mode\d+[+-]mode\d+(\.{DAMPING})?$")
+_BETWEEN_MODES = re.compile(rf"\.mode(\d+)[+-]mode(\d+)(\.{DAMPING})?$")
 _OF_SUM, _OF_DIFFERENCE, _OF_ONE = (
     Law.parse(text, units={DAMPING: "N s/m"}) for text in ("0.5*damping*v", "-0.5*damping*v", "damping*v")
 )
@@ -59,6 +59,21 @@ def damping_link(host: str, pair: Pair) -> str:
 def is_between_modes(name: str) -> bool:
     """Whether a name is that of a damper between modes, or of its coefficient."""
     return _BETWEEN_MODES.search(name) is not None
+
+
+def in_words(link: str) -> str:
+    """Which damping a damper between modes is, and how a structure file asks for it.
+
+    Raises ValueError for the name of another link.
+    """
+    between = _BETWEEN_MODES.search(link)
+    if between is None:
+        raise ValueError(f"{link} is no damper between modes")
+    first, second = between[1], between[2]
+    return (
+        f"between the modes {first} and {second} of {link[: between.start()]} "
+        f'(damping = [ {{ modes = [{first}, {second}], damping = "unknown" }} ] of that host)'
+    )
 
 
 def negated_mode(host: str, mode: int) -> str:
