@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.modal.least_squares import least_squares
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.projection import Projection
@@ -31,6 +31,7 @@ _LEAST_GAIN = 1e-4  # of the cost: a step that gains less ends such a search; wh
 _MOST = 30  # modes
 _EXPLAINED = 0.1  # of the response, root mean square: modes that leave more than this are not all found
 _MOST_OF_IT = 0.75  # of the power above the noise that such a part has
+_BESIDE = 3.0  # bandwidths between a mode and one that only takes in what it leaves
 _ALIKE = 0.98  # cosine between the residues of modes that move alike
 _BLOCKS = 40  # of a record, between which scores scatter
 
@@ -84,11 +85,28 @@ def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int |
     if len(frequencies) < 2 or motions.shape[1] < 2:
         return None
     sizes = np.linalg.norm(motions, axis=1)
-    bandwidths = frequencies * damping
-    near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(bandwidths, bandwidths)
-    alike = np.abs(motions @ motions.T) > _ALIKE * np.outer(sizes, sizes)
-    pairs = np.argwhere(np.triu(near & alike, k=1)).tolist()
+    pairs = np.argwhere(np.triu(_alike(frequencies, damping, motions, 1.0), k=1)).tolist()
     return min(pairs[0], key=lambda number: float(sizes[number] / damping[number])) if pairs else None
+
+
+def shadow_mode(frequencies: Floats, damping: Floats, motions: Floats, faint: Bools) -> int | None:
+    """A `faint` mode (n,) that moves like another beside it, which is not faint; None if there is none.
+
+    It takes in what that one leaves, of a structure that is not quite linear, and has no motion of its own. Arguments as of
+    `doubled_mode`.
+    """
+    if len(frequencies) < 2 or motions.shape[1] < 2:
+        return None
+    shadows = (_alike(frequencies, damping, motions, _BESIDE) & ~faint).any(axis=1) & faint
+    return int(np.argmax(shadows)) if shadows.any() else None
+
+
+def _alike(frequencies: Floats, damping: Floats, motions: Floats, bandwidths: float) -> Bools:
+    """(n, n) whether modes are within so many `bandwidths` of each other and move alike."""
+    sizes, widths = np.linalg.norm(motions, axis=1), bandwidths * frequencies * damping
+    near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(widths, widths)
+    alike = np.abs(motions @ motions.T) > _ALIKE * np.outer(sizes, sizes)
+    return np.asarray(near & alike & ~np.eye(len(sizes), dtype=bool))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from linkwise.identification.modal_test.result import HostEstimate
 from linkwise.likelihood.whiteness import is_white
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.output_error import ModalFit, modal_fit
-from linkwise.modal.pursuit import PursuedModes, doubled_mode, pursued_modes
+from linkwise.modal.pursuit import PursuedModes, doubled_mode, pursued_modes, shadow_mode
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.host_mode import HostMode
@@ -59,7 +59,8 @@ def identify_host(
         One or several records with applied forces (N) and displacements, velocities or accelerations (m, m/s, m/s2) at
         points ``"HOST.POINT"``, one of them where a force acts. The structure must move linearly, by vibrating modes.
     modes : int, optional
-        Number of modes; by default as many as the records show by the Bayesian information criterion.
+        Number of modes; by default as many as the records show by the Bayesian information criterion. A mode that hardly
+        stands above the noise and only moves like its neighbour is left out.
     name : str, optional
         Name of the host; by default the part before the dot that all channels share. Where channels have one, no other is
         taken, since no channel would be at the points of the host.
@@ -120,6 +121,9 @@ def identify_host(
         ):
             fit = modal_fit(measured, _without(double, measured, fit))
         faint = _powers(measured, fit) < _FAINT
+        while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
+            fit = modal_fit(measured, _without(shadow, measured, fit))
+            faint = _powers(measured, fit) < _FAINT
     chi_square, samples = _chi_square(measured, fit)
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
     inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
