@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from present import some
 from problems import chain_record
-from structures import HARDENING, asked_oscillator, link, oscillator, structure
+from structures import HARDENING, asked_oscillator, host, link, oscillator, structure
 
 import linkwise as lw
 
@@ -145,6 +145,18 @@ def test_the_error_is_found_where_the_law_is_wrong() -> None:
     assert total == pytest.approx(
         (validation.channels["x:m1"].rmse / np.std(validation.record.channel("x:m1"))) ** 2, rel=1e-9
     )
+
+
+def test_the_error_is_shown_over_links_and_not_over_modes() -> None:
+    payload = link("payload", "store-wing.tip", HARDENING, k=320.0, k3=2e6, c=0.2)
+    shapes = {"tip": (0.8, -0.6), "joint": (0.5, 0.7)}
+    subject = structure(
+        {"store": 0.08}, payload, hosts=[host("wing", (5.0, 6.5), 0.012, shapes, {(1, 2): 0.3})]
+    )
+    record = lw.simulate(subject, forces={"wing.joint": "sin(30*t)"}, duration=1.0, rate=250.0)
+    validation = lw.validate(record.with_noise(40.0, seed=5), subject)
+    quantities = [profile.quantity for profile in validation.profiles]
+    assert quantities == ["time", "d of payload", "v of payload"]
 
 
 # --- chaos

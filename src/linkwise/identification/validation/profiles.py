@@ -16,7 +16,7 @@ _SEGMENTS = 8  # of a spectrum, at half overlap
 
 
 def error_profiles(record: Record, structure: Structure, prediction: Prediction) -> tuple[ErrorProfile, ...]:
-    """The error over time, then over d and v of every link along the predicted motion."""
+    """The error over time, then over d and v of every link along the predicted motion; modes of hosts are no links."""
     measured = record.select(record.responses).values
     size = np.nanstd(measured, axis=0)
     relative = (measured - prediction.predicted) / np.where(size > 0.0, size, 1.0)
@@ -26,6 +26,8 @@ def error_profiles(record: Record, structure: Structure, prediction: Prediction)
     scored = counted > 0
     quantities = [("time", "s", record.time)]
     for number, link in enumerate(structure.links):
+        if link.name in structure.modes:
+            continue
         quantities.append((f"d of {link.name}", "m", prediction.d[:, number]))
         quantities.append((f"v of {link.name}", "m/s", prediction.v[:, number]))
     return tuple(
