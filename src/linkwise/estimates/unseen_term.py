@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from linkwise.model.host_damping import in_words, is_between_modes
+
+_TOLD = 3  # coefficients; the others are listed
 
 
 @dataclass(frozen=True)
@@ -77,3 +80,18 @@ class UnseenTerm:
             "standard_errors": self.standard_errors,
             "message": self.description,
         }
+
+
+def unseen_remark(terms: Sequence[UnseenTerm]) -> tuple[str, ...]:
+    """What is told of `unseen_terms` in a sentence: the first ones that move different coefficients; nothing without any."""
+    of_each: dict[str, UnseenTerm] = {}
+    for term in terms:
+        of_each.setdefault(term.coefficient, term)
+    if not terms:
+        return ()
+    first = list(of_each.values())[:_TOLD]
+    more = f" In all, {len(terms)} such terms are listed in the result." if len(terms) > len(first) else ""
+    return (
+        f"The records do not rule out {'; '.join(term.description for term in first)}. The intervals hold for the laws as "
+        f"stated: larger amplitudes, a longer record or less noise tell whether they lack such a term.{more}",
+    )

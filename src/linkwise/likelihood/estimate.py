@@ -15,6 +15,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.estimates.unseen_term import unseen_remark
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.fit_remarks import fit_remarks, inseparable, sensor_errors
@@ -45,7 +46,7 @@ from linkwise.likelihood.starts.memory import Valley, memory_starts
 from linkwise.likelihood.starts.memory_by_links import memory_starts_by_links
 from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import equivalent_values, starting_values
-from linkwise.likelihood.unseen_terms import unseen_remark, unseen_terms
+from linkwise.likelihood.unseen_terms import unseen_terms
 from linkwise.likelihood.unstated_forces import with_limits
 from linkwise.likelihood.valleys import fit_from_valleys, fit_or_another
 from linkwise.model.structure import Structure

@@ -7,8 +7,6 @@ could hold what no test of the records sees; it is reported instead.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from linkwise.arrays import Floats
@@ -25,8 +23,6 @@ from linkwise.model.structure import Structure
 _NEGLIGIBLE = 0.01
 """Of a coefficient: what the calibration of sensors leaves open anyway, and intervals do not hold unless it is stated. The
 gain of an accelerometer is known to 1 % as a rule."""
-
-_TOLD = 3  # coefficients; the others are listed
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
@@ -86,18 +82,3 @@ def unseen_terms(
             )
         )
     return tuple(sorted(terms, key=lambda term: -term.standard_errors))
-
-
-def unseen_remark(terms: Sequence[UnseenTerm]) -> tuple[str, ...]:
-    """What is told of `unseen_terms` in a sentence: the first ones that move different coefficients; nothing without any."""
-    of_each: dict[str, UnseenTerm] = {}
-    for term in terms:
-        of_each.setdefault(term.coefficient, term)
-    if not terms:
-        return ()
-    first = list(of_each.values())[:_TOLD]
-    more = f" In all, {len(terms)} such terms are listed in the result." if len(terms) > len(first) else ""
-    return (
-        f"The records do not rule out {'; '.join(term.description for term in first)}. The intervals hold for the laws as "
-        f"stated: larger amplitudes, a longer record or less noise tell whether they lack such a term.{more}",
-    )

@@ -15,6 +15,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.estimator import Estimator
 from linkwise.estimates.link_motion import LinkMotion, extremes
 from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.estimates.unseen_term import unseen_remark
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -25,7 +26,7 @@ from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements, source_names
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit
-from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, judgement
+from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, WeakJudgement, judgement
 from linkwise.weak.layout import structure_layout
 from linkwise.weak.priors import with_priors
 from linkwise.weak.residual import weak_residual
@@ -94,17 +95,17 @@ class WeakForm(Estimator):
             if converged:
                 fit = with_smoothing(record, structure, equations, fit)
             fit, contradicted = with_priors(fit, structure.parameters)
-        verdict, message = (
-            judgement(record, structure, equations, fit)
-            if converged
-            else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
-        )
-        if contradicted and not verdict.forbids:
-            verdict, message = Verdict.MEASUREMENT_ERROR, _contradiction(contradicted)
+            judged = (
+                judgement(record, structure, equations, fit)
+                if converged
+                else WeakJudgement(Verdict.NOT_CONVERGED, _NOT_CONVERGED)
+            )
+        if contradicted and not judged.verdict.forbids:
+            judged = WeakJudgement(Verdict.MEASUREMENT_ERROR, _contradiction(contradicted))
         return Estimate(
             method="weak",
-            fit_verdicts=(verdict,),
-            message=message,
+            fit_verdicts=(judged.verdict,),
+            message=judged.message,
             seconds=0.0,
             given_structure=structure,
             parameters=structure.parameters,
@@ -116,7 +117,8 @@ class WeakForm(Estimator):
             samples=motion.samples,
             compute_motion=partial(_link_motion, structure, equations, fit.values),
             record=given,
-            remarks=tuple(_remarks(record, structure, fit.excess)),
+            remarks=(*_remarks(record, structure, fit.excess), *unseen_remark(judged.unseen_terms)),
+            unseen_terms=judged.unseen_terms,
         )
 
 

@@ -2,29 +2,52 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy
 
+from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.outliers import has_outliers
 from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, source_names
+from linkwise.weak.efficient_scores import efficient_scores
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.fit import SIGNIFICANT, WeakFit
 from linkwise.weak.pieces import disagreement
 from linkwise.weak.residual import weak_residual
-from linkwise.weak.score_tests import significant_score
+from linkwise.weak.score_tests import SignificantScore, significant_score
+from linkwise.weak.unseen_terms import undecided_damping, unseen_terms
 
 LARGEST_EXCESS = 1.3  # residual power over what noise explains; right laws stay below it from 10 dB on
 NOTED_EXCESS = 1.15  # right laws hardly ever leave more
 _FALSE_ALARM = 1e-5  # probability that a record of few windows leaves the limits although its laws are right
 _SKEWED = 0.1  # relative standard error of R or C: beyond, those that come out low look too sure, by four errors and more
+_EXPLAINED = "The laws explain the record to within its noise"
 
 
-def judgement(
-    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
-) -> tuple[Verdict, str]:
+@dataclass(frozen=True)
+class WeakJudgement:
+    """What can be said of an answer.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        The most important finding.
+    message : str
+        The finding in words.
+    unseen_terms : tuple of UnseenTerm
+        What the record does not rule out beside the laws.
+    """
+
+    verdict: Verdict
+    message: str
+    unseen_terms: tuple[UnseenTerm, ...] = ()
+
+
+def judgement(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> WeakJudgement:
     """What can be said of an answer.
 
     Parameters
@@ -40,11 +63,17 @@ def judgement(
 
     Returns
     -------
-    verdict : Verdict
-        The most important finding.
-    message : str
-        The finding in words.
+    WeakJudgement
+        The finding, and terms that remain possible.
     """
+    forbidden = _forbidden(record, structure, equations, fit)
+    return _of_terms(record, structure, equations, fit) if forbidden is None else WeakJudgement(*forbidden)
+
+
+def _forbidden(
+    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
+) -> tuple[Verdict, str] | None:
+    """What takes trust away before terms are tested at the likeliest motion."""
     if equations.motion.surplus > LARGEST_EXCESS:
         return Verdict.SYSTEMATIC_MISFIT, (
             "The sensors of a host do not move as its modes do: what they show beside these is "
@@ -77,7 +106,6 @@ def judgement(
             "The noise has more large errors than normal noise, for which the weak form corrects the bias, so no "
             'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
         )
-    explained = "The laws explain the record to within its noise"
     hardly = [
         name
         for name, significance in zip(equations.parameters, fit.significance, strict=True)
@@ -85,21 +113,42 @@ def judgement(
     ]
     if hardly:
         return Verdict.HARDLY_DETERMINED, (
-            f"{explained}, but the record contains hardly more information on {', '.join(hardly)} than the noise that the "
+            f"{_EXPLAINED}, but the record contains hardly more information on {', '.join(hardly)} than the noise that the "
             "weak form subtracts, so no interval is given: it would be too narrow. Give a number, record a motion that "
             'stands farther above the noise, or use method "ml", which needs no such correction.'
         )
     skewed = _skewed(equations, fit)
     if skewed:
         return Verdict.HARDLY_DETERMINED, (
-            f"{explained}, but it tells {', '.join(skewed)} to within more than {100.0 * _SKEWED:.0f} % only, and the rate of "
+            f"{_EXPLAINED}, but tells {', '.join(skewed)} to within more than {100.0 * _SKEWED:.0f} % only, and the rate of "
             "a state is not linear in these, so no interval is given: it would be too narrow on one side. Give a number, "
             'record a motion that stands farther above the noise, or use method "ml".'
         )
     follows = _follows_the_motion(record, structure, equations, fit)
     if follows:
-        return Verdict.SYSTEMATIC_MISFIT, f"{explained}, but {follows}"
-    return Verdict.CONVERGED, f"{explained}."
+        return Verdict.SYSTEMATIC_MISFIT, f"{_EXPLAINED}, but {follows}"
+    return None
+
+
+def _of_terms(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> WeakJudgement:
+    """What terms that laws may lack make of an answer that nothing else takes trust from."""
+    scores = efficient_scores(record, structure, equations, fit)
+    if scores is None:
+        return WeakJudgement(Verdict.CONVERGED, f"{_EXPLAINED}.")
+    lacking = scores.significant()
+    if lacking is not None:
+        return WeakJudgement(Verdict.SYSTEMATIC_MISFIT, f"{_EXPLAINED}, but {_left(lacking)}")
+    values = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    subject = structure.with_values(values), equations, fit
+    damping = undecided_damping(scores, *subject)
+    if damping is not None:
+        return WeakJudgement(
+            Verdict.HARDLY_DETERMINED,
+            f"{_EXPLAINED}, but the record does not rule out {damping.description}, so no interval is given: where the motion "
+            "is steady, friction and quadratic damping look like a linear damper. Record a free decay, or forces of several "
+            "amplitudes, for longer or with less noise; or add the term to the law.",
+        )
+    return WeakJudgement(Verdict.CONVERGED, f"{_EXPLAINED}.", unseen_terms(scores, *subject))
 
 
 def _skewed(equations: WeakEquations, fit: WeakFit) -> list[str]:
@@ -125,11 +174,7 @@ def _follows_the_motion(record: Record, structure: Structure, equations: WeakEqu
     """What in the record follows the motion and the laws do not explain, in words; empty where there is nothing."""
     lacking = significant_score(record, structure, equations, fit.values, fit.excess)
     if lacking is not None:
-        return (
-            f"what they leave follows the motion: {lacking.description}, {abs(lacking.z):.3g} standard "
-            "errors in size, would explain a part of it. Intervals would count that as noise, so none is given; a term or a "
-            'link is missing, or a sensor or a stated mass is wrong. Method "ml" distinguishes these.'
-        )
+        return _left(lacking)
     wrong_noise = (
         bool(record.noise) and fit.excess > NOTED_EXCESS
     )  # of which the bias differs from piece to piece
@@ -141,6 +186,14 @@ def _follows_the_motion(record: Record, structure: Structure, equations: WeakEqu
             'how large the motion is, such as friction, or the structure changed. Method "ml" names terms.'
         )
     return ""
+
+
+def _left(lacking: SignificantScore) -> str:
+    return (
+        f"what they leave follows the motion: {lacking.description}, {abs(lacking.z):.3g} standard "
+        "errors in size, would explain a part of it. Intervals would count that as noise, so none is given; a term or a "
+        'link is missing, or a sensor or a stated mass is wrong. Method "ml" distinguishes these.'
+    )
 
 
 def _limits(windows: float) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from linkwise.model.law_text import VARIABLES
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.noise_paths import noise_couplings, own_noise, own_noise_of_links, source_sums
 from linkwise.weak.patch import Patch
+from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.stretches import Stretches
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
 
@@ -101,6 +102,32 @@ def _slopes_along(
             mean[by, rows] = 0.5 * (low + high)
             square[by, rows] = 0.5 * (low**2 + high**2)
     return mean, square
+
+
+def slopes_of_links(layout: PatchLayout, values: Floats, d: Floats, v: Floats) -> Floats:
+    """Slopes of the links of a patch along a motion without noise.
+
+    Parameters
+    ----------
+    layout : PatchLayout
+        The terms of the patch.
+    values : array of shape (p,)
+        The parameters.
+    d, v : array of shape (l, P)
+        Elongations in m and rates in m/s of its links.
+
+    Returns
+    -------
+    array of shape (2, l, P)
+        Slopes with respect to d (N/m) and v (N s/m).
+    """
+    slopes = np.empty((2, *d.shape))
+    for group in layout.groups:
+        program, _ = _slopes(group.weak_law.law)
+        rows = group.positions
+        coefficients = [number.at(values)[:, None] for number in group.coefficients.values()]
+        slopes[0, rows], slopes[1, rows] = program(d[rows], v[rows], *coefficients)
+    return slopes
 
 
 @lru_cache(maxsize=512)

@@ -100,6 +100,21 @@ class Window:
         wider = Window.of_deviation(factor * self.half / sqrt(2 * ORDER + 3), self.step)
         return _window(wider.half, max(1, wider.stride // 2), self.step)
 
+    def spaced(self, distance: float) -> Window:
+        """The same test functions with another distance of neighbours.
+
+        Parameters
+        ----------
+        distance : float
+            Standard deviations from one window to the next.
+
+        Returns
+        -------
+        Window
+            The windows.
+        """
+        return _window(self.half, max(1, round(distance * self.half / sqrt(2 * ORDER + 3))), self.step)
+
     @property
     def overlap(self) -> float:
         """How many times as many windows there are as with the usual distance of neighbours."""

@@ -1,0 +1,184 @@
+"""Score tests of terms at the likeliest motion, where residuals have the weight that their covariance gives them.
+
+The tests of `score_tests` weight every window alike. Where inertia and stiffness nearly cancel, as under a sine near a
+resonance, most of what they sum is noise of frequencies at which the motion tells nothing: friction that moves a damping by
+30 of its standard errors stays unseen. These tests lose nothing (Rao 1948), and bound the size of each term as closely as the
+record does. They cost a few times as much and are made last, of structures of few masses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.errors import IdentificationError
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.weak.equations import WeakEquations
+from linkwise.weak.fit import WeakFit, residual_power
+from linkwise.weak.likely_motion import LikelyMotion, columns_of, likely_motion
+from linkwise.weak.score_tests import SignificantScore, with_terms
+from linkwise.weak.weak_form import PHI
+
+TERMS = ("1", "d", "d**3", "d**5", "v", "v*abs(v)", "sign(v)")
+_LARGEST = 6  # masses of a structure that is tested: the cost grows with the third power of their number
+_FEWEST = 50  # windows, of which scores are about normal
+_COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
+_CHANCE = 8.0  # with twice the logarithm of the number of scores: normal scores give one in 300 fits
+
+
+@dataclass(frozen=True, eq=False)
+class EfficientScores:
+    """Tests of t terms, one at a time, with the p coefficients of the weak form fitted anew to first order.
+
+    Attributes
+    ----------
+    links, terms : tuple of str
+        The link of each, and its form.
+    scores : array of shape (t,)
+        In standard errors.
+    limits : array of shape (t,)
+        What the size of each does not exceed: the end of its 95 % interval that is farther from zero.
+    changes : array of shape (p, t)
+        What a term of the size of its limit makes of the coefficients of the weak form.
+    forces : array of shape (t,)
+        Root mean square in N of a term of the size of its limit.
+    """
+
+    links: tuple[str, ...]
+    terms: tuple[str, ...]
+    scores: Floats
+    limits: Floats
+    changes: Floats
+    forces: Floats
+
+    def significant(self) -> SignificantScore | None:
+        """The term with the largest score; None where chance explains it."""
+        if not len(self.scores):
+            return None
+        largest = int(np.argmax(np.abs(self.scores)))
+        score = float(self.scores[largest])
+        if score**2 <= _CHANCE + 2.0 * float(np.log(len(self.scores))):
+            return None
+        return SignificantScore(self.links[largest], self.terms[largest], "", score)
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a term may not be finite along the motion
+def efficient_scores(
+    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
+) -> EfficientScores | None:
+    """Test the terms that links lack most often.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure with its unknowns.
+    equations : WeakEquations
+        Its equations on the record.
+    fit : WeakFit
+        Their solution.
+
+    Returns
+    -------
+    EfficientScores or None
+        None where the likeliest motion was not reached, the record is short or has no noise, or the structure has too many
+        masses, hosts or links with states.
+    """
+    if (
+        structure.size > _LARGEST
+        or not equations.structure_layout.between_masses
+        or equations.motion.noise_free
+    ):
+        return None
+    wide, prefix = with_terms(structure, TERMS)
+    known = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    free = [name for name, is_free in zip(equations.parameters, fit.free, strict=True) if is_free]
+    try:
+        likely = likely_motion(record, wide, equations, known, free)
+    except (IdentificationError, np.linalg.LinAlgError, ValueError):
+        return None
+    if likely is None or likely.system.windows < _FEWEST:
+        return None
+    return _scores(likely, equations, fit, free, prefix)
+
+
+def _scores(
+    likely: LikelyMotion, equations: WeakEquations, fit: WeakFit, free: list[str], prefix: str
+) -> EfficientScores:
+    names = likely.system.parameters
+    place = {name: number for number, name in enumerate(names)}
+    own = np.array([place[name] for name in free], dtype=int)
+    added = np.array(
+        [n for n, name in enumerate(names) if name.rpartition(".")[2].startswith(prefix)], dtype=int
+    )
+    normal, slope, plain = _sums(likely, np.concatenate([own, added]), _weights(equations, fit))
+    p = len(own)
+    beside, left = _beside(normal, p)
+    tested = left > _COLLINEAR
+    scale = np.sqrt(np.where(tested, left, 1.0) * normal.diagonal()[p:])
+    deviation = np.sqrt(max(likely.chi_square, 1.0))
+    scores = np.where(tested, -(slope[p:] - slope[:p] @ beside) / (scale * deviation), 0.0)
+    limits = np.where(tested, (np.abs(scores) + NORMAL_95) * deviation / scale, 0.0)
+    changes = np.zeros((len(fit.values), len(added)))
+    changes[fit.free] = _beside(plain, p)[0] * limits
+    return EfficientScores(
+        links=tuple(names[number].rpartition(".")[0] for number in added),
+        terms=tuple(TERMS[int(names[number].rpartition(".")[2][len(prefix) :])] for number in added),
+        scores=scores,
+        limits=limits,
+        changes=changes,
+        forces=limits * _sizes(likely, added),
+    )
+
+
+def _weights(equations: WeakEquations, fit: WeakFit) -> Mapping[int, float]:
+    """The weight of each mass in the weak form."""
+    return {
+        mass: weight
+        for patch in equations.patches
+        for mass, weight in zip(
+            patch.masses.tolist(), (1.0 / residual_power(patch, fit.values)).tolist(), strict=True
+        )
+    }
+
+
+def _sums(
+    likely: LikelyMotion, numbers: Indices, weights: Mapping[int, float]
+) -> tuple[Floats, Floats, Floats]:
+    """Products (k, k) and slopes (k,) of some parameters by the covariance, and products as the weak form weights them."""
+    normal, plain = np.zeros((2, len(numbers), len(numbers)))
+    slope = np.zeros(len(numbers))
+    for patch, noise, residual in zip(likely.system.patches, likely.noises, likely.residuals, strict=True):
+        columns = columns_of(patch, len(likely.system.parameters))[numbers]
+        columns = np.where(np.isfinite(columns).all(axis=(1, 2), keepdims=True), columns, 0.0)
+        flat = columns.reshape(len(columns), -1)
+        normal += flat @ noise.weighted(columns).reshape(flat.shape).T
+        slope += flat @ residual.ravel()
+        by_mass = np.array([weights[mass] for mass in patch.masses.tolist()])
+        plain += flat @ (columns * by_mass).reshape(flat.shape).T
+    return normal, slope, plain
+
+
+def _beside(normal: Floats, own: int) -> tuple[Floats, Floats]:
+    """What each further column makes of the `own` first ones (p, t), and the part (t,) of its moment that they leave."""
+    scale = np.sqrt(np.maximum(normal.diagonal(), np.finfo(float).tiny))
+    scaled = normal / np.outer(scale, scale)
+    beside = np.linalg.lstsq(scaled[:own, :own], scaled[:own, own:], rcond=1e-12)[0]
+    left = 1.0 - np.einsum("ij,ij->j", beside, scaled[:own, own:])
+    return beside * scale[own:] / scale[:own, None], np.where(normal.diagonal()[own:] > 0.0, left, 0.0)
+
+
+def _sizes(likely: LikelyMotion, numbers: Indices) -> Floats:
+    """(t,) root mean squares of terms of size 1."""
+    area, largest = likely.system.window.kernels[PHI].sum(), np.zeros(len(numbers))
+    for patch in likely.system.patches:
+        columns = columns_of(patch, len(likely.system.parameters))[numbers]
+        power = np.sum(columns**2, axis=1) / max(patch.windows, 1.0)
+        largest = np.fmax(largest, np.sqrt(power.max(axis=1)) / area)
+    return largest
