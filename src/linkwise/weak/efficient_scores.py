@@ -155,7 +155,7 @@ def _sums(
     normal, plain = np.zeros((2, len(numbers), len(numbers)))
     slope = np.zeros(len(numbers))
     for patch, noise, residual in zip(likely.system.patches, likely.noises, likely.residuals, strict=True):
-        columns = columns_of(patch, len(likely.system.parameters))[numbers]
+        columns = columns_of(patch, numbers)
         columns = np.where(np.isfinite(columns).all(axis=(1, 2), keepdims=True), columns, 0.0)
         flat = columns.reshape(len(columns), -1)
         normal += flat @ noise.weighted(columns).reshape(flat.shape).T
@@ -178,7 +178,7 @@ def _sizes(likely: LikelyMotion, numbers: Indices) -> Floats:
     """(t,) root mean squares of terms of size 1."""
     area, largest = likely.system.window.kernels[PHI].sum(), np.zeros(len(numbers))
     for patch in likely.system.patches:
-        columns = columns_of(patch, len(likely.system.parameters))[numbers]
+        columns = columns_of(patch, numbers)
         power = np.sum(columns**2, axis=1) / max(patch.windows, 1.0)
         largest = np.fmax(largest, np.sqrt(power.max(axis=1)) / area)
     return largest

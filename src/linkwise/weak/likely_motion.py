@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.weak.displacements import MeasuredDisplacements
@@ -122,30 +122,35 @@ def likely_motion(
     return None
 
 
-def columns_of(patch: Patch, parameters: int) -> Floats:
-    """The derivatives of the residuals of a patch with respect to the parameters.
+def columns_of(patch: Patch, numbers: Indices) -> Floats:
+    """The derivatives of the residuals of a patch with respect to some parameters.
 
     Parameters
     ----------
     patch : Patch
         The equations.
-    parameters : int
-        Number of parameters p.
+    numbers : array of int, shape (s,)
+        Indices of the parameters.
 
     Returns
     -------
-    array of shape (p, R, m)
+    array of shape (s, R, m)
         The derivatives.
     """
-    columns = np.zeros((parameters, patch.rows.shape[1], len(patch.masses)))
-    for term, parameter in zip(patch.layout.free_terms, patch.layout.free_parameters, strict=True):
+    columns = np.zeros((len(numbers), patch.rows.shape[1], len(patch.masses)))
+    place = {number: position for position, number in enumerate(numbers.tolist())}
+    for term, number in zip(
+        patch.layout.free_terms.tolist(), patch.layout.free_parameters.tolist(), strict=True
+    ):
+        if number not in place:
+            continue
         for mass in np.flatnonzero(patch.signs[:, term]):
-            columns[parameter, :, mass] += patch.signs[mass, term] * patch.rows[term]
+            columns[place[number], :, mass] += patch.signs[mass, term] * patch.rows[term]
     return columns
 
 
 def _step(
-    system: WeakEquations, noises: tuple[ResidualNoise, ...], theta: Floats, own: Floats, noise: Floats
+    system: WeakEquations, noises: tuple[ResidualNoise, ...], theta: Floats, own: Bools, noise: Floats
 ) -> tuple[Floats, float, tuple[Floats, ...], float]:
     """The step (p,) of the parameters, its largest part in standard errors, weighted residuals after it and chi-square.
 
@@ -155,7 +160,7 @@ def _step(
     normal, slope = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
     for patch, of_patch in zip(system.patches, noises, strict=True):
         residual = (patch.residual(theta).T + of_patch.passed(noise)) * patch.valid[:, None]
-        columns = columns_of(patch, len(own))[numbers]
+        columns = columns_of(patch, numbers)
         weighted = of_patch.weighted(np.concatenate([columns, residual[None]]))
         normal += np.einsum("irm,jrm->ij", columns, weighted[:-1])
         slope += np.einsum("irm,rm->i", columns, weighted[-1])

@@ -85,19 +85,23 @@ class ResidualNoise:
         window, layout, count = system.window, patch.layout, system.windows
         d, v = (system.structure_layout.elongations(x, layout.links.tolist()) for x in motion)
         slopes = slopes_of_links(layout, values, d, v)
-        under = np.lib.stride_tricks.sliding_window_view(slopes, window.length, axis=2)
-        under = under[:, :, :: window.stride][:, :, :count]
-        inertia = patch.layout.inertia.at(values)[:, None] * window.kernels[PHI_2]
+        inertia = layout.inertia.at(values)[:, None] * window.kernels[PHI_2]
         kernels = {}
         for mass, coupling in enumerate(layout.noise_couplings):
             for node, own, passed in zip(
                 coupling.sources.tolist(), coupling.inertia, coupling.passed, strict=True
             ):
-                stiffness, damping = np.tensordot(passed, under[:, coupling.links], (0, 1))
-                kernel = (
-                    stiffness * window.kernels[PHI] - damping * window.kernels[PHI_1] + own * inertia[mass]
+                under = np.lib.stride_tricks.sliding_window_view(
+                    passed @ slopes[:, coupling.links], window.length, axis=1
                 )
-                kernels[mass, node] = kernel * patch.valid[:, None]
+                stiffness, damping = under[:, :: window.stride][:, :count]
+                kernel = stiffness * window.kernels[PHI]
+                kernel -= damping * window.kernels[PHI_1]
+                if own:
+                    kernel += own * inertia[mass]
+                if not patch.valid.all():
+                    kernel *= patch.valid[:, None]
+                kernels[mass, node] = kernel
         reach = 1 + (window.length - 1) // window.stride
         band = np.zeros((reach * len(layout.masses), count * len(layout.masses)))
         for row, columns, products in _products(kernels, variance, window, len(layout.masses)):
