@@ -1,10 +1,10 @@
 """The likeliest motion and coefficients near those of the weak form: Gauss-Newton on the noise of all displacements together.
 
 The weak form weights every window alike. Here residuals have the weight that the covariance of their noise gives them
-(`residual_noise`), and the likeliest noise is taken out of the displacements, until the coefficients rest (generalised
-nonlinear least squares: Britt and Luecke, Technometrics 15, 233, 1973). The noise that is left in the motion is independent of
-that in the residuals, so that products of both have no bias. Windows are a standard deviation apart: closer ones would see
-motion beyond their band, on which chaotic structures depend so much that the steps do not converge.
+(`residual_noise`), and the likeliest noise is taken out of the displacements, until the coefficients rest or nearly so, as in
+generalised nonlinear least squares (Britt and Luecke, Technometrics 15, 233, 1973). The noise that is left in the motion is
+independent of that in the residuals, so that products of both have no bias. Windows are a standard deviation apart: closer
+ones would see motion beyond their band, on which chaotic structures depend so much that the steps do not converge.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ from linkwise.weak.smoothed_motion import smoothed_motion
 _DISTANCE = 1.0  # standard deviations of a test function from one window to the next
 _ROUNDS = (2, 5)  # at least, so that noise has left the motion, and at most
 _AT_REST = 0.5  # standard errors: what a score loses by such a step is far less than its own error
+_NEAR = 10.0
+"""Standard errors: the last step that is accepted where a law lacks a term or the motion is chaotic, so that the steps do not
+rest. Scores are taken beside the coefficients, which leaves them as they are to first order."""
 _COLLINEAR = 1e-12
 
 
@@ -79,7 +82,7 @@ def likely_motion(
     Returns
     -------
     LikelyMotion or None
-        None where the steps do not converge.
+        None where the steps do not come near to rest.
 
     Raises
     ------
@@ -109,7 +112,8 @@ def likely_motion(
             for patch in system.patches
         )
         step, size, residuals, chi_square = _step(system, noises, theta, own, measured - motion[0])
-        if size <= _AT_REST and number + 1 >= _ROUNDS[0]:
+        at_rest = size <= _AT_REST and number + 1 >= _ROUNDS[0]
+        if at_rest or (number + 1 == _ROUNDS[1] and size <= _NEAR):
             return LikelyMotion(system, noises, residuals, theta, chi_square)
         if not np.isfinite(size):
             return None
