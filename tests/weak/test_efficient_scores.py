@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import chain_record
@@ -107,3 +109,17 @@ def test_structures_that_are_not_tested_have_no_scores() -> None:
         measured = exact if masses == 2 else exact.with_noise(30.0, seed=1)
         equations, fit, _ = weak_search(measured, asked, read_displacements(measured, asked))
         assert efficient_scores(measured, asked, equations, fit) is None
+
+
+def test_a_stated_mass_that_is_wrong_is_named() -> None:
+    """The lightest of six masses, a tenth too heavy, at 20 dB."""
+    asked = lw.bnes_chain(6).unknown("all")
+    masses = tuple(
+        replace(mass, mass=lw.Coefficient.number(0.011)) if mass.name == "m6" else mass
+        for mass in asked.masses
+    )
+    measured = chain_record(6).with_noise(20.0, seed=851)
+    largest = scored(measured, replace(asked, masses=masses))[2].significant()
+    assert largest is not None and largest.place == "m6"
+    assert largest.description == "a force like acceleration of m6 on m6 alone"
+    assert scored(measured, asked)[2].significant() is None

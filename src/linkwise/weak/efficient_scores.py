@@ -9,13 +9,16 @@ record does. They cost a few times as much and are made last, of structures of f
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.weak.equations import WeakEquations
@@ -25,6 +28,7 @@ from linkwise.weak.score_tests import SignificantScore, with_terms
 from linkwise.weak.weak_form import PHI
 
 TERMS = ("1", "d", "d**3", "d**5", "v", "v*abs(v)", "sign(v)")
+ACCELERATION = "acceleration"
 _LARGEST = 6  # masses of a structure that is tested: the cost grows with the third power of their number
 _FEWEST = 50  # windows, of which scores are about normal
 _COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
@@ -37,8 +41,8 @@ class EfficientScores:
 
     Attributes
     ----------
-    links, terms : tuple of str
-        The link of each, and its form.
+    places, terms : tuple of str
+        The link of each, and its form; the mass that is stated, and "acceleration", for an error of that.
     scores : array of shape (t,)
         In standard errors.
     limits : array of shape (t,)
@@ -49,7 +53,7 @@ class EfficientScores:
         Root mean square in N of a term of the size of its limit.
     """
 
-    links: tuple[str, ...]
+    places: tuple[str, ...]
     terms: tuple[str, ...]
     scores: Floats
     limits: Floats
@@ -64,14 +68,15 @@ class EfficientScores:
         score = float(self.scores[largest])
         if score**2 <= _CHANCE + 2.0 * float(np.log(len(self.scores))):
             return None
-        return SignificantScore(self.links[largest], self.terms[largest], "", score)
+        place, term = self.places[largest], self.terms[largest]
+        return SignificantScore(place, term, place if term == ACCELERATION else "", score)
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a term may not be finite along the motion
 def efficient_scores(
     record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
 ) -> EfficientScores | None:
-    """Test the terms that links lack most often.
+    """Test the terms that links lack most often, and the masses that are stated.
 
     Parameters
     ----------
@@ -96,16 +101,29 @@ def efficient_scores(
         or equations.motion.noise_free
     ):
         return None
-    wide, prefix = with_terms(structure, TERMS)
+    wide, prefix = _with_tested(structure)
     known = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    stated = {
+        f"{mass.name}.{MASS}": float(mass.mass.value or 0.0) for mass in structure.masses if mass.mass.known
+    }
     free = [name for name, is_free in zip(equations.parameters, fit.free, strict=True) if is_free]
     try:
-        likely = likely_motion(record, wide, equations, known, free)
+        likely = likely_motion(record, wide, equations, known | stated, free)
     except (IdentificationError, np.linalg.LinAlgError, ValueError):
         return None
     if likely is None or likely.system.windows < _FEWEST:
         return None
     return _scores(likely, equations, fit, free, prefix)
+
+
+@lru_cache(maxsize=32)
+def _with_tested(structure: Structure) -> tuple[Structure, str]:
+    """The structure with terms and masses as unknowns, and what the names of the coefficients of the terms begin with."""
+    wide, prefix = with_terms(structure, TERMS)
+    masses = tuple(
+        replace(mass, mass=Coefficient.unknown()) if mass.mass.known else mass for mass in wide.masses
+    )
+    return replace(wide, masses=masses), prefix
 
 
 def _scores(
@@ -114,9 +132,7 @@ def _scores(
     names = likely.system.parameters
     place = {name: number for number, name in enumerate(names)}
     own = np.array([place[name] for name in free], dtype=int)
-    added = np.array(
-        [n for n, name in enumerate(names) if name.rpartition(".")[2].startswith(prefix)], dtype=int
-    )
+    added = np.array([n for n, name in enumerate(names) if name not in equations.parameters], dtype=int)
     normal, slope, plain = _sums(likely, np.concatenate([own, added]), _weights(equations, fit))
     p = len(own)
     beside, left = _beside(normal, p)
@@ -128,13 +144,18 @@ def _scores(
     changes = np.zeros((len(fit.values), len(added)))
     changes[fit.free] = _beside(plain, p)[0] * limits
     return EfficientScores(
-        links=tuple(names[number].rpartition(".")[0] for number in added),
-        terms=tuple(TERMS[int(names[number].rpartition(".")[2][len(prefix) :])] for number in added),
+        places=tuple(names[number].rpartition(".")[0] for number in added),
+        terms=tuple(_term(names[number].rpartition(".")[2], prefix) for number in added),
         scores=scores,
         limits=limits,
         changes=changes,
         forces=limits * _sizes(likely, added),
     )
+
+
+def _term(coefficient: str, prefix: str) -> str:
+    """The term of a coefficient; that of a mass is its acceleration."""
+    return TERMS[int(coefficient[len(prefix) :])] if coefficient.startswith(prefix) else ACCELERATION
 
 
 def _weights(equations: WeakEquations, fit: WeakFit) -> Mapping[int, float]:

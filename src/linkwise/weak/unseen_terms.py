@@ -72,7 +72,7 @@ def undecided_damping(
     """
     numbers = [
         number
-        for number, (link, term) in enumerate(zip(scores.links, scores.terms, strict=True))
+        for number, (link, term) in enumerate(zip(scores.places, scores.terms, strict=True))
         if term in _DAMPING and not _is_nonlinear_in_rate(identified.link(link))
     ]
     terms = _beyond(numbers, _TOO_FAR, scores, identified, equations, fit)
@@ -100,9 +100,9 @@ def _beyond(
         if not beyond[number].any():
             continue
         farthest = int(np.argmax(np.where(beyond[number], shifts[number], 0.0)))
-        force = _force(identified, scores.links[number], equations)
+        force = _force(identified, scores.places[number], equations)
         yield UnseenTerm(
-            link=scores.links[number],
+            link=scores.places[number],
             term=scores.terms[number],
             share=float(scores.forces[number]) / force,
             coefficient=equations.parameters[farthest],
