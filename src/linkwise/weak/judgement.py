@@ -140,7 +140,8 @@ def _of_terms(record: Record, structure: Structure, equations: WeakEquations, fi
         return WeakJudgement(Verdict.SYSTEMATIC_MISFIT, f"{_EXPLAINED}, but {_left(lacking)}")
     values = dict(zip(equations.parameters, map(float, fit.values), strict=True))
     subject = structure.with_values(values), equations, fit
-    damping = undecided_damping(scores, *subject)
+    driven = equations.force is not None or equations.motion.base is not None
+    damping = undecided_damping(scores, *subject) if driven else None  # a decay has many amplitudes
     if damping is not None:
         return WeakJudgement(
             Verdict.HARDLY_DETERMINED,
