@@ -89,6 +89,38 @@ def test_missing_cells_are_counted_and_strangers_left_out(study: Study) -> None:
     assert np.isnan(empty.share_above(1.0))
 
 
+def test_answers_are_counted_by_their_terms(study: Study) -> None:
+    """Of four: exact, a term missing, one extra in doubt, and none at all."""
+    case = next(
+        case for case in study.cases() if (case.structure, case.snr_db, case.method) == ("two", 20.0, "ml")
+    )
+    judged = [("converged", 0, 0), ("converged", 1, 0), ("not converged", 0, 1)]
+    answers = [
+        Row(
+            "two",
+            2,
+            20.0,
+            "ml",
+            1000 + number,
+            status,
+            terms={"right": 4, "missing": missing, "extra": extra},
+        )
+        for number, (status, missing, extra) in enumerate(judged)
+    ]
+    failed = Row("two", 2, 20.0, "ml", 1003, FAILED, reason="too short")
+    table = StudyTable.of(study, [*answers, failed])
+    cell = present(table.cell("two", 20.0, "ml"))
+    assert [answer.exact for answer in cell.answers] == [True, False, False]
+    assert cell.failures == (failed,) and failed.exact is None
+    assert (cell.exact, cell.exact_share, cell.untrusted) == (1, 0.25, 1)
+    assert (cell.wrong_trusted, cell.extra_trusted) == (1, 0)
+    assert cell.nmse is None and cell.median_row is None  # terms of monomials are no forces
+    sure = replace(answers[2], status="converged")
+    assert present(StudyTable.of(study, [sure]).cell("two", 20.0, "ml")).extra_trusted == 1
+    told = present(StudyTable.of(study, [row(case, 1.0)]).cell("two", 20.0, "ml"))
+    assert (told.exact, told.exact_share, told.wrong_trusted, told.extra_trusted) == (None, None, None, None)
+
+
 def test_intervals_that_hold_the_true_value_are_counted(study: Study) -> None:
     """Those of trusted answers alone have standard errors; the chain's alpha is -100."""
     case = next(

@@ -6,6 +6,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -204,6 +205,21 @@ def test_a_damaged_store_is_said_to_be_one(tmp_path: Path, study: lw.Study) -> N
             lw.read_rows(folder)
         with pytest.raises(lw.StudyError, match="not a study of linkwise"), open_store(folder, study):
             pass
+
+
+def test_a_study_begun_before_rows_had_terms_goes_on(tmp_path: Path, study: lw.Study) -> None:
+    folder, rows = tmp_path / "out", rows_of(study)
+    with open_store(folder, study) as store:
+        store.add(rows[:1])
+    with closing(sqlite3.connect(folder / DATABASE)) as database:
+        database.execute("ALTER TABLE rows DROP COLUMN terms")
+    assert lw.read_rows(folder) == (rows[0],) and rows[0].terms == {}
+    with open_store(folder, study) as store:
+        store.add([replace(rows[1], terms={"right": 5, "missing": 0, "extra": 1})])
+    stored = {row.case: row for row in lw.read_rows(folder)}
+    assert stored[rows[0].case].exact is None
+    assert stored[rows[1].case].terms == {"right": 5, "missing": 0, "extra": 1}
+    assert stored[rows[1].case].exact is False
 
 
 def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.Study) -> None:

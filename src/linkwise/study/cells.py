@@ -111,6 +111,39 @@ class Cell:
         """
         return float(np.mean(self._errors > value)) if self.done else float("nan")
 
+    @property
+    def untrusted(self) -> int:
+        """The number of answers that the method itself does not trust."""
+        return sum(row.status != Verdict.CONVERGED.status for row in self.answers)
+
+    @cached_property
+    def exact(self) -> int | None:
+        """The number of answers with all true terms and no other; None if no answer was judged by its terms."""
+        judged = [row.exact for row in self.answers if row.exact is not None]
+        return sum(judged) if judged else None
+
+    @property
+    def exact_share(self) -> float | None:
+        """The part of the cases with exactly the true terms, from 0 to 1; a case without an answer has not.
+
+        None if the method does not look for terms, or no case has an answer.
+        """
+        return None if self.exact is None else self.exact / self.done
+
+    @cached_property
+    def wrong_trusted(self) -> int | None:
+        """The number of answers that are trusted though a term is missing or extra; None as for `exact`."""
+        return None if self.exact is None else sum(row.exact is False for row in self._trusted)
+
+    @cached_property
+    def extra_trusted(self) -> int | None:
+        """The number of answers that are trusted though a term is extra; None as for `exact`."""
+        return None if self.exact is None else sum(row.terms.get("extra", 0) > 0 for row in self._trusted)
+
+    @property
+    def _trusted(self) -> list[Row]:
+        return [row for row in self.answers if row.status == Verdict.CONVERGED.status]
+
     @cached_property
     def intervals(self) -> int:
         """The number of intervals of coefficients in the answers that are trusted."""
@@ -245,9 +278,12 @@ def _cell(key: tuple[str, float, str], true: Structure, expected: int, rows: Seq
 
 
 def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
-    """The rows with and without an answer."""
-    answers = tuple(row for row in rows if np.isfinite(_error(row)))
-    return answers, tuple(row for row in rows if not np.isfinite(_error(row)))
+    """The rows with and without an answer: an error of forces, or terms that were judged."""
+    answered = [np.isfinite(_error(row)) or row.exact is not None for row in rows]
+    return (
+        tuple(row for row, answer in zip(rows, answered, strict=True) if answer),
+        tuple(row for row, answer in zip(rows, answered, strict=True) if not answer),
+    )
 
 
 def _error(row: Row) -> float:

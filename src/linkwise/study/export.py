@@ -77,6 +77,8 @@ def row_record(row: Row) -> dict[str, Any]:
         "coefficients": json.dumps(dict(row.coefficients)),
         "standard_errors": json.dumps(dict(row.standard_errors)),
         "reason": row.reason,
+        "exact": row.exact,
+        "terms": json.dumps(dict(row.terms)),
     }
 
 

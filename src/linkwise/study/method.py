@@ -38,6 +38,8 @@ class MethodResult:
         Their standard errors in SI units; empty where the estimate is not to be trusted.
     reason : str
         Why the estimate is not to be trusted; empty where it is.
+    terms : mapping of str to int
+        The numbers of "right", "missing" and "extra" terms; empty where the method is told the terms.
 
     Examples
     --------
@@ -55,6 +57,7 @@ class MethodResult:
     coefficients: Mapping[str, float] = field(default_factory=dict)
     standard_errors: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
+    terms: Mapping[str, int] = field(default_factory=dict)
 
 
 class StudyMethod(ABC):

@@ -73,6 +73,9 @@ class Row:
         Time of the estimate in s, without simulation and noise.
     reason : str
         Why there is no answer, or none to be trusted.
+    terms : mapping of str to int
+        How many terms of the answer are "right", and how many "missing" and "extra", of a method that looks for terms; empty
+        for one that is told them.
 
     Examples
     --------
@@ -93,6 +96,7 @@ class Row:
     standard_errors: Mapping[str, float] = field(default_factory=dict)
     seconds: float = field(default=0.0, compare=False)
     reason: str = ""
+    terms: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def case(self) -> Case:
@@ -103,6 +107,11 @@ class Row:
     def failed(self) -> bool:
         """Whether there is no answer."""
         return self.status in (FAILED, *REPEATED)
+
+    @property
+    def exact(self) -> bool | None:
+        """Whether no term is missing and none is extra; None where terms are not looked for, or there is no answer."""
+        return not (self.terms["missing"] or self.terms["extra"]) if self.terms else None
 
     @property
     def nmse(self) -> float | None:

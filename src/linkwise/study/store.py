@@ -28,13 +28,23 @@ CREATE TABLE study (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE rows (
     structure TEXT, snr_db REAL, method TEXT, seed INTEGER, masses INTEGER NOT NULL, status TEXT NOT NULL,
     links TEXT NOT NULL, coefficients TEXT NOT NULL, standard_errors TEXT NOT NULL,
-    seconds REAL NOT NULL, reason TEXT NOT NULL,
+    seconds REAL NOT NULL, reason TEXT NOT NULL, terms TEXT NOT NULL DEFAULT '{}',
     PRIMARY KEY (structure, snr_db, method, seed)
 ) WITHOUT ROWID;
 """
 _KEY = ("structure", "snr_db", "method", "seed")
-_MAPPINGS = ("links", "coefficients", "standard_errors")
-_FIELDS = (*_KEY, "masses", "status", *_MAPPINGS, "seconds", "reason")
+_MAPPINGS = ("links", "coefficients", "standard_errors", "terms")
+_FIELDS = (
+    *_KEY,
+    "masses",
+    "status",
+    "links",
+    "coefficients",
+    "standard_errors",
+    "seconds",
+    "reason",
+    "terms",
+)
 _IS_REPEATED = f"status IN ({', '.join(map(repr, REPEATED))})"
 _SHOWN = 6  # differences between two definitions that an error lists
 _LONG = 160  # characters of two values up to which both are shown
@@ -208,6 +218,9 @@ def _prepare(folder: Path, database: sqlite3.Connection, study: Study) -> None:
                 database.executemany("INSERT INTO study VALUES (?, ?)", about.items())
             return
         before = {"linkwise": _entry(database, "linkwise"), **_definition(database)}
+        if "terms" not in _columns(database):  # begun before rows had them
+            with database:
+                database.execute("ALTER TABLE rows ADD COLUMN terms TEXT NOT NULL DEFAULT '{}'")
     except sqlite3.DatabaseError as error:
         raise _unreadable(folder, error) from error
     changes = differences(before, {"linkwise": version("linkwise"), **study.document()})
@@ -279,13 +292,19 @@ def _values(row: Row) -> tuple[Any, ...]:
 
 
 def _rows(database: sqlite3.Connection) -> list[Row]:
-    records = database.execute(f"SELECT {', '.join(_FIELDS)} FROM rows")
+    fields = _FIELDS if "terms" in _columns(database) else _FIELDS[:-1]
+    records = database.execute(f"SELECT {', '.join(fields)} FROM rows")
     return [
         Row(
             **{
                 name: json.loads(value) if name in _MAPPINGS else value
-                for name, value in zip(_FIELDS, values, strict=True)
+                for name, value in zip(fields, values, strict=True)
             }
         )
         for values in records
     ]
+
+
+def _columns(database: sqlite3.Connection) -> set[str]:
+    """The names of the columns of the rows."""
+    return {str(column[1]) for column in database.execute("PRAGMA table_info(rows)")}

@@ -15,6 +15,8 @@ from linkwise.study.store import read_rows, stored_study
 from linkwise.text import align_columns
 from linkwise.verdict import Verdict
 
+_TERMS = ("exact", "wrong, trusted", "extra, trusted")
+
 
 @dataclass(frozen=True)
 class StudySummary(JudgedView):
@@ -71,11 +73,13 @@ class StudySummary(JudgedView):
         lacks = [verdict.value for verdict in self.verdicts if verdict is not Verdict.STUDY_COMPLETE]
         head = "{}: {done} of {cases} cases done, {failed} failed".format(self.name, **counts)
         blocks = ["\n".join([head, *lacks])]
+        judged = any(cell.exact is not None for cell in self.cells)
         for (structure, level), group in groupby(self.cells, key=lambda cell: (cell.structure, cell.snr_db)):
             lines: list[tuple[str, ...]] = [
                 ("method", "median %", "worst %", "failed", "untrusted", "of", "covered", "seconds")
+                + (_TERMS if judged else ())
             ]
-            lines += [_line(cell_record(cell)) for cell in group]
+            lines += [_line(cell_record(cell), judged) for cell in group]
             blocks.append("\n".join([f"{structure}, {level:g} dB", *align_columns(lines)]))
         reasons = [
             f"! {cell.structure}, {cell.snr_db:g} dB, {cell.method} failed {count} times: {reason}"
@@ -127,7 +131,9 @@ def cell_record(cell: Cell) -> dict[str, Any]:
 
     NMSE in %: median and 5 and 95 % quantiles over the seeds, a failed one counting as worst, and the worst of those with an
     answer. `untrusted` counts answers that the method itself does not trust; `coverage` is the part of the 95 % `intervals` of
-    coefficients in the others that hold the true value.
+    coefficients in the others that hold the true value. Of methods that look for terms, `exact` counts the answers with the
+    true terms and no other, and `wrong_trusted` those that are trusted with a term missing or extra, `extra_trusted` those
+    with one extra.
     """
     errors = [row.nmse for row in cell.answers if row.nmse is not None]
     return {
@@ -138,7 +144,7 @@ def cell_record(cell: Cell) -> dict[str, Any]:
         "cases": cell.expected,
         "done": cell.done,
         "failed": len(cell.failures),
-        "untrusted": sum(row.status != Verdict.CONVERGED.status for row in cell.answers),
+        "untrusted": cell.untrusted,
         "median": cell.nmse,
         "low": cell.low,
         "high": cell.high,
@@ -146,16 +152,22 @@ def cell_record(cell: Cell) -> dict[str, Any]:
         "coverage": cell.coverage,
         "intervals": cell.intervals,
         "seconds": cell.seconds,
+        "exact": cell.exact,
+        "wrong_trusted": cell.wrong_trusted,
+        "extra_trusted": cell.extra_trusted,
     }
 
 
-def _line(record: dict[str, Any]) -> tuple[str, ...]:
+def _line(record: dict[str, Any], judged: bool) -> tuple[str, ...]:
+    """A line of the table; where methods are `judged` by their terms, with how many answers have the true ones."""
+    counts = (record["exact"], record["wrong_trusted"], record["extra_trusted"]) if judged else ()
     return (
         record["method"],
         *("-" if record[key] is None else f"{record[key]:.3g}" for key in ("median", "worst")),
         *(str(record[key]) for key in ("failed", "untrusted", "done")),
         covered(record["coverage"], record["intervals"]),
         "-" if record["seconds"] is None else f"{record['seconds']:.3g}",
+        *("-" if count is None else str(count) for count in counts),
     )
 
 

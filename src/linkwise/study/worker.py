@@ -103,6 +103,7 @@ def _row(case: Case, masses: int, result: MethodResult) -> Row:
         standard_errors=result.standard_errors,
         seconds=result.seconds,
         reason=result.reason,
+        terms=result.terms,
     )
 
 
