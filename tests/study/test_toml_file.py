@@ -34,6 +34,24 @@ def test_the_paper_ships_with_linkwise() -> None:
     assert paper.subject("6 masses").judged_links == ("nes1", "nes2", "nes3")
 
 
+def test_lists_of_lengths_and_rates_are_structures_of_their_own() -> None:
+    lists = "duration = [0.5, 1]\nrate = [100.0, 137.5]\nfrequency = 50.0"
+    text = HEAD + STRUCTURE.replace("duration = 1.0\nrate = 500.0", lists)
+    variant = '[[structure.variant]]\nname = "short"\nduration = 0.25\n'
+    subjects = parse_study(text + variant + METHOD, "s.toml", Path()).subjects
+    assert [(subject.name, subject.duration, subject.rate) for subject in subjects] == [
+        ("bnes2, 0.5 s, 100 Hz", 0.5, 100.0),
+        ("bnes2, 0.5 s, 137.5 Hz", 0.5, 137.5),
+        ("bnes2, 1 s, 100 Hz", 1.0, 100.0),
+        ("bnes2, 1 s, 137.5 Hz", 1.0, 137.5),
+        ("bnes2, short, 100 Hz", 0.25, 100.0),
+        ("bnes2, short, 137.5 Hz", 0.25, 137.5),
+    ]
+    assert [subject.samples_per_period for subject in subjects[:2]] == [2.0, 2.75]
+    (plain,) = parse_study(GOOD, "s.toml", Path()).subjects
+    assert plain.samples_per_period is None and "frequency" not in plain.document()
+
+
 def test_cases_come_cycle_by_cycle(tmp_path: Path) -> None:
     study = lw.read_study(small(tmp_path, cycles=3))
     assert [case.seed for case in study.cases()] == sorted([1000, 1001, 1002] * 12)
@@ -106,6 +124,10 @@ GOOD = HEAD + STRUCTURE + METHOD
         ("rate", "raet", r's\.toml, structure\[0\]: unknown key "raet"; did you mean "rate"'),
         ("rate = 500.0", "", r"s\.toml, structure\[0\]: the key `rate` is missing"),
         ("500.0", "0", r"s\.toml, structure\[0\]\.rate: must be positive and finite, got 0"),
+        ("500.0", "[]", r"s\.toml, structure\[0\]\.rate: must be a number, or a list of at least one"),
+        ("500.0", "[50, 50]", r"s\.toml, structure: 'bnes2, 50 Hz' is listed 2 times"),
+        ("500.0", "[50, -1]", r"s\.toml, structure\[0\]\.rate: must be positive and finite, got -1"),
+        ("rate", "frequency = 0\nrate", r"s\.toml, structure\[0\]\.frequency: must be positive and finite, got 0"),
         ("bnes = 2", "bnes = 3", r"s\.toml, structure\[0\]\.bnes: the number of masses must be even and at least 2"),
         ("bnes = 2", "", r"structure\[0\]: give one of the keys bnes .*, got none"),
         ("bnes = 2", 'bnes = 2\nfile = "x"', r"structure\[0\]: .* got bnes and file"),

@@ -63,6 +63,8 @@ class Subject:
     judge : tuple of str
         The links whose force is compared with the truth, as in `Structure.unknown`; by default the unknown ones with a
         nonlinear stiffness, or all unknown ones if there are none.
+    frequency : float or None
+        The frequency of the motion in Hz by which "samples a period" are counted.
     scatter : float
         Cycle k = 0, 1, ... starts from (1 + k scatter) times the release. Past its horizon a chaotic motion is one of many,
         some harder to identify than others: with a tiny scatter every cycle follows its own orbit, so that a median over
@@ -95,6 +97,7 @@ class Subject:
     unknown: tuple[str, ...] = ("all",)
     judge: tuple[str, ...] = ()
     scatter: float = 0.0
+    frequency: float | None = None
 
     asked = DeprecatedAttribute(Deprecated("unknown_structure", since="0.2.0", until="0.4.0"))
     judged = DeprecatedAttribute(Deprecated("judged_links", since="0.2.0", until="0.4.0"))
@@ -104,6 +107,8 @@ class Subject:
         for key, value in (("duration", self.duration), ("rate", self.rate)):
             if not 0.0 < value < float("inf"):
                 raise StudyError(f"must be positive and finite, got {value!r}", key)
+        if self.frequency is not None and not 0.0 < self.frequency < float("inf"):
+            raise StudyError(f"must be positive and finite, got {self.frequency!r}", "frequency")
         if not math.isfinite(self.scatter):
             raise StudyError(f"must be finite, got {self.scatter!r}", "scatter")
         self._check_excitation()
@@ -127,6 +132,11 @@ class Subject:
         """The structure that is simulated, every coefficient a number."""
         starts = {p.name: p.start for p in self.structure.parameters if p.start is not None}
         return self.structure.with_values(starts) if starts else self.structure
+
+    @property
+    def samples_per_period(self) -> float | None:
+        """Samples in a period of `frequency`; None without one."""
+        return None if self.frequency is None else self.rate / self.frequency
 
     @cached_property
     def unknown_structure(self) -> Structure:
@@ -267,6 +277,7 @@ class Subject:
             "unknown": list(self.unknown),
             "judge": list(self.judge),
             "scatter": float(self.scatter),
+            **({} if self.frequency is None else {"frequency": float(self.frequency)}),
         }
 
     def _check_excitation(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -34,8 +34,8 @@ class _Impulse(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Structure(msgspec.Struct, forbid_unknown_fields=True):
-    duration: float
-    rate: float
+    duration: float | list[float]
+    rate: float | list[float]
     name: str = ""
     bnes: int | None = None
     file: str | None = None
@@ -49,6 +49,7 @@ class _Structure(msgspec.Struct, forbid_unknown_fields=True):
     unknown: tuple[str, ...] = ("all",)
     judge: tuple[str, ...] = ()
     scatter: float = 0.0
+    frequency: float | None = None
     variant: list[dict[str, Any]] = []
 
 
@@ -132,9 +133,10 @@ def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
     """The study that the tables of a study file define; relative paths are from `folder`."""
     document: _Document = decode(data, _Document, source, "", StudyError)
     subjects = tuple(
-        _subject(table, path, source, folder)
-        for i, entry in enumerate(document.structure)
-        for table, path in _with_variants(entry, data["structure"][i], f"structure[{i}]", source)
+        _subject(entry, length, path, source, folder)
+        for i, listed in enumerate(document.structure)
+        for entry, path in _with_variants(listed, data["structure"][i], f"structure[{i}]", source)
+        for length in _lengths(entry, f"{source}, {path}")
     )
     methods = tuple(_method(entry, f"method[{i}]", source) for i, entry in enumerate(document.method))
     try:
@@ -167,18 +169,41 @@ def _with_variants(
         yield msgspec.structs.replace(own, name=name, values={**entry.values, **own.values}), place
 
 
+class _Length(NamedTuple):
+    """The length of a record in s, its samples per second in Hz, and what of these a name must say."""
+
+    duration: float
+    rate: float
+    named: tuple[str, ...]
+
+
+def _lengths(entry: _Structure, where: str) -> Iterator[_Length]:
+    """Each duration of a structure at each of its rates; where it lists several, its name says which."""
+    for duration, first in _listed(entry.duration, "s", f"{where}.duration"):
+        for rate, second in _listed(entry.rate, "Hz", f"{where}.rate"):
+            yield _Length(duration, rate, (*first, *second))
+
+
+def _listed(given: float | list[float], unit: str, where: str) -> list[tuple[float, tuple[str, ...]]]:
+    if not isinstance(given, list):
+        return [(given, ())]
+    if not given:
+        raise StudyError("must be a number, or a list of at least one", where)
+    return [(value, (f"{value:.6g} {unit}",)) for value in given]
+
+
 def _name(entry: _Structure) -> str:
     return entry.name or (f"bnes{entry.bnes}" if entry.bnes else "")
 
 
-def _subject(entry: _Structure, path: str, source: str, folder: Path) -> Subject:
+def _subject(entry: _Structure, length: _Length, path: str, source: str, folder: Path) -> Subject:
     structure = _structure(entry, path, source, folder)
     try:
         return Subject(
-            name=_name(entry) or structure.name or path,
+            name=", ".join((_name(entry) or structure.name or path, *length.named)),
             structure=structure,
-            duration=entry.duration,
-            rate=entry.rate,
+            duration=length.duration,
+            rate=length.rate,
             release=entry.release,
             impulses=tuple(
                 Impulse(impulse.mass, impulse.momentum, impulse.time) for impulse in entry.impulse
@@ -189,6 +214,7 @@ def _subject(entry: _Structure, path: str, source: str, folder: Path) -> Subject
             unknown=entry.unknown,
             judge=entry.judge,
             scatter=entry.scatter,
+            frequency=entry.frequency,
         )
     except StudyError as error:
         raise StudyError(error.message, f"{source}, {path}.{error.where}") from None
