@@ -30,9 +30,7 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.linear_system import DenseSystem
 from linkwise.verdict import Verdict
 
-_MAX_UNEXPLAINED = (
-    0.1  # share of the forces (rms): columns with as much noise bias a slope by its square, 1 %
-)
+MAX_UNEXPLAINED = 0.1  # share of the forces (rms): columns with as much noise bias a slope by its square, 1 %
 
 
 @checked_class
@@ -165,7 +163,7 @@ def _residual(system: DenseSystem, values: Floats, size: int) -> Floats:
 
 def _verdict(unexplained: float) -> tuple[Verdict, str]:
     summary = f"Sparse regression on derivatives leaves {100.0 * unexplained:.3g} % of the forces unexplained"
-    if unexplained > _MAX_UNEXPLAINED:
+    if unexplained > MAX_UNEXPLAINED:
         return Verdict.UNEXPLAINED_FORCES, (
             f"{summary}: a term is missing, or noise in the derivatives hides them. Noise in the columns biases the "
             'values towards zero by an unknown amount; methods "weak" and "ml" correct for it.'

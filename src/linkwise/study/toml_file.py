@@ -12,7 +12,7 @@ import msgspec
 
 from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
-from linkwise.errors import IdentificationError, LinkwiseError, StudyError
+from linkwise.errors import IdentificationError, LawError, LinkwiseError, StudyError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
@@ -59,6 +59,8 @@ METHOD_TABLES: Registry[type[MethodTable]] = Registry(
         "ml": "linkwise.study.method:LinkByLinkTable",
         "weak": "linkwise.study.method:LinkByLinkTable",
         "physics-informed": "linkwise.study.method:PhysicsInformedTable",
+        "discover": "linkwise.study.method_discover:DiscoveryTable",
+        "sindy": "linkwise.study.method_sindy:SindyTable",
         "monomial": "linkwise.study.method_monomials:MonomialTable",
         "classical": "linkwise.study.method_monomials:MonomialTable",  # the old spelling
     },
@@ -85,8 +87,8 @@ def read_study(study: str | Path) -> Study:
     Parameters
     ----------
     study : str or path
-        The name of a study that ships with linkwise ("paper"), or a TOML file. Relative paths of structure files are from
-        the folder of that file.
+        The name of a study that ships with linkwise ("paper"), or a TOML file. Relative paths of structure files are
+        from the folder of that file.
 
     Returns
     -------
@@ -263,5 +265,5 @@ def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
         )
     try:
         return decode(entry, METHOD_TABLES[kind], source, path, StudyError).build()
-    except IdentificationError as error:
+    except (IdentificationError, LawError) as error:
         raise StudyError(str(error), f"{source}, {path}") from None

@@ -1,0 +1,182 @@
+"""Methods that look for terms: discovery and SINDy, and how their answers are judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from structures import link, named, structure
+
+import linkwise as lw
+from linkwise.study.method_discover import DiscoveryMethod
+from linkwise.study.method_sindy import Library, SindyMethod
+from linkwise.study.subject import Subject
+from linkwise.study.term_judgement import TermJudgement
+from linkwise.study.toml_file import parse_study
+from linkwise.study.true_monomials import true_monomials
+
+CHAIN = lw.bnes_chain(2)
+HEAD = """
+snr_db = [40]
+[[structure]]
+bnes = 2
+duration = 1.0
+rate = 500.0
+release = { "v:m1" = 1.0 }
+"""
+
+
+@pytest.fixture(scope="module")
+def subject() -> Subject:
+    return Subject("chain", CHAIN, duration=1.0, rate=1000.0, release={"v:m1": 1.0})
+
+
+def test_discovery_is_told_the_masses_alone(subject: Subject) -> None:
+    """Its answer is that of `discover`, and its terms and forces are the true ones."""
+    clean = subject.simulate()
+    result = DiscoveryMethod("discover").evaluate(subject, clean, snr_db=30.0, seed=5)
+    discovery = lw.discover(subject.measured(clean).with_noise(30.0, seed=5), {"m1": 1.0, "m2": 0.01})
+    assert discovery.trusted and result.status == "converged" and result.reason == ""
+    assert result.terms == {"right": 5, "missing": 0, "extra": 0}
+    assert result.coefficients["m2-m1.k3"] == pytest.approx(
+        discovery.structure.link("m2-m1").values["k3"], rel=1e-8
+    )
+    assert (
+        0.0 < result.links["nes1"] < 1e-2
+    )  # %: the noise is 0.1 % of the motion, and a thousand samples are fitted
+
+
+def test_terms_that_are_not_offered_are_missing_and_the_answer_says_so(subject: Subject) -> None:
+    result = DiscoveryMethod("linear", terms="v, d").evaluate(
+        subject, subject.simulate(), snr_db=40.0, seed=5
+    )
+    assert result.terms["missing"] >= 1 and result.terms["right"] >= 1
+    assert result.status != "converged" and result.reason in {verdict.value for verdict in lw.Verdict}
+
+
+@pytest.mark.parametrize("between", ["m2-m1", "m1-m2"])
+def test_a_link_is_judged_by_its_ends_in_either_order(between: str, subject: Subject) -> None:
+    """The linear part of the sink is 1 % off, a damper too many to the ground, and a damper is missing."""
+    answer = structure(
+        {"m1": 1.0, "m2": 0.01},
+        link("a", "m1-ground", "p*d", p=30000.0),
+        link("b", between, "p*d + q*d**3 + r*v", p=-99.0, q=1e6, r=0.02),
+        link("c", "m2-ground", "r*v", r=0.1),
+    )
+    judgement = TermJudgement.of(answer, subject, subject.simulate())
+    assert judgement.terms == {"right": 4, "missing": 1, "extra": 1}
+    weaker = lw.bnes_chain(2, alpha=-99.0).link("nes1")
+    assert judgement.links["nes1"] == pytest.approx(
+        lw.nmse(CHAIN.link("nes1"), weaker, subject.simulate()), rel=1e-8
+    )
+
+
+def test_a_true_link_that_is_not_there_has_the_whole_force_as_error(subject: Subject) -> None:
+    clean = subject.simulate()
+    answer = structure(
+        {"m1": 1.0, "m2": 0.01},
+        link("a", "m1-ground", "p*d", p=30000.0),
+        link("b", "m2-ground", "p*d", p=1.0),
+    )
+    judgement = TermJudgement.of(answer, subject, clean)
+    force = CHAIN.link("nes1").force(clean.channel("x:m2") - clean.channel("x:m1"))
+    assert judgement.links["nes1"] == pytest.approx(100.0 * np.mean(force**2) / np.var(force), rel=1e-8)
+    assert judgement.terms == {"right": 1, "missing": 4, "extra": 1}
+
+
+def test_sindy_has_the_terms_where_there_is_no_noise(subject: Subject) -> None:
+    """Both libraries hold the truth, and the accelerations of a record at 180 samples a period are all but exact."""
+    clean = Subject("fine", CHAIN, duration=1.0, rate=5000.0, release={"v:m1": 1.0}).simulate()
+    for library, terms in zip(get_args(Library), (5, 16), strict=True):
+        method = SindyMethod(library, library, derivative="differences", threshold=1e-6)
+        result = method.evaluate(subject, clean, snr_db=300.0, seed=1)
+        assert (result.terms["right"], result.terms["missing"]) == (terms, 0)
+        assert result.status == "converged"
+
+
+def test_sindy_loses_terms_to_noise_and_says_what_it_leaves(subject: Subject) -> None:
+    clean = subject.simulate()
+    for library in get_args(Library):
+        result = SindyMethod(library, library).evaluate(subject, clean, snr_db=10.0, seed=1)
+        assert result.terms["missing"] > 0
+        assert result.status == "forces unexplained" and "too much of the forces" in result.reason
+
+
+def test_monomials_are_those_that_a_regression_finds_without_noise() -> None:
+    """Two ways agree: laws written out, and least squares on a record of exact states and accelerations."""
+    chain = lw.bnes_chain(4)
+    record = lw.simulate(chain, release={"v:m1": 3.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    fit = lw.Stlsq(1e-5).fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    equations = [target for target in fit.targets if target.endswith("''")]
+    assert true_monomials(chain) == {(target, name) for target in equations for name in fit.terms(target)}
+    assert len(true_monomials(chain)) == 36
+
+
+def test_terms_that_cancel_are_no_monomials() -> None:
+    opposed = structure(
+        {"m1": 1.0}, link("a", "m1-ground", "k*d + c*v", k=2.0, c=1.0), link("b", "m1-ground", "k*d", k=-2.0)
+    )
+    assert true_monomials(opposed) == {("x1''", "v1")}
+    dry = structure({"m1": 1.0}, link("a", "m1-ground", "F*sign(v)", F=2.0))
+    with pytest.raises(lw.IdentificationError, match=r"a law of a link of m1 is not a polynomial in d and v"):
+        true_monomials(dry)
+
+
+def test_an_applied_force_is_a_true_monomial() -> None:
+    driven = Subject(
+        "driven", CHAIN, duration=1.0, rate=5000.0, forces={"m1": "20*sin(150*t) + 15*sin(190*t)"}
+    )
+    method = SindyMethod("all", "monomials", derivative="differences", threshold=1e-6)
+    result = method.evaluate(driven, driven.simulate(), snr_db=300.0, seed=1)
+    assert (result.terms["right"], result.terms["missing"]) == (17, 0)
+
+
+@pytest.mark.parametrize("kind", ["discover", "sindy"])
+def test_what_is_not_masses_on_links_is_refused(kind: str) -> None:
+    joint = named("joint", "m1-ground", "bouc-wen", k=500.0, c=1.0, F=5.0, x0=5e-3, s=0.6)
+    subject = Subject("joint", structure({"m1": 1.0}, joint), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    (method,) = parse_study(f'{HEAD}[[method]]\nkind = "{kind}"', "s.toml", Path()).methods
+    with pytest.raises(lw.LinkwiseError, match=f'methods of the kind "{kind}"'):
+        method.evaluate(subject, subject.simulate(), snr_db=40.0, seed=1)
+
+
+def test_tables_make_methods_and_documents_make_them_again() -> None:
+    tables = [
+        'kind = "discover"',
+        'kind = "discover"\nname = "few"\nterms = "linear, d**3"',
+        'kind = "sindy"',
+        'kind = "sindy"\nlibrary = "monomials"\norder = 2\nregressor = "l1"\nderivative = "savgol"',
+        'kind = "sindy"\nname = "cut"\nthreshold = 0.05',
+    ]
+    text = HEAD + "".join(f"[[method]]\n{table}\n" for table in tables)
+    study = parse_study(text, "s.toml", Path())
+    assert [method.name for method in study.methods] == [
+        "discover",
+        "few",
+        "sindy, links",
+        "sindy, monomials",
+        "cut",
+    ]
+    assert study.methods[1] == DiscoveryMethod("few", "linear, d**3")
+    assert study.methods[4] == SindyMethod("cut", threshold=0.05)
+    from_document = [study.method(method.name).document() for method in study.methods]
+    assert [document["kind"] for document in from_document] == 2 * ["discover"] + 3 * ["sindy"]
+    assert "terms" not in from_document[3] and "order" not in from_document[4]
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ('kind = "discover"\nterms = ""', r"s\.toml, method\[0\]: the list of terms is empty"),
+        ('kind = "discover"\nterm = "d"', r'method\[0\]: unknown key "term"; did you mean "terms"'),
+        ('kind = "sindy"\nlibrary = "link"', r'library: .*got \'link\'; did you mean "links"'),
+        ('kind = "sindy"\nregressor = "lasso"', r"method\[0\]: unknown regressor 'lasso'"),
+        ('kind = "sindy"\nregressor = "l1"\nthreshold = 0.1', r"a threshold of 0\.1 was given, and .* has none"),
+        ('kind = "sindy"\nterms = "d**"', r"s\.toml, method\[0\]: Something is missing after '\*\*'"),
+    ],
+)  # fmt: skip
+def test_a_wrong_table_is_named(table: str, message: str) -> None:
+    with pytest.raises(lw.StudyError, match=message):
+        parse_study(f"{HEAD}[[method]]\n{table}\n", "s.toml", Path())
