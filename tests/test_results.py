@@ -43,6 +43,7 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "StreamedSystem": "the equations that a regression solves",
     "Structure": "what is given or identified; `Estimate` judges it",
     "Study": "what is asked for",
+    "SuccessMap": "counts of comparisons with a truth that is given",
     "Term": "what is asked for",
     "TermScore": "a comparison with a truth that is given",
 }

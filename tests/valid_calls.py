@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 from problems import chain_record
+from reach_rows import reach_maps
 
 import linkwise as lw
 
@@ -316,5 +317,7 @@ def figures(record: lw.Record, fitted: lw.Estimate, discovered: lw.Discovery) ->
         "shapes_figure": {"structure": lw.Structure("beam", (), (), (BEAM,))},
         "study": {"result": rows},
         "accuracy_figure": {"result": rows},
+        "success_map": {"result": reach_maps()[0]},
+        "success_figure": {"results": reach_maps()},
     }
     return {f"plot.{name}": Call(getattr(lw.plot, name), given) for name, given in arguments.items()}

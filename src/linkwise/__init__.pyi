@@ -202,6 +202,8 @@ from linkwise.study.runner import StudyProgress as StudyProgress
 from linkwise.study.store import read_rows as read_rows
 from linkwise.study.store import stored_study as stored_study
 from linkwise.study.subject import Subject as Subject
+from linkwise.study.success_map import SuccessMap as SuccessMap
+from linkwise.study.success_map import success_maps as success_maps
 from linkwise.study.summary import StudySummary as StudySummary
 from linkwise.study.summary import study_summary as study_summary
 from linkwise.study.toml_file import read_study as read_study

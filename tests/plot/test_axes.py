@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from present import some
 from problems import chain_record
+from reach_rows import reach_maps
 from structures import beam_of_one_mode
 
 import linkwise as lw
@@ -27,7 +28,7 @@ PICTURES = (
     "absorption", "acceleration_surface", "crossings", "departures", "displacement", "distortion", "energy", "evidence",
     "force", "force_comparison", "force_errors", "graph", "histories", "level_modes", "level_response", "loop", "map", "path",
     "prediction", "prediction_error", "prediction_profile", "prediction_spectrum", "ring_down", "runners_up", "shapes",
-    "spectrum", "study", "surface",
+    "spectrum", "study", "success_map", "surface",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -80,6 +81,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
         "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),
         "path": (discovered,), "runners_up": (discovered,), "shapes": (beam_of_one_mode().hosts[0],),
         "spectrum": (fitted.record, "x:m1", 1e-4), "study": (rows(),),
+        "success_map": (reach_maps()[0],),
     }  # fmt: skip
     assert set(results) == set(PICTURES)
 
@@ -123,7 +125,7 @@ def test_anything_but_axes_is_refused(name: str, drawings: dict[str, Draw]) -> N
         drawings[name](ax=Figure().subplots(1, 2))
 
 
-@pytest.mark.parametrize("name", sorted(set(PICTURES) - {"prediction_profile", "runners_up"}))
+@pytest.mark.parametrize("name", sorted(set(PICTURES) - {"prediction_profile", "runners_up", "success_map"}))
 def test_a_legend_can_be_left_out(name: str, drawings: dict[str, Draw]) -> None:
     """A map without missing cells and a study of one method still have a legend argument."""
     assert drawings[name](legend=False).get_legend() is None

@@ -12,6 +12,7 @@ import pytest
 from here import studies_here
 from paper_rows import BEST, error, paper_rows, paper_study, stored
 from present import some
+from reach_rows import TEXT, reach_rows, reach_study
 
 import linkwise as lw
 from linkwise.cli import run
@@ -230,6 +231,44 @@ def test_a_study_of_ones_own_has_its_table_and_figure(tmp_path: Path) -> None:
     assert page.count("<td>0.25</td>") == 4 and "<th>most likely</th>" in page
     assert {path.name for path in (folder / "figures").iterdir()} == {"accuracy.png", "accuracy.svg"}
     assert not (folder / "table_2.csv").exists()
+
+
+def test_a_study_of_terms_has_their_table_and_its_maps(tmp_path: Path) -> None:
+    """Of 24 cases a length, `discover` is exact in 11, and wrong and trusted in 5."""
+    study = reach_study()
+    folder = stored(tmp_path / "reach", study, reach_rows(study))
+    page = body(lw.write_study_report(folder).read_text(encoding="utf-8"))
+    assert "<h2>Right links and terms</h2>" in page
+    assert (
+        "<tr><th>structure</th><th>method</th><th>cases</th><th>exact</th><th>wrong, trusted</th><th>extra, trusted</th></tr>"
+        in page
+    )
+    line = "<td>chain, 1 s</td><td>discover</td><td>24</td><td>45.8</td><td>20.8</td><td>0</td>"
+    assert line in page and "<td>sindy, links</td><td>24</td><td>0</td><td>100</td><td>100</td>" in page
+    assert '<figure id="success">' in page and "Success maps: noise and samples a period" in page
+    assert "Per cent of 4 cycles in which a method has all true links and terms and no other." in page
+    assert (folder / "figures" / "success.png").is_file()
+
+
+def test_a_small_study_of_terms_runs_to_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, folder = tmp_path / "reach.toml", tmp_path / "out"
+    file.write_text(TEXT, encoding="utf-8")
+    with studies_here():
+        assert (
+            run(["study", str(file), "--quick", "--workers", "1", "-o", str(folder)]) == 3
+        )  # no answer at 5 samples a period
+        out = capsys.readouterr().out
+        assert out.startswith("small reach: 24 of 24 cases done, ") and "wrong, trusted" in out
+        before = lw.read_rows(folder)
+        assert run(["study", str(file), "--quick", "--workers", "1", "--json", "-o", str(folder)]) == 3
+    assert [row.seconds for row in lw.read_rows(folder)] == [
+        row.seconds for row in before
+    ]  # none was run again
+    maps = lw.success_maps(folder)
+    assert [success.method for success in maps] == 2 * ["discover", "sindy, links"]
+    fine, coarse = maps[0].exact[1], maps[0].exact[0]
+    assert fine[2] == 1 and (coarse == 0).all()  # 25 samples a period at 40 dB, and 5
+    assert (folder / "figures" / "success.svg").is_file()
 
 
 def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_paper() -> None:

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_rows import stored
 from present import some
+from reach_rows import reach_rows, reach_study
 from small_study import DIVERGING, small
 
 import linkwise as lw
@@ -93,6 +95,25 @@ def test_the_summary_prints_itself(folder: Path) -> None:
     assert line.split() == ["weak", "-", "-", "1", "0", "1", "-", "-"]
     assert "! pushed away, 20 dB, weak failed 1 times: " in text
     assert summary.to_dict()["done"] == 18 and len(summary.to_dict()["cells"]) == 18
+
+
+def test_methods_that_look_for_terms_have_columns_of_their_own(tmp_path: Path, folder: Path) -> None:
+    study = reach_study()
+    home = stored(tmp_path / "reach", study, reach_rows(study))
+    lw.export_study(home)
+    rows, cells = read(home / "rows.csv"), read(home / "summary.csv")
+    assert [json.loads(line["terms"]) for line in rows] == [row.terms for row in lw.read_rows(home)]
+    assert {line["exact"] for line in rows} == {"True", "False"}
+    cell = next(c for c in cells if (c["structure"], c["snr_db"]) == ("chain, 1 s, 500 Hz", "20.0"))
+    assert (cell["method"], cell["exact"], cell["wrong_trusted"], cell["extra_trusted"]) == (
+        "discover", "3", "1", "0",
+    )  # fmt: skip
+    part = str(lw.study_summary(home)).partition("chain, 1 s, 500 Hz, 20 dB\n")[2].splitlines()
+    assert part[0].split()[-5:] == ["exact", "wrong,", "trusted", "extra,", "trusted"]
+    assert [line.split()[-3:] for line in part[1:3]] == [["3", "1", "0"], ["0", "4", "4"]]
+    assert "exact" not in str(lw.study_summary(folder))
+    lw.export_study(folder)
+    assert {line["exact"] for line in read(folder / "summary.csv")} == {""}
 
 
 def test_a_study_that_has_not_begun_has_tables_without_rows(tmp_path: Path) -> None:

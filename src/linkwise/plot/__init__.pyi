@@ -44,6 +44,8 @@ from linkwise.plot.link_surface import surface as surface
 from linkwise.plot.link_surface import surface_figure as surface_figure
 from linkwise.plot.study_accuracy import accuracy_figure as accuracy_figure
 from linkwise.plot.study_accuracy import study as study
+from linkwise.plot.study_success import success_figure as success_figure
+from linkwise.plot.study_success import success_map as success_map
 from linkwise.plot.style import save as save
 from linkwise.plot.time_histories import histories as histories
 from linkwise.plot.time_histories import histories_figure as histories_figure

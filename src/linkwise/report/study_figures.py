@@ -15,9 +15,10 @@ from linkwise.paper.figures_8_9 import figure_8, figure_9
 from linkwise.registry import Registry
 from linkwise.report.study_page import StudyReport
 
-MOTION, FORCE, ACCURACY = (
+MOTION, FORCE, SUCCESS, ACCURACY = (
     "How the chains move",
     "What force is found",
+    "Where the right links and terms are found",
     "Accuracy and time over structures",
 )
 _SPREAD = "Medians, and the range of the cycles (5 to 95 %)."
@@ -69,6 +70,18 @@ def _accuracy(report: StudyReport) -> Figure | None:
     return plot.accuracy_figure(report.table) if report.beyond else None
 
 
+def _success(report: StudyReport) -> Figure | None:
+    return plot.success_figure(report.success) if report.success else None
+
+
+def _success_caption(report: StudyReport) -> str:
+    return (
+        f"Per cent of {report.study.cycles} cycles in which a method has all true links and terms and no other. Below it in "
+        "red, where there are any, the per cent that it trusts though a term is missing or extra. A case without an answer "
+        "counts as neither, and empty cells were not run."
+    )
+
+
 def _without_times(report: StudyReport) -> str:
     return f"{_SPREAD} The paper prints no times for its Figure 8d, nor which machine it ran on."
 
@@ -96,6 +109,9 @@ STUDY_FIGURES: Registry[StudyFigure] = Registry(
         "figure_5": _motion("figure_5", figure_5, "Figure 5: its primary masses with sinks and without"),
         "figure_6": _force(figure_6, "Figure 6: the force identified in the chain of two masses"),
         "figure_7": _force(figure_7, "Figure 7: the force identified in the chain of eight masses"),
+        "success": StudyFigure(
+            SUCCESS, "Success maps: noise and samples a period", _success, _success_caption
+        ),
         "figure_8": StudyFigure(
             ACCURACY, "Figure 8: SINDy with all monomials up to the third order", _figure_8, _without_times
         ),

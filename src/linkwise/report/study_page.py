@@ -15,6 +15,7 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.cells import SPREAD, Cell, StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
+from linkwise.study.success_map import SuccessMap, maps_of
 from linkwise.study.summary import covered
 from linkwise.verdict import Verdict, is_trusted
 
@@ -46,13 +47,15 @@ class StudyReport:
     paper: PaperStudy
     comparison: Table2
     claims: Sequence[Claim]
+    success: Sequence[SuccessMap] = ()
 
     @classmethod
     def of(cls, study: Study, rows: Iterable[Row]) -> StudyReport:
         """What `rows` show of `study`."""
         table, paper = StudyTable.of(study, rows), PaperStudy.of(study)
         comparison = Table2.of(table, paper)
-        return cls(study, table, paper, comparison, claims(table, paper, comparison))
+        success = maps_of(study, table)
+        return cls(study, table, paper, comparison, claims(table, paper, comparison), success)
 
     @property
     def beyond(self) -> list[tuple[str, float]]:
@@ -104,6 +107,7 @@ def study_page(
         meanings={name: _meaning(report.study, name) for name in comparison.classical},
         rows=[_row(report, number) for number in range(len(comparison.cells))],
         reasons=_reasons(comparison),
+        exact=[_exact(success) for success in report.success],
         others=_others(report),
         coverages=_coverages(table),
         illustrations=illustrations,
@@ -206,6 +210,25 @@ def _failures(table: StudyTable) -> list[str]:
         why = reason or "the error is not a number"
         sentences.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
     return sentences
+
+
+def _exact(success: SuccessMap) -> tuple[str, str, int, Mapping[str, str]]:
+    """A line of the table of right terms: structure, method, cases, and parts of them in %."""
+    cases = int(success.cases.sum())
+    counts = {
+        "exact": success.exact,
+        "wrong, trusted": success.wrong_trusted,
+        "extra, trusted": success.extra_trusted,
+    }
+    return (
+        success.name,
+        success.method,
+        cases,
+        {
+            name: percent(100.0 * float(count.sum()) / cases if cases else None)
+            for name, count in counts.items()
+        },
+    )
 
 
 def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:

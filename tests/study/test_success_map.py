@@ -1,0 +1,91 @@
+"""Success maps: counts of exact answers over noise and samples a period, panel by panel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from paper_rows import stored
+from reach_rows import EXACT, linear_answer, reach_rows, reach_study
+
+import linkwise as lw
+from linkwise.study.cells import StudyTable
+from linkwise.study.row import FAILED, Row
+from linkwise.study.success_map import maps_of
+from linkwise.study.toml_file import parse_study
+
+
+def test_the_maps_count_what_the_rows_say(tmp_path: Path) -> None:
+    study = reach_study()
+    maps = lw.success_maps(stored(tmp_path / "reach", study, reach_rows(study)))
+    assert [(success.name, success.method) for success in maps] == [
+        ("chain, 1 s", "discover"),
+        ("chain, 1 s", "sindy, links"),
+        ("chain, 2 s", "discover"),
+        ("chain, 2 s", "sindy, links"),
+    ]
+    first = maps[0]
+    assert (first.snr_db == [8.0, 20.0, 40.0]).all() and (first.rates == [100.0, 500.0]).all()
+    assert (first.samples == [5.0, 25.0]).all()  # of a motion of 20 Hz
+    assert (first.cases == 4).all()
+    assert (first.exact == EXACT).all()
+    np.testing.assert_allclose(first.exact_share, np.array(EXACT) / 4.0, rtol=1e-12)
+    wrong = 4 - np.array(EXACT)
+    assert (first.wrong_trusted == np.where(wrong > 0, 1, 0)).all()  # the first of those that are wrong
+    assert (first.extra_trusted == 0).all()
+    never = maps[1]
+    assert (never.exact == 0).all() and (never.wrong_trusted_share == 1.0).all()
+    assert (never.extra_trusted == 4).all()
+
+
+def test_a_case_without_an_answer_is_not_exact_and_a_missing_one_is_no_case() -> None:
+    study = reach_study()
+    rows = reach_rows(study)
+    failed = [
+        Row(row.structure, 2, row.snr_db, row.method, row.seed, FAILED, reason="too short")
+        if row.snr_db == 40.0
+        else row
+        for row in rows
+        if row.snr_db > 8.0
+    ]
+    success = maps_of(study, StudyTable.of(study, failed))[0]
+    assert (success.cases == [[0, 4, 4], [0, 4, 4]]).all()
+    assert (success.exact[:, 2] == 0).all() and (success.exact_share[:, 2] == 0.0).all()
+    assert np.isnan(success.exact_share[:, 0]).all()
+
+
+def test_methods_that_are_told_the_terms_have_no_map() -> None:
+    study = reach_study()
+    rows = [
+        Row(case.structure, 2, case.snr_db, case.method, case.seed, "converged", {"nes1": 0.1})
+        for case in study.cases()
+    ]
+    assert maps_of(study, StudyTable.of(study, rows)) == ()
+
+
+def test_other_structures_stand_apart_whatever_their_names() -> None:
+    """A stiffer variant, a record without a frequency, and one that is listed twice at the same rate."""
+    text = """
+    snr_db = [40]
+    structure = [
+      { name = "a", bnes = 2, duration = 1.0, rate = 100.0 },
+      { name = "b", bnes = 2, duration = 1.0, rate = 200.0 },
+      { name = "c", bnes = 2, duration = 1.0, rate = 200.0, values = { "spring1.k" = 4e4 } },
+      { name = "d", bnes = 2, duration = 1.0, rate = 200.0 },
+    ]
+    method = [{ kind = "discover" }]
+    """
+    study = parse_study(text, "s.toml", Path())
+    maps = maps_of(study, StudyTable.of(study, [linear_answer(case) for case in study.cases()]))
+    assert [(success.name, list(success.rates)) for success in maps] == [
+        ("a", [100.0, 200.0]),
+        ("c", [200.0]),
+        ("d", [200.0]),
+    ]
+    assert maps[0].frequency is None and (maps[0].samples == maps[0].rates).all()
+
+
+def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lw.StudyError, match="the folder does not hold a study"):
+        lw.success_maps(tmp_path)
