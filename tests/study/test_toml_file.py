@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from present import some
+from duffing_ring import SIZE, VALUES, motion, ring
+from present import present, some
 from small_study import TEXT, small
 
 import linkwise as lw
@@ -32,6 +33,23 @@ def test_the_paper_ships_with_linkwise() -> None:
     assert paper.quickly().cycles == paper.quick == 5
     assert [subject.release for subject in paper.subjects] == [{"v:m1": 1.0}] + 4 * [{"v:m1": 3.0}]
     assert paper.subject("6 masses").judged_links == ("nes1", "nes2", "nes3")
+
+
+def test_the_reach_of_discovery_ships_with_linkwise() -> None:
+    """Chains with 1, 2 and 4 sinks and the ring, two lengths each, 5 to 50 samples a period, 8 to 40 dB."""
+    reach = lw.read_study("reach")
+    assert sorted(reach.snr_db) == [8.0, 16.0, 24.0, 32.0, 40.0]
+    assert len(reach.subjects) == 4 * 2 * 4
+    assert {subject.structure.size for subject in reach.subjects} == {2, 4, 8, 5}
+    assert {round(present(subject.samples_per_period), 9) for subject in reach.subjects} == {5, 10, 25, 50}
+    assert [method.document()["kind"] for method in reach.methods] == ["discover", "sindy", "sindy"]
+    published = reach.subject("Duffing ring, 29.8 s, 5 Hz")
+    assert len(published.simulate()) == 150
+    assert lw.term_score(published.structure, ring(*VALUES.reshape(3, SIZE))).exact
+    expected = motion(VALUES, np.ones(SIZE), np.zeros(SIZE))
+    np.testing.assert_allclose(  # same numerics
+        published.simulate().select(expected.channels).values, expected.values, rtol=0.0, atol=1e-8
+    )
 
 
 def test_lists_of_lengths_and_rates_are_structures_of_their_own() -> None:
@@ -60,7 +78,7 @@ def test_cases_come_cycle_by_cycle(tmp_path: Path) -> None:
 
 
 def test_a_study_is_the_same_from_its_document(tmp_path: Path) -> None:
-    for study in (lw.read_study("paper"), lw.read_study(small(tmp_path))):
+    for study in (lw.read_study("paper"), lw.read_study("reach"), lw.read_study(small(tmp_path))):
         again = build_study(json.loads(study.text()), "again", Path())
         assert again.text() == study.text()
         for subject, subject_again in zip(some(study.subjects), again.subjects, strict=True):
@@ -181,7 +199,7 @@ def test_a_structure_must_have_its_numbers(tmp_path: Path) -> None:
 
 def test_what_is_no_study_is_said(tmp_path: Path) -> None:
     with pytest.raises(
-        lw.StudyError, match=r'papr: there is no such study; did you mean "paper"\?.*: paper$'
+        lw.StudyError, match=r'papr: there is no such study; did you mean "paper"\?.*: paper, reach$'
     ):
         lw.read_study("papr")
     with pytest.raises(lw.StudyError, match="there is no such study; give"):

@@ -47,7 +47,7 @@ def study(
     export: bool,
     as_json: bool,
 ) -> int:
-    """Run the study NAME that ships with linkwise ("paper"), or the one in a TOML file.
+    """Run the study NAME that ships with linkwise ("paper", "reach"), or the one in a TOML file.
 
     A study identifies every structure at every noise level by every method, once for each seed. It may be interrupted or
     killed at any time; the same command resumes it. At the end DIR holds tables, figures and report.html. Exit code 3 means
@@ -56,6 +56,7 @@ def study(
     \b
     Examples:
       linkwise study paper --quick -o results/quick
+      linkwise study reach -o results/reach
       linkwise study mine.toml --workers 4 -o results/mine
       linkwise study mine.toml --scheduler tcp://host:8786 -o results/mine
     """

@@ -39,7 +39,7 @@ def run_study(
     Parameters
     ----------
     study : Study, str or path
-        A study, the name of one that ships with linkwise ("paper"), or a TOML file.
+        A study, the name of one that ships with linkwise ("paper", "reach"), or a TOML file.
     folder : str or path
         The folder of the study; it is created, or holds the same study already.
     quick : bool

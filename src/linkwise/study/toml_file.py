@@ -87,7 +87,7 @@ def read_study(study: str | Path) -> Study:
     Parameters
     ----------
     study : str or path
-        The name of a study that ships with linkwise ("paper"), or a TOML file. Relative paths of structure files are
+        The name of a study that ships with linkwise ("paper", "reach"), or a TOML file. Relative paths of structure files are
         from the folder of that file.
 
     Returns
