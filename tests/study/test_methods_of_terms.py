@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import get_args
 
@@ -11,6 +12,7 @@ from structures import link, named, structure
 
 import linkwise as lw
 from linkwise.study.method_discover import DiscoveryMethod
+from linkwise.study.method_pysindy import PySindyMethod
 from linkwise.study.method_sindy import Library, SindyMethod
 from linkwise.study.subject import Subject
 from linkwise.study.term_judgement import TermJudgement
@@ -133,7 +135,39 @@ def test_an_applied_force_is_a_true_monomial() -> None:
     assert (result.terms["right"], result.terms["missing"]) == (17, 0)
 
 
-@pytest.mark.parametrize("kind", ["discover", "sindy"])
+def test_pysindy_is_named_where_it_is_missing(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pysindy", None)  # as if it were not installed
+    method = PySindyMethod("peer")
+    with pytest.raises(lw.IdentificationError, match=r"need the library pysindy; .*'linkwise\[peers\]'"):
+        method.evaluate(subject, subject.simulate(), snr_db=40.0, seed=1)
+    short = Subject("short", CHAIN, duration=0.01, rate=1000.0, release={"v:m1": 1.0})
+    with pytest.raises(
+        lw.IdentificationError, match="11 samples are too few for smoothed differences over 11"
+    ):
+        method.evaluate(short, short.simulate(), snr_db=40.0, seed=1)
+    driven = Subject("driven", CHAIN, duration=1.0, rate=500.0, forces={"m1": "sin(30*t)"})
+    with pytest.raises(lw.IdentificationError, match="take no inputs, and the record has force:m1"):
+        method.evaluate(driven, driven.simulate(), snr_db=40.0, seed=1)
+
+
+@pytest.mark.parametrize("threshold", [0.003, 0.02, 0.1])
+def test_pysindy_and_our_own_judge_monomials_alike_without_noise(threshold: float) -> None:
+    """Two implementations, with derivatives of their own; a threshold is the same share of the right-hand side in both."""
+    pytest.importorskip("pysindy", reason="install the extra [peers] to compare with PySINDy")
+    fine = Subject("fine", CHAIN, duration=1.0, rate=5000.0, release={"v:m1": 1.0})
+    clean = fine.simulate()
+    peer, ours = (
+        method.evaluate(fine, clean, snr_db=300.0, seed=1)
+        for method in (
+            PySindyMethod("peer", threshold=threshold),
+            SindyMethod("ours", "monomials", threshold=threshold),
+        )
+    )
+    assert peer.terms == ours.terms and peer.terms["extra"] == 0 and peer.terms["right"] >= 4
+    assert peer.status == ours.status == "converged"
+
+
+@pytest.mark.parametrize("kind", ["discover", "sindy", "pysindy"])
 def test_what_is_not_masses_on_links_is_refused(kind: str) -> None:
     joint = named("joint", "m1-ground", "bouc-wen", k=500.0, c=1.0, F=5.0, x0=5e-3, s=0.6)
     subject = Subject("joint", structure({"m1": 1.0}, joint), duration=1.0, rate=500.0, release={"v:m1": 1.0})
@@ -149,6 +183,7 @@ def test_tables_make_methods_and_documents_make_them_again() -> None:
         'kind = "sindy"',
         'kind = "sindy"\nlibrary = "monomials"\norder = 2\nregressor = "l1"\nderivative = "savgol"',
         'kind = "sindy"\nname = "cut"\nthreshold = 0.05',
+        'kind = "pysindy"\nwindow = 15',
     ]
     text = HEAD + "".join(f"[[method]]\n{table}\n" for table in tables)
     study = parse_study(text, "s.toml", Path())
@@ -158,11 +193,13 @@ def test_tables_make_methods_and_documents_make_them_again() -> None:
         "sindy, links",
         "sindy, monomials",
         "cut",
+        "pysindy",
     ]
     assert study.methods[1] == DiscoveryMethod("few", "linear, d**3")
     assert study.methods[4] == SindyMethod("cut", threshold=0.05)
     from_document = [study.method(method.name).document() for method in study.methods]
-    assert [document["kind"] for document in from_document] == 2 * ["discover"] + 3 * ["sindy"]
+    assert [document["kind"] for document in from_document] == 2 * ["discover"] + 3 * ["sindy"] + ["pysindy"]
+    assert study.methods[5] == PySindyMethod("pysindy", window=15)
     assert "terms" not in from_document[3] and "order" not in from_document[4]
 
 

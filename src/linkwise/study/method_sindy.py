@@ -82,7 +82,7 @@ class SindyMethod(StudyMethod):
         values = np.where(support, fit.coefficients[:, 0], 0.0)
         structure = full.with_values(dict(zip(fit.names, map(float, values), strict=True)))
         judgement = TermJudgement.of(structure, subject, clean)
-        verdict = _verdict(float(fit.residual[0]))
+        verdict = sindy_verdict(float(fit.residual[0]))
         return MethodResult(
             status=verdict.status,
             seconds=seconds,
@@ -114,7 +114,7 @@ class SindyMethod(StudyMethod):
         inputs = {(f"x{named[mass]}''", f"f{named[mass]}") for mass in states.driven}
         truth = true_monomials(subject.true_structure) | inputs
         counts = term_counts(truth & chosen, truth - chosen, chosen - truth)
-        verdict = _verdict(unexplained)
+        verdict = sindy_verdict(unexplained)
         reason = verdict.value if verdict.forbids else ""
         return MethodResult(verdict.status, seconds, {}, reason=reason, terms=counts)
 
@@ -123,7 +123,7 @@ class SindyMethod(StudyMethod):
         return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
 
 
-def _verdict(unexplained: float) -> Verdict:
+def sindy_verdict(unexplained: float) -> Verdict:
     """What `PhysicsInformedSindy` would say of a fit, by the share of the right-hand side that it leaves."""
     return Verdict.UNEXPLAINED_FORCES if unexplained > MAX_UNEXPLAINED else Verdict.CONVERGED
 

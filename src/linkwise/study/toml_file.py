@@ -61,6 +61,7 @@ METHOD_TABLES: Registry[type[MethodTable]] = Registry(
         "physics-informed": "linkwise.study.method:PhysicsInformedTable",
         "discover": "linkwise.study.method_discover:DiscoveryTable",
         "sindy": "linkwise.study.method_sindy:SindyTable",
+        "pysindy": "linkwise.study.method_pysindy:PySindyTable",
         "monomial": "linkwise.study.method_monomials:MonomialTable",
         "classical": "linkwise.study.method_monomials:MonomialTable",  # the old spelling
     },
