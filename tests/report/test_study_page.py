@@ -19,9 +19,10 @@ from linkwise.cli import run
 from linkwise.errors import StudyError
 from linkwise.paper.published import TABLE_2
 from linkwise.paper.table_2 import Table2, explanation
+from linkwise.report.study_figures import STUDY_FIGURES
 from linkwise.report.study_page import StudyReport, percent, study_page
 from linkwise.study.row import FAILED, Case, Row
-from linkwise.study.toml_file import parse_study
+from linkwise.study.toml_file import parse_study, read_study
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -247,7 +248,9 @@ def test_a_study_of_terms_has_their_table_and_its_maps(tmp_path: Path) -> None:
     assert line in page and "<td>sindy, links</td><td>24</td><td>0</td><td>100</td><td>100</td>" in page
     assert '<figure id="success">' in page and "Success maps: noise and samples a period" in page
     assert "Per cent of 4 cycles in which a method has all true links and terms and no other." in page
-    assert (folder / "figures" / "success.png").is_file()
+    assert {path.stem for path in (folder / "figures").iterdir()} == {"success", "accuracy"}
+    many = StudyReport.of(read_study("reach"), [])  # 32 structures, whose names do not fit below a panel
+    assert many.beyond and STUDY_FIGURES["accuracy"].draw(many) is None
 
 
 def test_a_small_study_of_terms_runs_to_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

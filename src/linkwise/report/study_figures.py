@@ -21,6 +21,7 @@ MOTION, FORCE, SUCCESS, ACCURACY = (
     "Where the right links and terms are found",
     "Accuracy and time over structures",
 )
+_MOST_NAMED = 12  # structures whose names fit below a panel; without names, numbers of masses fit
 _SPREAD = "Medians, and the range of the cycles (5 to 95 %)."
 
 
@@ -67,7 +68,9 @@ def _figure_9(report: StudyReport) -> Figure | None:
 
 
 def _accuracy(report: StudyReport) -> Figure | None:
-    return plot.accuracy_figure(report.table) if report.beyond else None
+    counts = list(report.table.masses.values())
+    readable = len(counts) <= _MOST_NAMED or len(set(counts)) == len(counts)
+    return plot.accuracy_figure(report.table) if report.beyond and readable else None
 
 
 def _success(report: StudyReport) -> Figure | None:
