@@ -31,6 +31,7 @@ from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.waveforms import Disturbance
+from linkwise.likelihood.untold_gains import untold_gains
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
@@ -119,6 +120,8 @@ class LikelihoodFit:
         The reduction of -2 log likelihood without the prior of each parameter, offset or gain.
     shape : CostShape
         What is known of the cost around the optimum.
+    untold : tuple of str
+        Channels whose gains, of which nothing is known beforehand, the records do not tell.
     """
 
     values: Floats
@@ -146,6 +149,7 @@ class LikelihoodFit:
     others: tuple[Floats, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
     shape: CostShape = CostShape.UNKNOWN
+    untold: tuple[str, ...] = ()
 
     @property
     def has_errors(self) -> bool:
@@ -249,9 +253,11 @@ def _fitted(
     fit, p = explained.fit, segments.system.parameters.size
     ratios = explained.error_ratios
     frame, point = sensing.frames[0], fit.point
+    segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
     constants = len(sensing.offsets)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
     sized = slice(constants, len(point.offsets))
+    untold = untold_gains(sensing.gains, point.gains, explained.covariance, p + len(point.offsets))
     return LikelihoodFit(
         values=point.theta,
         covariance=explained.covariance[:p, :p],
@@ -284,6 +290,7 @@ def _fitted(
             None if explained.coloured is None else fit.covariance[:p, :p],
         ),
         prior_conflicts=_prior_conflicts(segments, explained),
+        untold=tuple(name for name in untold if name not in sensing.calibration),
         random_forces=_random_forces(segments, sensing, records[0].rate),
     )
 

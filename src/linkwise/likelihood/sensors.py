@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import RandomForce
+from linkwise.likelihood.shooting.force_channels import with_uncertain_forces
 from linkwise.likelihood.shooting.moving_coordinates import in_moving_coordinates
 from linkwise.likelihood.shooting.prior import Prior
 from linkwise.likelihood.shooting.segmentation import cut, cut_segments
@@ -18,7 +19,7 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.waveforms import Disturbance, Waveforms
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel import FORCE, Channel
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord
 from linkwise.signals.channel_noise import channel_noise, noise_floor
@@ -79,11 +80,11 @@ class SensorModel:
         records : sequence of Record
             The records. Noise that they state is used; the rest is estimated.
         offsets, gains : sequence of str
-            Channels with an unknown constant error or factor.
+            Channels with an unknown constant error or factor; of factors also those of applied forces.
         calibration : mapping of str to float, optional
             Standard deviations to which gains are known beforehand, relative, by channel; they are unknown too.
         delays : sequence of str, optional
-            Channels with an unknown delay.
+            Channels with an unknown delay, of sensors and of applied forces.
 
         Returns
         -------
@@ -184,7 +185,8 @@ class SensorModel:
             prior=self.prior(structure.parameters),
             waveforms=self._waveforms(records),
         )
-        return in_moving_coordinates(segments, self.frames)
+        segments = in_moving_coordinates(segments, self.frames)
+        return with_uncertain_forces(segments, records, structure, self.gains, self.delays)
 
     def _waveforms(self, records: Sequence[Record]) -> Waveforms | None:
         """What the disturbances add to the samples, each in its own record; None without any."""
@@ -213,7 +215,8 @@ class SensorModel:
 
     def _delays(self, channels: Sequence[str]) -> Indices:
         """(C,) index of the unknown delay of each channel, -1 for none."""
-        absent = [name for name in self.delays if name not in channels or Channel.parse(name).of_link]
+        of_sensors = [name for name in self.delays if not name.startswith(FORCE)]
+        absent = [name for name in of_sensors if name not in channels or Channel.parse(name).of_link]
         if absent:
             raise IdentificationError(
                 f"no delay of {absent[0]} can be estimated: the sensors of masses in the record are "

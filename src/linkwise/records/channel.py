@@ -14,6 +14,7 @@ QUANTITIES = {
     "state": "state of a link",
 }  # fmt: skip
 OF_MASSES = ("x", "v", "a", "force")
+FORCE = "force:"  # with which the names of applied forces begin
 BASE = "base"
 _RELATIVE = "rel:"
 _RESERVED = frozenset(":[]()\"',;\t\n")

@@ -6,7 +6,8 @@ carried as u = h v and accelerations as h^2 a, so that no stage is multiplied by
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from linkwise.likelihood.shooting.tableau import (
     STAGE_ROWS,
     STAGES,
 )
+from linkwise.likelihood.shooting.uncertain_forces import UncertainForces
 
 #: The stages that close a step, and the weights (2, 1, 1) of their accelerations in x and u.
 _CLOSING_WEIGHTS = [(i, CLOSING[:, i, None, None]) for i in map(int, np.flatnonzero(CLOSING[1]))]
@@ -38,22 +40,48 @@ class Inputs:
         Acceleration in m/s^2 of the coordinates; `force` has its forces of inertia by the masses that the structure states.
     points : array of shape (J, 5, k, K) or None
         Forces on points of hosts in N, where shapes are parameters; `force` has them by the shapes that the structure states.
+    uncertain : UncertainForces or None
+        Those of the forces whose channels have unknown errors; `force` and `points` have them at some values of these.
     """
 
     force: Floats | None = None
     base: Floats | None = None
     frame: Floats | None = None
     points: Floats | None = None
+    uncertain: UncertainForces | None = None
 
     def part(self, segments: slice | Indices) -> Inputs:
         """The inputs of some segments."""
-        every = (self.force, self.base, self.frame, self.points)
-        return Inputs(*(None if a is None else a[..., segments] for a in every))
+        unit = None if self.uncertain is None else self.uncertain.unit[segments]
+        return self.mapped(lambda values: values[..., segments], unit)
 
     def first(self, steps: int) -> Inputs:
         """The inputs of the first steps."""
+        return self.mapped(
+            lambda values: values[:steps], None if self.uncertain is None else self.uncertain.unit
+        )
+
+    def mapped(self, change: Callable[[Floats], Floats], unit: Floats | None) -> Inputs:
+        """The inputs with each array changed, and the `unit` (K',) of uncertain ones in the segments then."""
         every = (self.force, self.base, self.frame, self.points)
-        return Inputs(*(None if a is None else a[:steps] for a in every))
+        force, base, frame, points = (None if a is None else change(a) for a in every)
+        uncertain = None
+        if self.uncertain is not None and unit is not None:
+            uncertain = self.uncertain.mapped(change, unit)
+        return Inputs(force, base, frame, points, uncertain)
+
+    def at(self, gains: Floats, delays: Floats) -> Inputs:
+        """The inputs with uncertain forces at gains (g,) and delays (l,) in s of channels."""
+        uncertain, points = self.uncertain, self.points
+        if uncertain is None:
+            return self
+        acting, _ = uncertain.acting(gains, delays)
+        if points is not None:
+            points = points.copy()
+            for number, point in enumerate(uncertain.points.tolist()):
+                if point >= 0:
+                    points[:, :, point] = acting[:, :, number]
+        return replace(self, force=uncertain.on_masses(acting), points=points)
 
     def applied(self, mechanics: NumericSystem, steps: int | slice) -> Floats:
         """Forces on the masses (..., 5, n, K) in N in some steps; there must be some."""

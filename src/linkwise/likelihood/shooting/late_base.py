@@ -26,7 +26,7 @@ def values_at_delays(values: Floats, rate: float) -> Floats:
     signal = Sampled(0.0, rate, values, band_limited=len(values) > _BAND_LIMITED)
     sample = np.arange(len(values)) / rate
     rows = []
-    for place in _places():
+    for place in places_of_delays():
         time = sample - place * LARGEST / rate
         inside = np.clip(time, 0.0, sample[-1])
         beyond = np.flatnonzero(time != inside)
@@ -36,11 +36,18 @@ def values_at_delays(values: Floats, rate: float) -> Floats:
     return np.stack(rows)
 
 
-def _places() -> Floats:
+def places_of_delays() -> Floats:
     """(P,) Chebyshev's points between -1 and 1, ascending; the middle one is 0."""
     places = np.cos(np.pi * (2 * np.arange(_POINTS)[::-1] + 1) / (2 * _POINTS))
     places[_POINTS // 2] = 0.0
     return np.asarray(places)
+
+
+def powers_through(values: Floats) -> Floats:
+    """Coefficients of powers of the delay over its largest, constant first, of `values` (P, ...) at Chebyshev's points."""
+    powers = np.vander(places_of_delays(), increasing=True)
+    coefficients = np.linalg.solve(powers, values.reshape(len(values), -1))
+    return np.asarray(coefficients).reshape(values.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +64,7 @@ class LateBase:
     @classmethod
     def through(cls, channels: Sequence[int], values: Floats, step: Floats) -> LateBase:
         """Through `values` (P, M, L, K) at the points of `values_at_delays`."""
-        powers = np.vander(_places(), increasing=True)
-        coefficients = np.linalg.solve(powers, values.reshape(len(values), -1))
-        return cls(tuple(channels), np.asarray(coefficients).reshape(values.shape), step)
+        return cls(tuple(channels), powers_through(values), step)
 
     def chosen(self, which: Indices) -> LateBase:
         """Those of some of the segments."""

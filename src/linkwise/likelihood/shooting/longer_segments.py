@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories
+from linkwise.likelihood.shooting.flow import Trajectories
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Segments
 
@@ -48,11 +48,9 @@ class LongerSegments:
             observed=_end_to_end(shorter.observed, parts, _once(parts)),
             step=shorter.step[heads],
             linked=shorter.linked[last],
-            inputs=Inputs(
-                *(
-                    None if signal is None else _end_to_end(signal, parts)
-                    for signal in (inputs.force, inputs.base, inputs.frame, inputs.points)
-                )
+            inputs=inputs.mapped(
+                lambda signal: _end_to_end(signal, parts),
+                None if inputs.uncertain is None else inputs.uncertain.unit[heads],
             ),
             relative_noise=None if shorter.relative_noise is None else shorter.relative_noise[:, heads],
             carried=None

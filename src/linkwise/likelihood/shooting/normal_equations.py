@@ -13,14 +13,23 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.late_sensors import late_motion
+from linkwise.likelihood.shooting.flow import Inputs
 from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.normal_blocks import ChannelErrors, NormalBlocks, put_columns
 from linkwise.likelihood.shooting.prior import Prior
 from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, Sensors, V, X
+from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
+from linkwise.likelihood.shooting.sensor_columns import (
+    add_delays,
+    add_offsets,
+    add_shown_forces,
+    calibrate_gains,
+    changes_of_forces,
+    columns_of_forces,
+    tangents_of_channels,
+)
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.shown_tangents import shown_tangents
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
@@ -217,6 +226,7 @@ def whitened_jacobian(
     P = m + segments.parameters + _extra_columns(candidates, errors)
     moving = m + p + (0 if candidates is None else len(candidates.first))
     width = moving + (0 if errors is None else len(errors.channel))
+    columns = (moving, (width + columns_of_forces(segments)).tolist())
     root, whiten = _weights(segments, misfit, scales, loss, part)
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * misfit.residuals[..., part]).transpose(2, 0, 1)
@@ -227,7 +237,7 @@ def whitened_jacobian(
         if len(channels := np.flatnonzero(sensors.kind == kind))
     ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
-    forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
+    forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
     for number, tangent in enumerate(
         tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
     ):
@@ -236,22 +246,47 @@ def whitened_jacobian(
             continue
         motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
         for kind, channels, places, factors in shown:
-            rows = _shown(motions, kind, channels, sensors, misfit.point, rates[V])
-            jacobian[:, sample, places, :moving] = (rows * factors[sample, :, None]).transpose(2, 0, 1)
+            rows = tangents_of_channels(motions, kind, channels, sensors, misfit.point, rates[V])
+            whitened = (rows * factors[sample, :, None]).transpose(2, 0, 1)
+            _put(jacobian, (slice(None), sample, places), whitened, columns)
     if segments.random is not None and segments.random.shown is not None:
-        _add_shown_forces(jacobian, segments.random, scales, whiten)
+        add_shown_forces(jacobian, segments.random, scales, whiten)
     if errors is not None:
         for number, channel in enumerate(errors.channel):
             jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
-    _add_offsets(jacobian[..., width:], segments, scales, whiten, part)
-    _calibrate_gains(jacobian, segments, misfit, scales, root, part)
-    _add_delays(jacobian, segments, misfit, scales, whiten, part)
+    add_offsets(jacobian[..., width:], segments, scales, whiten, part)
+    calibrate_gains(jacobian, segments, misfit, scales, root, part)
+    add_delays(jacobian, segments, misfit, scales, whiten, part)
     ends = np.zeros((K, m, P))
-    ends[:, :n, :moving] = tangent.state[0].transpose(2, 0, 1)
-    ends[:, n : 2 * n, :moving] = (tangent.state[1] * rates[V]).transpose(2, 0, 1)
-    ends[:, 2 * n :, :moving] = tangent.memory.transpose(2, 0, 1)
+    moved = (tangent.state[0], tangent.state[1] * rates[V], tangent.memory)
+    for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
+        _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _acting(
+    segments: Segments, point: Iterate, scales: Scales, part: slice, candidates: CandidateForces | None
+) -> tuple[CandidateForces | None, Inputs]:
+    """The candidates in some segments, behind them what the unknowns of uncertain forces change, and the inputs there."""
+    forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
+    changes = changes_of_forces(segments, point, scales, part)
+    if changes is None:
+        return forces, inputs
+    return changes if forces is None else forces.joined(changes), inputs.at(point.gains, point.delays)
+
+
+def _put(
+    target: NDArray[Any],
+    place: tuple[slice | int | Indices, ...],
+    block: NDArray[Any],
+    columns: tuple[int, list[int]],
+) -> None:
+    """Put a block, of as many columns as come first in the target, and then of single ones there, into a place of it."""
+    first, single = columns
+    target[(*place, slice(first))] = block[..., :first]
+    for number, column in enumerate(single, start=first):
+        target[(*place, column)] = block[..., number]
 
 
 def _weights(
@@ -299,102 +334,8 @@ def _whitened_errors(
     return by_channel
 
 
-def _add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
-    """What sensors show of random forces directly, in segments of one sample."""
-    assert random.shown is not None
-    for channel, number in np.argwhere(random.shown):
-        row = random.rows[number]
-        jacobian[:, 0, channel, row] += whiten[0, channel] * np.float32(
-            random.shown[channel, number] * scales.state[row]
-        )
-
-
-def _add_offsets(columns: Floats, segments: Segments, scales: Scales, whiten: Single, part: slice) -> None:
-    """The columns of constant offsets, and of waveforms behind them, among those of the errors of sensors."""
-    sensors = segments.sensors
-    units = scales.theta[segments.system.parameters.size :]
-    for channel in np.flatnonzero(sensors.offset >= 0):
-        number = sensors.offset[channel]
-        columns[:, :, channel, number] = whiten[:, channel].T * units[number]
-    if segments.waveforms is not None:
-        for number, channel in enumerate(segments.waveforms.channel.tolist(), start=sensors.constants):
-            values = segments.waveforms.values[:, number - sensors.constants, part]
-            columns[:, :, channel, number] = (whiten[:, channel] * values).T * units[number]
-
-
-def _shown(
-    motions: Sequence[Single],
-    kind: int,
-    channels: Indices,
-    sensors: Sensors,
-    point: Iterate,
-    rate: float | Floats,
-) -> Single:
-    """(c, P, k) tangents of what the `channels` of one `kind` show; those that are late to first order in the delay."""
-    rows = motions[kind][as_slice(sensors.mass[channels])]
-    late = sensors.delay[channels] >= 0 if kind < A and len(sensors.delay) else np.zeros(0, dtype=bool)
-    if late.any():
-        rows = rows.copy()
-    for number in np.flatnonzero(late).tolist():
-        delay, mass = point.delays[sensors.delay[channels[number]]], sensors.mass[channels[number]]
-        rows[number] -= (delay * rate * motions[kind + 1][mass]).astype(rows.dtype)
-    return rows
-
-
-def _add_delays(
-    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, whiten: Single, part: slice
-) -> None:
-    """The columns of delays: the rate of the motion that the sensor shows, sign reversed."""
-    sensors, point = segments.sensors.at(segments.system.at(misfit.point.theta)), misfit.point
-    first = jacobian.shape[-1] - 1 - sensors.delays
-    units, factors = scales.theta[len(scales.theta) - sensors.delays :], sensors.factors(point.gains)
-    for channel in sensors.late:
-        number = sensors.delay[channel]
-        _, rate = late_motion(
-            sensors.orbit_with_points(misfit.trajectories.part(part)),
-            segments.step[part] * segments.refine,
-            segments.refine,
-            mass=int(sensors.mass[channel]),
-            kind=int(sensors.kind[channel]),
-            delay=float(point.delays[number]),
-        )
-        if segments.late_base is not None:
-            rate = rate + segments.late_base.at(channel, float(point.delays[number]), part)[1]
-        column = -whiten[:, channel] * rate * (units[number] * factors[channel])
-        jacobian[:, :, channel, first + number] = column.T
-
-
 def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
     """Number of columns behind those of the parameters."""
     return (0 if candidates is None else len(candidates.first)) + (
         0 if errors is None else len(errors.channel)
     )
-
-
-def _calibrate_gains(
-    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
-) -> None:
-    """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened alike.
-
-    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing.
-    """
-    sensors, point = segments.sensors, misfit.point
-    motion_columns = jacobian.shape[-1] - 1 - sensors.unknowns
-    first = len(point.theta) + len(point.offsets)
-    factors = sensors.factors(point.gains)
-    for channel in sensors.scaled:
-        relative = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
-        sigma = scales.sigma[channel] * relative
-        predicted = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
-        if segments.carried is not None:
-            predicted = predicted + segments.carried[0, :, channel, part] / sigma
-        if sensors.offset[channel] >= 0:
-            predicted = predicted - point.offsets[sensors.offset[channel]] / sigma
-        if segments.waveforms is not None:
-            added = segments.waveforms.added(int(channel), point.offsets[sensors.constants :])
-            predicted = predicted - added[:, part] / sigma
-        jacobian[:, :, channel, :motion_columns] *= np.float32(factors[channel])
-        for number in np.flatnonzero(sensors.gain[channel]):
-            unit = scales.theta[first + number] / factors[channel]
-            column = motion_columns + len(point.offsets) + number
-            jacobian[:, :, channel, column] = (root[:, channel] * predicted * unit).T

@@ -79,7 +79,8 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     """
     mechanics = segments.system.at(point.theta)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a mass may be 0 in a trial
-        orbit = flow(mechanics, point.nodes, segments.step, segments.steps, segments.inputs)
+        inputs = segments.inputs.at(point.gains, point.delays)
+        orbit = flow(mechanics, point.nodes, segments.step, segments.steps, inputs)
     sensors, rate = segments.sensors.at(mechanics), 1.0 / segments.step
     shown_orbit = sensors.orbit_with_points(orbit)
     every = slice(None, segments.steps, segments.refine)

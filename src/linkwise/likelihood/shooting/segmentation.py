@@ -13,7 +13,7 @@ from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V,
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel import FORCE, Channel
 from linkwise.records.checks import require_complete
 from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
@@ -118,7 +118,8 @@ def sensor_arrays(
     """
     parsed = [Channel.parse(name) for name in channels]
     index = _places(structure)
-    absent = [name for name in (*offsets, *gains) if name not in (*channels, COMMON)]
+    of_sensors = [name for name in gains if not name.startswith(FORCE)]
+    absent = [name for name in (*offsets, *of_sensors) if name not in (*channels, COMMON)]
     if absent:
         raise IdentificationError(
             f"no offset or gain of {absent[0]} can be estimated: the record has {', '.join(channels)}"

@@ -33,7 +33,7 @@ class Sensors:
 
     From n on it is the number of a point of a host, which moves by its row in `shapes` (c, n); `points` (c,) are their
     numbers among the points of the system. `offset`, `delay` (C,) are indices of its unknown errors, -1 for none;
-    `waveforms` is how many there are beside.
+    `waveforms` is how many there are beside, `late_inputs` the number of delays up to the last one of an input, 0 without any.
 
     A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
     g): ones where a factor acts on the channel, else zeros.
@@ -47,6 +47,7 @@ class Sensors:
     shapes: Floats | None = None
     points: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
     waveforms: int = 0
+    late_inputs: int = 0
 
     def at(self, mechanics: NumericSystem) -> Sensors:
         """The sensors with the shapes of hosts that a system has at its parameters."""
@@ -97,7 +98,7 @@ class Sensors:
 
     @property
     def delays(self) -> int:
-        return int(self.delay.max(initial=-1)) + 1
+        return max(int(self.delay.max(initial=-1)) + 1, self.late_inputs)
 
     @property
     def unknowns(self) -> int:
