@@ -27,7 +27,8 @@ class Cause:
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
-        The error, in `unit`: relative for gains, masses and frequencies, the root mean square of the force for a term or a
+        The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel shows,
+        its delay behind that, the root mean square of the force for a term or a
         link, half the square of the time constant for a filter, how many times too large values in another unit are, the
         corner of a high pass, the number of clipped samples, 0 for a sign and for channels that are swapped, the standard
         deviation of noise, the spectral density of an ambient force.
@@ -137,6 +138,16 @@ def _late(cause: Cause) -> str:
     return f"a delay of {1e3 * cause.size:.3g} ms in {cause.where}{_remarked(cause)}"
 
 
+def _other_force(cause: Cause) -> str:
+    side = "larger" if cause.size > 0.0 else "smaller"
+    return f"a force {100.0 * abs(cause.size):.3g} % {side} than {cause.where} shows"
+
+
+def _late_force(cause: Cause) -> str:
+    side = "later" if cause.size > 0.0 else "earlier"
+    return f"a force {1e3 * abs(cause.size):.3g} ms {side} than {cause.where} shows{_remarked(cause)}"
+
+
 def _stated(cause: Cause) -> str:
     side, sigma = "above" if cause.size > 0.0 else "below", f"{cause.standard_error:.3g}"
     return f"{cause.where} {abs(cause.size):.3g} {cause.unit} {side} the value that is stated with a sigma of {sigma}"
@@ -203,8 +214,8 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             unit="1",
             relative=True,
         ),
-        "force gain": _off("a scale of "),
-        "force delay": CauseKind(_late, unit="s"),
+        "force gain": CauseKind(_other_force, unit="1", relative=True),
+        "force delay": CauseKind(_late_force, unit="s"),
         "input noise": _noise("noise of"),
         "ambient": _noise("an ambient force on"),
         "prior": CauseKind(_stated),
