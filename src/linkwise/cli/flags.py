@@ -24,6 +24,7 @@ FLAGS = {
     "sinks": "--sink LINK",
     "without": "--without removed|locked",
     "draws": "--draws N",
+    "calibration": "--calibration CHANNEL=1%",
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
 

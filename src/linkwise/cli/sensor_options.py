@@ -53,7 +53,8 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             metavar="CHANNEL=PERCENT%",
             multiple=True,
             callback=_calibration,
-            help="Uncertainty of the gain of a sensor; all= for each sensor, common= for a factor that all share"
+            help="Uncertainty of the gain of a sensor or an applied force; all= for each sensor of motion, common= for a "
+            "factor that these share"
             f"{remark}. Repeatable.",
         ),
         click.option(

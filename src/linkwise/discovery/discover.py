@@ -28,10 +28,11 @@ from linkwise.discovery.suspected_memory import suspected_memory
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
+from linkwise.likelihood.force_scale import require_force_scale
 from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
-from linkwise.likelihood.sensor_priors import errors_to_find
+from linkwise.likelihood.sensor_priors import errors_to_find, unknown_gains
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
@@ -126,14 +127,17 @@ def discover(
     records = [_channels_of(record, candidates.places) for record in records]
     progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
+    errors = errors_to_find(
+        records,
+        offsets=chosen.offsets,
+        gains=chosen.gains,
+        calibration=chosen.calibration,
+        delays=chosen.delays,
+    )
+    if unknown := unknown_gains(errors):
+        require_force_scale(records, candidates.full_structure, unknown)
     sensors = LikelihoodOptions(
-        **errors_to_find(
-            records,
-            offsets=chosen.offsets,
-            gains=chosen.gains,
-            calibration=chosen.calibration,
-            delays=chosen.delays,
-        ),
+        **errors,
         random=random_forces(chosen.ambient, chosen.input_noise, records[0], candidates.full_structure),
     )
     if candidates.memory and (sensors.random or chosen.delays or "delay" in chosen.admit):

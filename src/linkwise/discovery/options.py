@@ -44,9 +44,11 @@ class DiscoveryOptions:
     terms : str or sequence of str
         The candidate terms of every link, as `parse_terms` reads them.
     offsets, gains : sequence of str
-        Channels with an unknown constant error or factor, which every fit of the search finds with the terms.
+        Channels with an unknown constant error or factor, which every fit of the search finds with the terms; of factors also
+        those of applied forces.
     calibration : mapping of str to float
-        Relative standard deviations to which the gains of sensors are known, by channel, as of `MaximumLikelihood`.
+        Relative standard deviations to which the gains of sensors and applied forces are known, by channel, as of
+        `MaximumLikelihood`.
     delays : sequence of str
         Channels with an unknown delay, which every fit finds likewise.
     admit : sequence of {"gain", "offset", "delay"}

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, TypeAlias, get_args
 
+from linkwise.records.channel import FORCE
+
 ErrorKind: TypeAlias = Literal["offset", "gain", "delay"]
 
 
@@ -19,7 +21,7 @@ class SensorErrorEstimate:
     channel : str
         The channel.
     kind : {"offset", "gain", "delay"}
-        What it is: the sensor shows ``gain * motion(t - delay) + offset``.
+        What it is: the sensor shows ``gain * motion(t - delay) + offset``, and the channel of a force that of a force.
     value, standard_error : float
         Its size and the standard error of that: of an offset in the SI unit of the channel, of a delay in s.
     unit : str
@@ -44,7 +46,7 @@ class SensorErrorEstimate:
         """In words, with its standard error."""
         size = {
             "offset": f"is off by {self.value:.4g} {self.unit}".removesuffix(" ?") + " throughout",
-            "gain": f"shows {self.value:.6g} of its motion",
+            "gain": f"shows {self.value:.6g} of its {'force' if self.channel.startswith(FORCE) else 'motion'}",
             "delay": f"is late by {1e3 * self.value:.4g} ms",
         }[self.kind]
         error = (

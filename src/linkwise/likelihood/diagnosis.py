@@ -80,7 +80,9 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
     stated = {
         conflict.where for conflict in conflicts
     }  # which is the same error of a sensor, told as what it contradicts
-    others = [cause for cause in causes if f"{cause.kind} of {cause.where}" not in stated]
+    others = [
+        cause for cause in causes if f"{cause.kind.removeprefix('force ')} of {cause.where}" not in stated
+    ]
     return Diagnosis(tuple(sorted((*others, *conflicts), key=likeliest_first)), tested)
 
 

@@ -33,7 +33,7 @@ from linkwise.likelihood.random_forces import (
 )
 from linkwise.likelihood.record_judgement import judge
 from linkwise.likelihood.restarts import fit_with_restarts
-from linkwise.likelihood.sensor_priors import errors_to_find
+from linkwise.likelihood.sensor_priors import errors_to_find, unknown_gains
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, require_known_kinds
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
@@ -48,6 +48,7 @@ from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import equivalent_values, starting_values
 from linkwise.likelihood.unseen_terms import unseen_terms
 from linkwise.likelihood.unstated_forces import with_limits
+from linkwise.likelihood.untold_gains import require_told
 from linkwise.likelihood.valleys import fit_from_valleys, fit_or_another
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -90,13 +91,14 @@ class MaximumLikelihood(Estimator):
     offsets : sequence of str, optional
         Channels with an unknown constant error, estimated with the rest.
     gains : sequence of str, optional
-        Channels with an unknown constant factor, estimated with the rest.
+        Channels of sensors and of applied forces with an unknown constant factor, estimated with the rest.
     calibration : mapping of str to float, optional
-        Relative standard deviations to which the gains of sensors are known, by channel: 0.01 for 1 %. ``"all"`` stands for
-        every response channel that is not named, each with an error of its own, ``"common"`` for a factor that all of them
-        share. Gains are then found with the rest, with these priors, and every interval counts them.
+        Relative standard deviations to which the gains of sensors and of applied forces are known, by channel: 0.01 for 1 %.
+        ``"all"`` stands for every response channel that is not named, each with an error of its own, and for no force;
+        ``"common"`` for a factor that all responses share. Gains are then found with the rest, with these priors, and every
+        interval counts them.
     delays : sequence of str, optional
-        Channels with an unknown delay, estimated with the rest.
+        Channels with an unknown delay, estimated with the rest; the only input is late as all sensors are early.
     drifts : sequence of str or mapping of str to float or None, optional
         Channels with a slow drift, which is estimated with the rest as a line of pieces of this length in s, from 0 at the
         start of each record; of 8 pieces without one.
@@ -189,8 +191,6 @@ class MaximumLikelihood(Estimator):
             if structure.hosts:
                 require_supported(framed(record, structure).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
-        if not self.ambient:
-            require_force_scale(records, structure)
         sensors = errors_to_find(
             records,
             offsets=self.offsets,
@@ -198,6 +198,8 @@ class MaximumLikelihood(Estimator):
             calibration=self.calibration,
             delays=self.delays,
         )
+        if not self.ambient:
+            require_force_scale(records, structure, unknown_gains(sensors))
         options = LikelihoodOptions(
             **sensors,
             drifts=lengths_by_channel(self.drifts),
@@ -334,8 +336,10 @@ def estimate_of(
 ) -> Estimate:
     """The estimate that a fit of `structure` to `records` gives, with its verdicts.
 
-    `delays` in s were found by channel; the laws were searched in the records among those `offered`, or stated.
+    `delays` in s were found by channel; the laws were searched in the records among those `offered`, or stated. Raises
+    IdentificationError where the records do not tell a gain.
     """
+    require_told(fit.untold)
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
     fit = with_limits(fit)

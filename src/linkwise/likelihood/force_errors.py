@@ -20,6 +20,7 @@ from linkwise.likelihood.score_test import (
 from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.uncertain_forces import UncertainForces
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.model.link import Link
@@ -132,6 +133,7 @@ def _inertia_and_inputs(
         yield Hypothesis("mass", name), i, ends, middles
     if segments.inputs.force is None:
         return
+    scaled, late = _estimated(segments.inputs.uncertain)
     step, forces = (
         segments.step * stride,
         segments.inputs.applied(segments.system.at(optimum.point.theta), slice(None)),
@@ -148,8 +150,22 @@ def _inertia_and_inputs(
         ends, middles = at_ends_and_middles(applied, stride)
         if not np.max(np.abs(ends)) > smallest:
             continue
-        yield Hypothesis("force gain", f"force:{name}"), i, ends, middles
+        if f"force:{name}" not in scaled:
+            yield Hypothesis("force gain", f"force:{name}"), i, ends, middles
+        if f"force:{name}" in late:
+            continue
         both = np.empty((len(ends) + len(middles), ends.shape[-1]))
         both[::2], both[1::2] = ends, middles
         rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
         yield Hypothesis("force delay", f"force:{name}"), i, -rate[::2], -rate[1::2]
+
+
+def _estimated(uncertain: UncertainForces | None) -> tuple[list[str], list[str]]:
+    """The forces whose gains, and those whose delays, are among the unknowns: their scores are rounding."""
+    if uncertain is None:
+        return [], []
+    gains, delays = (
+        [name for name, number in zip(uncertain.channels, numbers, strict=True) if number >= 0]
+        for numbers in (uncertain.gains, uncertain.delays)
+    )
+    return gains, delays

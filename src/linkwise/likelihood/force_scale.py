@@ -20,11 +20,18 @@ _TRIED = np.array([-0.7, -0.2, 0.3, 0.9])  # elongations and rates
 _ANY, _FACTOR = 0.5, 2.0  # value of an unknown, and what it is multiplied by
 
 
-def require_force_scale(records: Sequence[Record], structure: Structure) -> None:
-    """Raise IdentificationError where one factor to all masses and coefficients would not change the motion."""
+def require_force_scale(
+    records: Sequence[Record], structure: Structure, unknown_gains: Sequence[str] = ()
+) -> None:
+    """Raise IdentificationError where one factor to all masses and coefficients would not change the motion.
+
+    Forces of `unknown_gains`, of which nothing is known, would change with them.
+    """
     if structure.hosts or structure.topology.states:
         return
-    if any(Channel.parse(name).kind in ("force", "f") for record in records for name in record.channels):
+    channels = dict.fromkeys(name for record in records for name in record.channels)
+    forces = [name for name in channels if Channel.parse(name).kind in ("force", "f")]
+    if not set(forces) <= set(unknown_gains):
         return
     if any(parameter.sigma < np.inf for parameter in structure.parameters):
         return
@@ -33,7 +40,14 @@ def require_force_scale(records: Sequence[Record], structure: Structure) -> None
         _scales(link, {name for index, name in free if index == number})
         for number, link in enumerate(structure.links)
     ):
-        raise IdentificationError(NO_FORCE_SCALE)
+        if not forces:
+            raise IdentificationError(NO_FORCE_SCALE)
+        raise IdentificationError(
+            f"nothing tells the gain of {', '.join(forces)}: every mass and coefficient is unknown, and a larger force on "
+            "larger ones makes the same motion. Give one mass or coefficient a number, or state how well the gain is known, "
+            "by a calibration",
+            arguments=("calibration",),
+        )
 
 
 def _scales(link: Link, free: set[str]) -> bool:

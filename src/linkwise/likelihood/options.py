@@ -21,11 +21,11 @@ class LikelihoodOptions:
     Parameters
     ----------
     offsets, gains : sequence of str, optional
-        Channels with an unknown constant error or factor.
+        Channels with an unknown constant error or factor; of factors also those of applied forces.
     calibration : mapping of str to float, optional
         Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
     delays : sequence of str, optional
-        Channels with an unknown delay, of 1.5 samples at most.
+        Channels with an unknown delay, of 1.5 samples at most; of applied forces, too.
     offset_deviations, delay_deviations : mapping of str to float, optional
         Standard deviations to which offsets and delays are known beforehand, in SI units by channel.
     shifts : mapping of str to float, optional

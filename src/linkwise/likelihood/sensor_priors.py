@@ -8,9 +8,11 @@ from math import hypot, isinf
 from typing import Any
 
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.sensor_unknowns import ALL, by_channel, of_responses
+from linkwise.likelihood.sensor_unknowns import ALL, by_channel, late_channels
+from linkwise.records.channel import FORCE
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
+from linkwise.text import near_miss
 
 
 def errors_to_find(
@@ -26,9 +28,9 @@ def errors_to_find(
     Parameters
     ----------
     records : sequence of Record
-        The records, and what they state (`Record.uncertainty`) of their responses.
+        The records, and what they state (`Record.uncertainty`) of their responses and applied forces.
     offsets, gains, delays : sequence of str, optional
-        Channels with an unknown error, whatever the records state of it.
+        Channels with an unknown error, whatever the records state of it; gains and delays also those of applied forces.
     calibration : mapping of str to float, optional
         Relative standard deviations of gains, as of `MaximumLikelihood`; they go before what the records state.
 
@@ -40,15 +42,16 @@ def errors_to_find(
     Raises
     ------
     IdentificationError
-        If records state different things of a sensor, or a calibration is not that of a response.
+        If records state different things of a channel, or a gain, delay or calibration is that of none in them.
     """
     stated = _stated(records)
     requested = dict(calibration or {})
-    inputs = records[0].inputs
+    inputs, forces = records[0].inputs, _forces(records[0])
+    _require_recorded((*gains, *delays), forces)
     delays = [
         channel
         for name in delays
-        for channel in ((name in inputs and of_responses(records[0], name)) or (name,))
+        for channel in ((name in inputs and late_channels(records[0], name)) or (name,))
     ]
     named = {
         name: known.gain
@@ -61,18 +64,23 @@ def errors_to_find(
             dict.fromkeys((name for name in records[0].responses if name not in free), requested[ALL]) | named
         )
     named |= {name: sigma for name, sigma in requested.items() if name != ALL}
-    by_channel(requested, records[0].responses)
+    by_channel(requested, records[0].responses, forces)
     deviations = {
         kind: _deviations(stated, kind, own) for kind, own in (("offset", offsets), ("delay", delays))
     }
     return {
         "offsets": _with(offsets, stated, "offset"),
         "gains": (*gains, *(name for name in free if name not in gains)),
-        "calibration": by_channel(named, records[0].responses),
+        "calibration": by_channel(named, records[0].responses, forces),
         "delays": _with(delays, stated, "delay"),
         "offset_deviations": deviations["offset"],
         "delay_deviations": deviations["delay"],
     }
+
+
+def unknown_gains(errors: Mapping[str, Any]) -> tuple[str, ...]:
+    """The channels of whose gains nothing is known, among `errors_to_find`."""
+    return tuple(name for name in errors["gains"] if name not in errors["calibration"])
 
 
 def _with(requested: Sequence[str], stated: Mapping[str, SensorUncertainty], kind: str) -> Sequence[str]:
@@ -88,13 +96,26 @@ def _deviations(
     return {name: sigma for name, sigma in sigmas.items() if sigma and not isinf(sigma)}
 
 
+def _forces(record: Record) -> tuple[str, ...]:
+    """The channels of applied forces."""
+    return tuple(name for name in record.inputs if name.startswith(FORCE))
+
+
+def _require_recorded(named: Sequence[str], forces: Sequence[str]) -> None:
+    """Raise IdentificationError for an error of a force that no channel shows."""
+    for name in named:
+        if name.startswith(FORCE) and name not in forces:
+            raise IdentificationError(
+                f"no gain or delay of {name} can be estimated{near_miss(name, forces)}: the record "
+                f"{'has the forces ' + ', '.join(forces) if forces else 'shows no applied force'}"
+            )
+
+
 def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
-    """What the records state of their responses; IdentificationError where they disagree."""
+    """What the records state of their responses and forces; IdentificationError where they disagree."""
     stated: dict[str, SensorUncertainty] = {}
     for record in records:
-        for name, known in _of_responses(record).items():
-            if name != COMMON and name not in record.responses:
-                continue
+        for name, known in _counted(record).items():
             if stated.setdefault(name, known) != known:
                 first, second = (
                     uncertainty.described(name).rstrip(".").partition(": ")[2]
@@ -107,14 +128,22 @@ def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
     return stated
 
 
-def _of_responses(record: Record) -> dict[str, SensorUncertainty]:
-    """What a record states, with the delay of its only input as one of each response."""
-    stated = dict(record.uncertainty)
+def _counted(record: Record) -> dict[str, SensorUncertainty]:
+    """What a record states and the likelihood counts, with the delay of the only input as one of each response.
+
+    Of forces that is the gain and, beside other inputs, the delay.
+    """
+    stated = {
+        name: known for name, known in record.uncertainty.items() if name in (COMMON, *record.responses)
+    }
     for name, known in record.uncertainty.items():
-        if name in record.inputs and known.delay:
-            for response in of_responses(record, name):
-                own = stated.get(response, SensorUncertainty())
-                stated[response] = replace(own, delay=hypot(own.delay, known.delay))
+        if name not in record.inputs:
+            continue
+        if name.startswith(FORCE) and known.gain:
+            stated[name] = SensorUncertainty(gain=known.gain)
+        for channel in late_channels(record, name) if known.delay else ():
+            own = stated.get(channel, SensorUncertainty())
+            stated[channel] = replace(own, delay=hypot(own.delay, known.delay))
     return stated
 
 
@@ -130,11 +159,13 @@ def uncounted(records: Sequence[Record], method: str) -> tuple[str, ...]:
     if not names:
         return ()
     listed = ", ".join(dict.fromkeys(names))
-    why = "errors of inputs are not estimated" if every else 'method "ml" alone counts errors of sensors'
+    of_inputs = "offsets of forces and errors of a base are not estimated"
+    why = of_inputs if every else 'method "ml" alone counts errors of sensors'
     return (f"What is stated of the errors of {listed} is not counted: {why}.",)
 
 
 def _is_counted(record: Record, name: str) -> bool:
-    """Whether all that is stated of an input is a delay that those of the responses stand for."""
-    known = record.uncertainty[name]
-    return not known.gain and not known.offset and bool(of_responses(record, name))
+    """Whether all that is stated of an input is its gain, if it is a force, and a delay that can be estimated."""
+    known, is_force = record.uncertainty[name], name.startswith(FORCE)
+    late = not known.delay or bool(late_channels(record, name))
+    return (is_force or not known.gain) and not known.offset and late

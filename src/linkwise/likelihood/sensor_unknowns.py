@@ -14,7 +14,8 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.records.channel import Channel
+from linkwise.records.channel import FORCE, Channel
+from linkwise.records.interpolation import BAND_LIMITED
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.text import near_miss
@@ -22,6 +23,7 @@ from linkwise.text import near_miss
 ALL = "all"
 _LATE = ("x", "v", "a")  # kinds of sensors with a delay that can be estimated
 ADMISSIBLE = ("gain", "offset", "delay")
+_OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
 _BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
@@ -67,16 +69,21 @@ Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], Fit]
 Report: TypeAlias = Callable[[Fit, Sequence[Record], Mapping[str, float]], Answer]
 
 
-def by_channel(calibration: Mapping[str, float], responses: Sequence[str]) -> dict[str, float]:
-    """Relative deviations of gains by response channel, and of the common one; `ALL` stands for those that are not named.
+def by_channel(
+    calibration: Mapping[str, float], responses: Sequence[str], forces: Sequence[str] = ()
+) -> dict[str, float]:
+    """Relative deviations of gains by channel, and of that common to the responses; `ALL` stands for responses without one.
 
-    Raises IdentificationError for a channel that is not a response, or a deviation that is not small and positive.
+    Raises IdentificationError for a channel that is neither a response nor among the `forces`, or a deviation that is not
+    small and positive.
     """
+    channels = (*responses, *forces)
     for name, deviation in calibration.items():
-        if name not in (*responses, ALL, COMMON):
+        if name not in (*channels, ALL, COMMON):
+            beside = f" and the forces {', '.join(forces)}" if forces else ""
             raise IdentificationError(
-                f"no calibration of {name} can be stated{near_miss(name, responses)}: the record has the sensors "
-                f'{", ".join(responses)}; "{ALL}" stands for each of them and "{COMMON}" for a factor that they share'
+                f"no calibration of {name} can be stated{near_miss(name, channels)}: the record has the sensors "
+                f'{", ".join(responses)}{beside}; "{ALL}" stands for each sensor and "{COMMON}" for a factor that they share'
             )
         if not 0.0 < deviation <= _LARGEST:
             raise IdentificationError(
@@ -105,17 +112,14 @@ def answer_with_sensors(
         instruments = [
             cause for cause in answer.diagnosis if cause.is_instrument and cause.kind != "input noise"
         ]
-        if interrupted or not instruments:
+        if interrupted or not instruments or instruments[0].kind.removeprefix(_OF_FORCE) not in admitted:
             return answer
-        kind, channel = instruments[0].kind, instruments[0].where
-        kind = "delay" if kind == "force delay" else kind
-        if kind not in admitted:
-            return answer
+        kind, channel = instruments[0].kind.removeprefix(_OF_FORCE), instruments[0].where
         if kind != "delay" and any(_rivals(instruments[0], rival) for rival in instruments[1:]):
             return answer
         present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
-        more = of_responses(records[0], channel) if kind == "delay" else (channel,)
-        if channel in (*(() if kind == "delay" else records[0].inputs), *present) or set(more) <= set(
+        more = late_channels(records[0], channel) if kind == "delay" else (channel,)
+        if channel in (*(() if kind == "delay" else _bases(records[0])), *present) or set(more) <= set(
             present
         ):
             return answer
@@ -135,20 +139,28 @@ def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[st
             )
 
 
-def of_responses(record: Record, channel: str) -> tuple[str, ...]:
-    """The responses whose delays stand for that of a channel: all of them for the only input, which is late as they are early.
+def late_channels(record: Record, channel: str) -> tuple[str, ...]:
+    """The channels whose delays stand for that of a channel: all responses for the only input, late as they are early.
 
-    None for one of several inputs, and for a channel of a link.
+    That of one of several applied forces is its own. None for one that is not band-limited between its samples, for a base
+    beside other inputs, and for a channel of a link.
     """
     if channel in record.inputs and len(record.inputs) > 1:
-        return ()
+        is_smooth = record.interpolation.get(channel, BAND_LIMITED) == BAND_LIMITED
+        return (channel,) if channel.startswith(FORCE) and is_smooth else ()
     stand_in = record.responses if channel in record.inputs else (channel,)
     return tuple(name for name in stand_in if Channel.parse(name).kind in _LATE)
 
 
+def _bases(record: Record) -> tuple[str, ...]:
+    """The inputs of which no gain can be found: motions of a base."""
+    return tuple(name for name in record.inputs if not name.startswith(FORCE))
+
+
 def _rivals(first: Cause, second: Cause) -> bool:
-    """Whether the records hardly distinguish an error from another: a gain of one sensor from that of another, or a mass."""
-    return second.kind in (first.kind, "mass") and second.gain > first.gain - _ALIKE
+    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
+    kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
+    return second.kind in kinds and second.gain > first.gain - _ALIKE
 
 
 def _widened(options: LikelihoodOptions, kind: str, channels: tuple[str, ...]) -> LikelihoodOptions:
