@@ -87,6 +87,33 @@ def test_coefficients_are_within_their_errors_and_the_noise_is_found(
     assert noise.description in fit.findings
 
 
+@pytest.mark.parametrize(("kind", "known"), [("x", "a:base"), ("v", "a:base"), ("x", "v:base")])
+def test_absolute_sensors_need_no_displacement_of_the_base(kind: str, known: str) -> None:
+    """What integration leaves open is an offset and a drift of each sensor."""
+    lower = "k*d + c*v + k3*d**3"
+    shaken = lw.simulate(
+        storeys(lower), duration=DURATION, rate=RATE, sensors=(kind, known),
+        base="0.004*sin(21*t) + 0.003*sin(33*t + 1) + 0.003*sin(47*t + 2)",
+    ).with_noise(45.0, seed=6)  # fmt: skip
+    noise = {name: sigma for name, sigma in shaken.noise.items() if not name.endswith("base")}
+    record = replace(shaken, noise=noise)
+    fit = lw.identify(record, storeys(lower).unknown("all"))
+    assert fit.trusted, fit.message
+    for parameter in some(fit.parameters):
+        estimate = fit.coefficient(parameter.name)
+        error = estimate.value - present(storeys(lower).coefficient(parameter.name).value)
+        assert abs(error) < ERRORS * present(estimate.standard_error), parameter.name
+    assert {error.channel for error in fit.sensor_errors if error.kind == "offset"} == {
+        f"{kind}:m1",
+        f"{kind}:m2",
+    }
+    assert any(f"{kind}:m1 drifts over" in remark for remark in fit.remarks)
+    with pytest.raises(
+        lw.IdentificationError, match=f"not supported beside {kind}:m1, which is not relative"
+    ):
+        lw.identify(record, storeys(lower).unknown("all"), ambient=["m1"])
+
+
 def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
     mass, deviation = 2.0, 0.2
     rng = np.random.default_rng(5)

@@ -102,6 +102,23 @@ def test_what_does_not_suffice_is_refused(case: str) -> None:
         framed(record, structure)
 
 
+@pytest.mark.parametrize(("sensor", "known"), [("x:m1", "a:base"), ("x:m1", "v:base"), ("v:m1", "a:base")])
+def test_integrals_of_the_base_leave_an_offset_and_a_drift(sensor: str, known: str) -> None:
+    """To a line, or a constant, the motion relative to the base: to the error of the interpolation."""
+    record = measured("x", "v", "rel:x", "rel:v", "v:base", "a:base")
+    frame = framed(record.select([sensor, known]), storey(), integrated=True)
+    assert frame.drifting == (sensor,)
+    error = frame.record.channel(sensor) - record.channel(f"rel:{sensor}")
+    degree = 1 if (sensor, known) == ("x:m1", "a:base") else 0
+    line = np.polynomial.Polynomial.fit(record.time, error, degree)
+    assert error == pytest.approx(line(record.time), abs=1e-6 * np.abs(record.channel(sensor)).max())
+    shown = frame.record.channel(sensor)  # has no such line left
+    assert np.polynomial.Polynomial.fit(record.time, shown, degree).coef == pytest.approx(0.0, abs=1e-12)
+    assert frame.record.channel(sensor) + frame.shown[:, 0] == pytest.approx(
+        record.channel(sensor), abs=1e-12
+    )
+
+
 def test_both_supports_need_the_displacement() -> None:
     both = with_links(storey(), link("stop", "m1-ground", "k*d", k=10.0))
     with pytest.raises(

@@ -189,7 +189,7 @@ class MaximumLikelihood(Estimator):
         for record in records:
             require_units_of_states(record, structure)
             if structure.hosts:
-                require_supported(framed(record, structure).record, structure)
+                require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         sensors = errors_to_find(
             records,
@@ -269,7 +269,7 @@ class MaximumLikelihood(Estimator):
         if structure.hosts:
             fit = fit_with_restarts(search, theta, options)
             return fit_or_another(fit, lambda: self._from_equivalent_links(structure, records, options))
-        if needs_integration(framed(records[0], structure).record, structure):
+        if needs_integration(framed(records[0], structure, integrated=True).record, structure):
             return fit_with_restarts(search, theta, options)
         fit = search(theta, spread=spread, options=options)
         fit = lower_of_two(fit, lambda values: search(values, options=options))
@@ -290,7 +290,7 @@ class MaximumLikelihood(Estimator):
         """A fit of a structure with memory, from the starts that the records show of it."""
         given = dict(self.starts or {})
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
-        framed_ones = framed_records(records, structure)
+        framed_ones = framed_records(records, structure, integrated=True)
         known = given if shows_every_mass(framed_ones[0], structure) and not structure.hosts else stated
         fit = partial(_fit_from, partial(likelihood_fit, records, structure, options=options))
         if all(p.name in known for p in structure.parameters):

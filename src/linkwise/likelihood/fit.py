@@ -10,6 +10,7 @@ from enum import Enum, auto
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
+from linkwise.errors import IdentificationError
 from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.likelihood.coloured_noise import ColouredNoise
 from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, explained_fit
@@ -197,7 +198,7 @@ def likelihood_fit(
         If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
-    frames = tuple(framed(record, structure) for record in records)
+    frames = tuple(framed(record, structure, integrated=True) for record in records)
     sensing = sensor_model(frames, options)
     records = [frame.record for frame in frames]
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
@@ -214,6 +215,14 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
         [names.get(name, name) for name in named]
         for named in (options.offsets, options.gains, options.delays)
     )
+    drifting = dict.fromkeys(name for frame in frames for name in frame.drifting)
+    if drifting and options.random:
+        raise IdentificationError(
+            f"random forces and noise of inputs are not supported beside {next(iter(drifting))}, which is not relative to the "
+            "base and shows integrals of its motion: leave them out, or record the motion relative to the base"
+        )
+    offsets += [name for name in drifting if name not in offsets]
+    drifts = drifting | {names.get(name, name): seconds for name, seconds in options.drifts.items()}
     calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
     sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
     return replace(
@@ -226,7 +235,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
         frames=tuple(frames),
         random=tuple(options.random),
         disturbances=Disturbance.of(
-            {names.get(name, name): seconds for name, seconds in options.drifts.items()},
+            drifts,
             {names.get(name, name): frequency for name, frequency in options.hums.items()},
             [frame.record for frame in frames],
         ),

@@ -21,7 +21,7 @@ from linkwise.weak.residual import weak_residual
 
 def motion_of_links(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
     """The links along the fitted orbit, at the samples of all records; residuals are those of the weak form."""
-    records = framed_records(records, identified)
+    records = framed_records(records, identified, integrated=True)
     segments, samples = fit.segments, len(fit.segments.samples)
     states = fit.misfit.trajectories.states[: segments.steps : segments.refine]
     x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)

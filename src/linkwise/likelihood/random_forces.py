@@ -130,7 +130,7 @@ def exciting_base(record: Record, structure: Structure) -> str | None:
     named = [f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in record.inputs]
     acts = (
         any(BASE in link.between for link in structure.links)
-        or framed(record, structure).acceleration is not None
+        or framed(record, structure, integrated=True).acceleration is not None
     )
     return named[0] if named and acts else None
 
@@ -138,7 +138,11 @@ def exciting_base(record: Record, structure: Structure) -> str | None:
 def _require_white(channel: str, record: Record, structure: Structure) -> None:
     """IdentificationError where noise of the base is not white in what it does to the masses and sensors."""
     free = [mass.name for mass in structure.masses if not mass.mass.known and np.isinf(mass.mass.sigma)]
-    if channel == f"a:{BASE}" and free and framed(record, structure).acceleration is not None:
+    if (
+        channel == f"a:{BASE}"
+        and free
+        and framed(record, structure, integrated=True).acceleration is not None
+    ):
         raise IdentificationError(
             f'noise of {channel} cannot be allowed for beside the unknown mass "{free[0]}", on which its force is not known: '
             f"weigh it, or state {{ start, sigma }}, or give the displacement, x:{BASE}"

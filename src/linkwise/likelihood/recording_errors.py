@@ -111,7 +111,9 @@ def _loudest_part(record: Record) -> slice:
 
 
 def _misfit(records: Sequence[Record], structure: Structure) -> float:
-    return sum(record_misfit(record, structure) for record in framed_records(records, structure))
+    return sum(
+        record_misfit(record, structure) for record in framed_records(records, structure, integrated=True)
+    )
 
 
 def _is_explained(error: RecordingError, record: Record, structure: Structure) -> bool:

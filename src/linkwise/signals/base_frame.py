@@ -8,6 +8,10 @@ only. If no link ends at the ground, the equations in coordinates relative to th
 so that the base rests and every mass carries a force of inertia (Chopra, Dynamics of Structures, section 1.7). That of a mass
 that is not known follows the estimate of it: the record has the force by the value that the structure states, and the
 acceleration of the coordinates for the rest of it.
+
+A sensor that is not relative to the base shows its displacement or velocity as well, which integration gives up to a line or a
+constant, and up to what the noise of the acceleration adds. The line that fits the sensor best is taken out; what is left
+of it has to be estimated with the laws, as an offset and a drift of the sensor.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
@@ -26,6 +31,7 @@ from linkwise.records.checks import require_complete
 from linkwise.records.record import Record
 
 _KINDS = "xva"
+_SPLINE = 7  # order of the spline that is integrated
 _BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 
 
@@ -50,12 +56,15 @@ class FramedRecord:
         where that is nothing.
     acceleration : array of shape (N,) or None
         Acceleration in m/s^2 of the coordinates; None for those at rest.
+    drifting : tuple of str
+        Responses in `record` from which an integral was taken, so that they have an unknown offset and drift.
     """
 
     record: Record
     names: Mapping[str, str]
     carried: Mapping[str, Floats] = field(default_factory=dict)
     acceleration: Floats | None = None
+    drifting: tuple[str, ...] = ()
 
     @property
     def shown(self) -> Floats:
@@ -64,7 +73,7 @@ class FramedRecord:
         return np.stack([self.carried.get(name, nothing)[0] for name in self.names.values()], axis=1)
 
 
-def framed(record: Record, structure: Structure) -> FramedRecord:
+def framed(record: Record, structure: Structure, *, integrated: bool = False) -> FramedRecord:
     """A record in coordinates at rest, or relative to a base of which only a velocity or an acceleration is known.
 
     Parameters
@@ -73,6 +82,8 @@ def framed(record: Record, structure: Structure) -> FramedRecord:
         The record.
     structure : Structure
         The structure.
+    integrated : bool
+        Whether sensors may be left with an offset and a drift, by integrals of the motion of the base.
 
     Returns
     -------
@@ -113,15 +124,22 @@ def framed(record: Record, structure: Structure) -> FramedRecord:
         )
     names = {name: f"{channel.kind}:{channel.mass}" for name, channel in channels.items()}
     _require_distinct(names)
-    motion = _BaseMotion(record)
-    carried = {}
+    motion = _BaseMotion(record, integrated and moves)
+    carried, drifting = {}, []
     for name, channel in channels.items():
         if not channel.of_link and channel.relative != moves:  # shown in the one frame, needed in the other
             sign = 1.0 if moves else -1.0
             carried[names[name]] = sign * motion.value_and_rate(channel.kind, name)
+            if motion.integrations(channel.kind) > 0:
+                carried[names[name]] += motion.best_line(channel.kind, record.channel(name))
+                drifting.append(names[name])
     acceleration = motion.value_and_rate("a", f"a:{BASE}")[0] if moves else None
     return FramedRecord(
-        _changed(record, names, carried, structure, acceleration), names, carried, acceleration
+        _changed(record, names, carried, structure, acceleration),
+        names,
+        carried,
+        acceleration,
+        tuple(drifting),
     )
 
 
@@ -218,14 +236,39 @@ def _require_band_limited(record: Record) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _BaseMotion:
-    """The motion of the base in a record, with derivatives of band-limited signals."""
+    """The motion of the base in a record, with derivatives of band-limited signals, and integrals where these are allowed."""
 
     record: Record
+    integrated: bool = False
 
     def value_and_rate(self, kind: str, wanted_by: str) -> Floats:
         """(2, N) the motion of one kind and its rate; IdentificationError where only an integral would give it."""
         order = _KINDS.index(kind)
         return np.stack([self._derivative(order, wanted_by), self._derivative(order + 1, wanted_by)])
+
+    def integrations(self, kind: str) -> int:
+        """How many integrations give a kind of motion; 0 or less where derivatives do."""
+        return min(
+            n for n, known in enumerate(_KINDS) if f"{known}:{BASE}" in self.record.channels
+        ) - _KINDS.index(kind)
+
+    def best_line(self, kind: str, shown: Floats) -> Floats:
+        """(2, N) what integration leaves open of a kind of motion, and its rate, by what a sensor shows (N,), NaN if lost."""
+        time, present = np.arange(len(shown)) * self.record.step, np.isfinite(shown)
+        left = (shown - self._derivative(_KINDS.index(kind), kind))[present]
+        line = np.polynomial.Polynomial.fit(time[present], left, self.integrations(kind) - 1)
+        return np.stack([line(time), line.deriv()(time)])
+
+    def _integral(self, order: int) -> Floats:
+        """The motion of an `order` of derivative, 0 at the first sample."""
+        count = self.integrations(_KINDS[order])
+        values = self.record.channel(f"{_KINDS[order + count]}:{BASE}")
+        require_complete(f"{_KINDS[order + count]}:{BASE}", values, self.record.start, self.record.rate)
+        time = np.arange(len(values)) * self.record.step
+        spline = scipy.interpolate.make_interp_spline(
+            time, values, k=min(_SPLINE, (len(values) - 1) // 2 * 2 - 1)
+        )
+        return np.asarray(spline.antiderivative(count)(time))
 
     def _derivative(self, order: int, wanted_by: str) -> Floats:
         known = [
@@ -233,6 +276,8 @@ class _BaseMotion:
             for number, kind in enumerate(_KINDS)
             if f"{kind}:{BASE}" in self.record.channels and number <= order
         ]
+        if not known and self.integrated:
+            return self._integral(order)
         if not known:
             has = next(f"{kind}:{BASE}" for kind in "va" if f"{kind}:{BASE}" in self.record.channels)
             raise IdentificationError(
@@ -248,7 +293,9 @@ class _BaseMotion:
         return values
 
 
-def framed_records(records: Sequence[Record], structure: Structure) -> list[Record]:
+def framed_records(
+    records: Sequence[Record], structure: Structure, *, integrated: bool = False
+) -> list[Record]:
     """The records in the coordinates of `framed`.
 
     Parameters
@@ -257,10 +304,12 @@ def framed_records(records: Sequence[Record], structure: Structure) -> list[Reco
         The records.
     structure : Structure
         The structure.
+    integrated : bool
+        As in `framed`.
 
     Returns
     -------
     list of Record
         The records, in their order.
     """
-    return [framed(record, structure).record for record in records]
+    return [framed(record, structure, integrated=integrated).record for record in records]

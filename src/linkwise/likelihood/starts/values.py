@@ -69,7 +69,7 @@ def starting_values(
     IdentificationError
         If a parameter has no starting value, or a mass none above zero.
     """
-    records = framed_records(records, structure)
+    records = framed_records(records, structure, integrated=True)
     given = dict(given or {})
     priors = {p.name: p for p in structure.parameters if p.sigma < np.inf and p.name not in given}
     firm = [name for name, p in priors.items() if p.sigma <= _FIRM * abs(_start(p))]
@@ -99,7 +99,7 @@ def equivalent_values(
 
     Raises IdentificationError if a parameter has no starting value.
     """
-    record, parameters = framed_records(records, structure)[0], structure.parameters
+    record, parameters = framed_records(records, structure, integrated=True)[0], structure.parameters
     known = {p.name: p.start for p in parameters if p.start is not None} | dict(given or {})
     values = equivalent_start(record, structure, channel_noise(record), known)
     return np.array([values[p.name] for p in parameters])
