@@ -81,7 +81,7 @@ def _success_caption(report: StudyReport) -> str:
     return (
         f"Per cent of {report.study.cycles} cycles in which a method has all true links and terms and no other. Below it in "
         "red, where there are any, the per cent that it trusts though a term is missing or extra. A case without an answer "
-        "counts as neither, and empty cells were not run."
+        "counts as neither, and empty cells were not run. A trusted discovery may name doubtful terms, which is not counted."
     )
 
 
