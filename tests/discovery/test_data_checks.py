@@ -102,6 +102,17 @@ def test_motion_that_is_none_is_refused(record: lw.Record, chain: lw.Structure) 
         lw.check_discovery(offset, masses(chain))
 
 
+def test_motion_that_looks_like_noise_is_refused_with_the_way_out() -> None:
+    """Of five samples in a period, of which a stated noise tells that they are motion."""
+    sparse = lw.simulate(lw.bnes_chain(2), duration=0.5, rate=137.5, release={"v:m1": 1.0})
+    with pytest.raises(lw.IdentificationError, match=r"about five samples a period .* state the noise"):
+        lw.check_discovery(sparse, masses(lw.bnes_chain(2)))
+    stated = replace(sparse, noise=dict.fromkeys(sparse.channels, 1e-05))
+    assert not any(
+        "above the noise" in remark for remark in lw.check_discovery(stated, masses(lw.bnes_chain(2)))
+    )
+
+
 def test_masses_at_rest_are_named(record: lw.Record, chain: lw.Structure) -> None:
     (remark,) = lw.check_discovery(quieted(record, m4=0.0), masses(chain))
     assert remark.startswith("m4 did not move above the noise and is left out") and remark.endswith(
