@@ -221,7 +221,6 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             f"random forces and noise of inputs are not supported beside {next(iter(drifting))}, which is not relative to the "
             "base and shows integrals of its motion: leave them out, or record the motion relative to the base"
         )
-    offsets += [name for name in drifting if name not in offsets]
     drifts = drifting | {names.get(name, name): seconds for name, seconds in options.drifts.items()}
     calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
     sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
@@ -238,6 +237,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             drifts,
             {names.get(name, name): frequency for name, frequency in options.hums.items()},
             [frame.record for frame in frames],
+            unknown_starts=drifting.keys() - set(offsets),
         ),
     )
 

@@ -6,7 +6,7 @@ sine of one frequency, of which amplitude and phase follow.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,12 +39,16 @@ class Waveforms:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """A drift, or a hum of some `frequency` in Hz, of a channel in the record number `record`, in `count` waveforms."""
+    """A drift, or a hum of some `frequency` in Hz, of a channel in the record number `record`, in `count` waveforms.
+
+    A drift from an `unknown_start` has a constant as the first of them.
+    """
 
     channel: str
     record: int
     count: int
     frequency: float | None = None
+    unknown_start: bool = False
 
     @classmethod
     def of(
@@ -52,10 +56,12 @@ class Disturbance:
         drifts: Mapping[str, float | None],
         hums: Mapping[str, Sequence[float]],
         records: Sequence[Record],
+        unknown_starts: Collection[str] = (),
     ) -> tuple[Disturbance, ...]:
         """Those of some channels in every record, each with sizes of its own.
 
-        `drifts` has the lengths of pieces in s, `hums` frequencies in Hz.
+        `drifts` has the lengths of pieces in s, `hums` frequencies in Hz; drifts of the channels in `unknown_starts` may start
+        anywhere.
 
         Raises IdentificationError for a channel that no record has as a response, pieces that are too many, and a frequency
         beyond half the rate.
@@ -84,7 +90,11 @@ class Disturbance:
             disturbance
             for number, record in enumerate(records)
             for disturbance in (
-                *(cls(name, number, _pieces(record, seconds)) for name, seconds in drifts.items()),
+                *(
+                    cls(name, number, _pieces(record, seconds) + start, unknown_start=start)
+                    for name, seconds in drifts.items()
+                    for start in [name in unknown_starts]
+                ),
                 *(cls(name, number, 2, frequency) for name, several in hums.items() for frequency in several),
             )
         )
@@ -95,8 +105,10 @@ class Disturbance:
         if self.frequency is not None:
             phase = 2.0 * np.pi * self.frequency * elapsed
             return np.stack([np.cos(phase), np.sin(phase)], axis=1)
-        pieces = elapsed / max(record.duration, np.finfo(float).tiny) * self.count
-        return np.clip(pieces[:, None] - np.arange(self.count), 0.0, 1.0)
+        count = self.count - self.unknown_start
+        pieces = elapsed / max(record.duration, np.finfo(float).tiny) * count
+        rising = np.clip(pieces[:, None] - np.arange(count), 0.0, 1.0)
+        return np.insert(rising, 0, 1.0, axis=1) if self.unknown_start else rising
 
     def describe(self, sizes: Floats, deviations: Floats, unit: str) -> str:
         """A sentence on what was found, from the sizes (count,) and their standard deviations."""
@@ -107,10 +119,11 @@ class Disturbance:
                 f"{self.channel} has a hum of {amplitude:.4g} {unit} at {self.frequency:g} Hz (estimated with the other "
                 f"unknowns, standard error {error:.2g})."
             )
-        path = np.concatenate([[0.0], np.cumsum(sizes)])
+        first = [] if self.unknown_start else [0.0]
+        path = np.concatenate([first, np.cumsum(sizes)])
         return (
-            f"{self.channel} drifts over {np.ptp(path):.4g} {unit} (estimated with the other unknowns in {self.count} pieces, "
-            f"standard error of each {error:.2g})."
+            f"{self.channel} drifts over {np.ptp(path):.4g} {unit} (estimated with the other unknowns in {len(path) - 1} "
+            f"pieces, standard error of each {error:.2g})."
         )
 
 
