@@ -11,7 +11,7 @@ acceleration of the coordinates for the rest of it.
 
 A sensor that is not relative to the base shows its displacement or velocity as well, which integration gives up to a line or a
 constant, and up to what the noise of the acceleration adds. The line that fits the sensor best is taken out; what is left
-of it has to be estimated with the laws, as an offset and a drift of the sensor.
+of it has to be estimated with the laws, as a drift of the sensor from an unknown start.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class FramedRecord:
     acceleration : array of shape (N,) or None
         Acceleration in m/s^2 of the coordinates; None for those at rest.
     drifting : tuple of str
-        Responses in `record` from which an integral was taken, so that they have an unknown offset and drift.
+        Responses in `record` from which an integral was taken, so that they drift.
     """
 
     record: Record
@@ -83,7 +83,7 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
     structure : Structure
         The structure.
     integrated : bool
-        Whether sensors may be left with an offset and a drift, by integrals of the motion of the base.
+        Whether sensors may be left with a drift, by integrals of the motion of the base.
 
     Returns
     -------
