@@ -95,7 +95,7 @@ def judged_discovery(
     tested = firm and not fit.random_forces
     rivals = rival_errors(selection, estimate.structure) if tested else ()
     offsets = rival_offsets(selection, candidates, records[0].channels) if tested else ()
-    moved = link_exchanges(selection, candidates) if estimate.trusted and candidates.hosts else ()
+    moved = link_exchanges(selection, candidates) if tested or (estimate.trusted and candidates.hosts) else ()
     forms = rival_forms(selection, candidates) if tested else ()
     estimate = allowing_for(_beside_rivals(estimate, rivals, offsets), forms)
     parabolas = path_parabolas(selection, candidates)
