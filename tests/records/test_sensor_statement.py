@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -45,9 +46,23 @@ def test_a_sensor_shows_gain_times_motion_and_offset() -> None:
     assert corrected.channel("x:m1") == pytest.approx(MOTION, abs=1e-16)
     # standard deviations of what is left are those of the motion, not of what the sensor showed
     left = corrected.uncertainty["x:m1"]
-    assert (left.gain, left.offset, left.delay) == pytest.approx((0.008, 4e-5, 1e-3), rel=1e-12)
+    assert (left.gain, left.offset, left.delay) == pytest.approx((0.01, 4e-5, 1e-3), rel=1e-12)
     assert corrected.noise["x:m1"] == pytest.approx(8e-6, rel=1e-12)
     assert "x:m1: an offset of 0.0002 m and a gain of 1.25 were removed, as known." in corrected.notes
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"gain": "20 +- 5 %"},
+        {"gain": "20 +- 1"},
+        {"gain": {"start": 20.0, "sigma": "5 %"}},
+        {"gain": 20.0, "calibration": "5 %"},
+    ],
+    ids=str,
+)
+def test_a_percentage_is_of_the_gain_that_is_stated(given: Mapping[str, object]) -> None:
+    assert lw.SensorStatement.of(given, "x:m1").uncertainty.gain == pytest.approx(0.05, rel=1e-12)
 
 
 def test_a_known_delay_is_taken_out() -> None:

@@ -117,7 +117,7 @@ class SensorStatement:
             if gain.sigma:
                 message = "calibration and gain both say how well the gain is known; leave one of them out"
                 raise RecordError(message, file, channel=channel)
-            values["gain"] = StatedError(gain.value, calibration)
+            values["gain"] = StatedError(gain.value, abs(gain.value) * calibration)
         return cls(**values)
 
     def over(self, other: SensorStatement) -> SensorStatement:
@@ -155,7 +155,7 @@ def known_within(text: str, dimension: str, kind: str) -> StatedError:
         raise _unreadable(text, dimension, kind)
     try:
         value = _PLAIN[kind] if len(parts) == 2 and not parts[0] else _si(parts[0], dimension)
-        return StatedError(value, _si(parts[1], dimension) if len(parts) == 2 else 0.0)
+        return StatedError(value, _deviation(parts[1], dimension, value) if len(parts) == 2 else 0.0)
     except LinkwiseError as error:
         raise _unreadable(text, dimension, kind, str(error)) from error
 
@@ -178,6 +178,12 @@ def _si(given: object, dimension: str) -> float:
         with suppress(ValueError):  # of a text with a unit
             given = float(text)
     return to_si(given, dimension)
+
+
+def _deviation(given: object, dimension: str, value: float) -> float:
+    """A standard deviation in SI units; a percentage is of the value that it belongs to."""
+    deviation = _si(given, dimension)
+    return deviation * abs(value) if not dimension and str(given).strip().endswith("%") else deviation
 
 
 def _value(key: str, given: object, unit: str) -> Any:
@@ -210,7 +216,7 @@ def _stated(key: str, given: object, dimension: str) -> StatedError:
         if wrong or "sigma" not in given:
             raise LinkwiseError(f"a table has the keys start and sigma, got {', '.join(map(str, given))}")
         start = _si(given["start"], dimension) if "start" in given else _PLAIN[key]
-        return StatedError(start, _si(given["sigma"], dimension))
+        return StatedError(start, _deviation(given["sigma"], dimension, start))
     if isinstance(given, str):
         return known_within(given, dimension, key)
     return StatedError(_si(given, dimension))
