@@ -102,6 +102,13 @@ def test_what_does_not_suffice_is_refused(case: str) -> None:
         framed(record, structure)
 
 
+def test_a_few_samples_are_integrated_and_fewer_refused() -> None:
+    record = measured("x", "a:base").select(["x:m1", "a:base"])
+    assert np.isfinite(framed(record[:6], storey(), integrated=True).record.values).all()
+    with pytest.raises(lw.SimulationError, match="at least 6 samples"):
+        framed(record[:2], storey(), integrated=True)
+
+
 @pytest.mark.parametrize(("sensor", "known"), [("x:m1", "a:base"), ("x:m1", "v:base"), ("v:m1", "a:base")])
 def test_integrals_of_the_base_leave_an_offset_and_a_drift(sensor: str, known: str) -> None:
     """To a line, or a constant, the motion relative to the base: to the error of the interpolation."""

@@ -221,6 +221,9 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             f"random forces and noise of inputs are not supported beside {next(iter(drifting))}, which is not relative to the "
             "base and shows integrals of its motion: leave them out, or record the motion relative to the base"
         )
+    free = set(offsets) - {
+        names.get(name, name) for name in options.offset_deviations
+    }  # hold where drifts start
     drifts = drifting | {names.get(name, name): seconds for name, seconds in options.drifts.items()}
     calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
     sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
@@ -237,7 +240,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             drifts,
             {names.get(name, name): frequency for name, frequency in options.hums.items()},
             [frame.record for frame in frames],
-            unknown_starts=drifting.keys() - set(offsets),
+            unknown_starts=drifting.keys() - free,
         ),
     )
 

@@ -266,7 +266,7 @@ class _BaseMotion:
         require_complete(f"{_KINDS[order + count]}:{BASE}", values, self.record.start, self.record.rate)
         time = np.arange(len(values)) * self.record.step
         spline = scipy.interpolate.make_interp_spline(
-            time, values, k=min(_SPLINE, (len(values) - 1) // 2 * 2 - 1)
+            time, values, k=min(_SPLINE, max(1, (len(values) - 1) // 2 * 2 - 1))
         )
         return np.asarray(spline.antiderivative(count)(time))
 
