@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
 
@@ -105,3 +106,17 @@ def test_known_delays_are_not_taken_for_unknown_ones() -> None:
 def test_a_channel_that_is_not_there_is_refused() -> None:
     with pytest.raises(lw.IdentificationError, match="no calibration of x:m3"):
         lw.discover(record(), MASSES, calibration={"x:m3": WIDTH})
+
+
+@pytest.mark.parametrize(("sigma", "refused"), [(0.05, False), (0.2, True)])
+def test_a_calibration_that_alone_tells_the_scale_must_be_narrow(sigma: float, refused: bool) -> None:
+    """A test of a term is linear, in which the scale could shrink all of them to nothing."""
+    plain = oscillator("k*d + c*v", k=900.0, c=1.5)
+    forced = lw.simulate(plain, forces={"m1": "3*sin(23*t) + 2*sin(37*t + 1)"}, duration=4.0, rate=200.0)
+    noisy = forced.with_noise(40.0, seed=3)
+    options = lw.DiscoveryOptions(terms="linear, d**3", calibration={"force:m1": sigma})
+    if refused:
+        with pytest.raises(lw.IdentificationError, match=r"as loose as that of force:m1 .* up to 10 %"):
+            lw.discover(noisy, {"m1": "unknown"}, options)
+    else:
+        assert lw.discover(noisy, {"m1": "unknown"}, options).trusted

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from linkwise.signals.base_frame import framed_records
 from linkwise.verdict import Verdict
 
 _SCREENED = 0.1  # of the progress, when the screen is done
+_LOOSE = 0.1  # relative deviation of the gain of a force
 _MEMORY = 0.03  # of the forces, left without memory, from which it is looked for where it was not offered
 
 
@@ -134,8 +135,7 @@ def discover(
         calibration=chosen.calibration,
         delays=chosen.delays,
     )
-    if unknown := unknown_gains(errors):
-        require_force_scale(records, candidates.full_structure, unknown)
+    _require_force_scale(records, candidates.full_structure, errors)
     sensors = LikelihoodOptions(
         **errors,
         random=random_forces(chosen.ambient, chosen.input_noise, records[0], candidates.full_structure),
@@ -153,6 +153,30 @@ def discover(
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)
+
+
+def _require_force_scale(records: Sequence[Record], structure: Structure, errors: Mapping[str, Any]) -> None:
+    """IdentificationError where nothing tells the scale of all masses and terms, or a calibration that is too loose for tests.
+
+    A test of a term is linear, in which the scale could shrink all of them to nothing at the cost of the calibration alone.
+    """
+    unknown = unknown_gains(errors)
+    if unknown:
+        require_force_scale(records, structure, unknown)
+    loose = [
+        name for name, sigma in errors["calibration"].items() if name.startswith("force:") and sigma > _LOOSE
+    ]
+    try:
+        require_force_scale(records, structure, (*unknown, *loose))
+    except IdentificationError:
+        if not loose:
+            raise
+        raise IdentificationError(
+            f"terms cannot be decided on where a calibration as loose as that of {loose[0]} is all that tells the scale of "
+            f"masses and terms: up to {100.0 * _LOOSE:g} % is supported. Discover without it, and identify the structure "
+            "found with it",
+            arguments=("calibration",),
+        ) from None
 
 
 @dataclass(frozen=True, eq=False)
