@@ -99,7 +99,7 @@ def judged_discovery(
     forms = rival_forms(selection, candidates) if tested else ()
     estimate = allowing_for(_beside_rivals(estimate, rivals, offsets), forms)
     parabolas = path_parabolas(selection, candidates)
-    needless = terms_without_gain(selection, parabolas)
+    needless = terms_without_gain(selection, parabolas, estimate.model_error)
     origins = unknown_origins(estimate, records, selection, candidates) if screened.integrated else ()
     others: tuple[_Rival, ...] = (*rivals, *offsets, *moved, *forms, *origins, *needless)
     memory = tuple(replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory)

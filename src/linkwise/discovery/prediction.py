@@ -89,16 +89,20 @@ class TermWithoutGain:
         )
 
 
-def terms_without_gain(selection: Selection, parabolas: BlockParabolas | None) -> tuple[TermWithoutGain, ...]:
-    """Terms that make less of the force of their link than the model error and by which no prediction gains measurably."""
-    error = selection.fit.model_error
-    if parabolas is None or not error > 0.0:
+def terms_without_gain(
+    selection: Selection, parabolas: BlockParabolas | None, model_error: float
+) -> tuple[TermWithoutGain, ...]:
+    """Terms that make less of the force of their link than the model error and by which no prediction gains measurably.
+
+    `model_error` is the part of the forces that the laws leave unexplained. None where the selection is without one.
+    """
+    if parabolas is None or not selection.fit.model_error > 0.0:
         return ()
     every = range(len(selection.structure.parameters))
-    small = [k for k in every if parabolas.shares.get(k, np.inf) < error]
+    small = [k for k in every if parabolas.shares.get(k, np.inf) < model_error]
     predictions = [parabolas.prediction([k for k in every if k != number]) for number in small]
     return tuple(
-        TermWithoutGain((number,), parabolas.shares[number], error)
+        TermWithoutGain((number,), parabolas.shares[number], model_error)
         for number, prediction in zip(small, predictions, strict=True)
         if prediction.excess <= prediction.scatter
     )
