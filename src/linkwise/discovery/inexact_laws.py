@@ -4,7 +4,8 @@ The error of a law moves with the motion, so that a likelihood which takes it fo
 each round fits the laws with their most likely model error, and divides the local quadratic model of the cost by the
 overdispersion of the scores of separate blocks of the records, as quasi-likelihood does. Scores of some terms scatter far more
 than the median of all does. Where the search has settled each is therefore judged by its own scatter, where that is larger
-(generalised score tests), and dropped if it is not worth its penalty so.
+(generalised score tests), and dropped if it is not worth its penalty so. Of the models that then differ by terms in doubt the
+simplest is taken that predicts blocks it was not fitted to as well as the best (`simplest_model`).
 
 References
 ----------
@@ -18,16 +19,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.prediction import block_parabolas
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection, TermSearch, round_progress, starts_of
+from linkwise.discovery.simplest_model import simplest_model, terms_asked_for
 from linkwise.discovery.stepwise import best_subset
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.overdispersion import overdispersion
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.model.structure import Structure
-from linkwise.progress import ProgressReport
+from linkwise.progress import Progress, ProgressReport
 
 _ROUNDS = 8
 _MOST_STEPS = 1000  # of all fits; a search that takes more creeps from one poor model to the next
@@ -48,6 +53,13 @@ def select_inexact(
     model error may be `known`. `settled` is False where a fit does not converge with a model error, where the records are too
     short for blocks, and where rounds or steps run out.
     """
+    return _simplified(search, _search(search, selection, chosen, known))
+
+
+def _search(
+    search: TermSearch, selection: Selection, chosen: frozenset[str] | None, known: LikelihoodFit | None
+) -> Selection:
+    """The selection by evidence, as `select_inexact` describes it."""
     steps = 0
 
     def counted(report: ProgressReport, /) -> None:
@@ -65,13 +77,7 @@ def select_inexact(
     visited, reducing = {chosen}, False
     values, nodes = fit.values, fit.optimum.point.nodes
     for number in range(selection.rounds + 1, selection.rounds + 1 + _ROUNDS):
-        options = replace(
-            search.sensors,
-            progress=round_progress(counted, number),
-            nodes=nodes,
-            relaxation=relaxation,
-            coloured_noise=False,
-        )
+        options = _options(search, counted, number, nodes, relaxation)
         try:
             fit = known or likelihood_fit(search.records, structure, values, options=options)
             known = None
@@ -97,6 +103,51 @@ def select_inexact(
             return replace(current, settled=False)
         nodes, relaxation = fit.optimum.point.nodes, fit.model_error or None
     return current
+
+
+def _options(
+    search: TermSearch, progress: Progress, number: int, nodes: Floats | None, relaxation: float | None
+) -> LikelihoodOptions:
+    """Those of the fit of a round, from the `nodes` and the `relaxation` of the one before."""
+    return replace(
+        search.sensors,
+        progress=round_progress(progress, number),
+        nodes=nodes,
+        relaxation=relaxation,
+        coloured_noise=False,
+    )
+
+
+def _simplified(search: TermSearch, selection: Selection) -> Selection:
+    """The simplest model that predicts as well as a settled selection with a model error, fitted; that selection if none does.
+
+    Nor where a fit without the terms does not converge, or asks for them after all.
+    """
+    fit = selection.fit
+    if not (selection.settled and fit.status is AnnealingStatus.CONVERGED and fit.model_error > 0.0):
+        return selection
+    inside = list(range(len(selection.structure.parameters)))
+    try:
+        parabolas = block_parabolas(selection, search.candidates, ())
+        if parabolas is None:
+            return selection
+        simplest = simplest_model(selection.quadratic, selection.penalty, parabolas, inside)
+        if simplest == inside:
+            return selection
+        names = frozenset(selection.quadratic.names[k] for k in simplest)
+        chosen = names & frozenset(search.candidates.by_name)
+        structure = search.candidates.structure(chosen)
+        values, _ = starts_of(selection.quadratic, simplest, structure, fit)
+        number, nodes = selection.rounds + 1, fit.optimum.point.nodes
+        options = _options(search, search.progress, number, nodes, fit.model_error)
+        fit = likelihood_fit(search.records, structure, values, options=options)
+        quadratic, penalty = _cautious_model(search, fit, structure, chosen)
+        needless = tuple(sorted(selection.chosen - chosen))
+        simpler = Selection(chosen, structure, fit, quadratic, penalty, True, number, needless)
+        asked_for = terms_asked_for(simpler, search.candidates)
+    except (IdentificationError, np.linalg.LinAlgError):
+        return selection
+    return selection if asked_for or fit.status is not AnnealingStatus.CONVERGED else simpler
 
 
 def _without_uneven(quadratic: QuadraticModel, penalty: Penalty, inside: list[int]) -> list[int]:

@@ -30,6 +30,7 @@ from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_r
 from linkwise.discovery.rival_offsets import rival_offsets
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection
+from linkwise.discovery.simplest_model import simplest_model_remarks
 from linkwise.discovery.term_parameters import without_values
 from linkwise.discovery.unmeasured_origins import origin_remarks, unknown_origins
 from linkwise.estimates.estimate import Estimate
@@ -124,6 +125,7 @@ def judged_discovery(
         remarks=(
             *(remark for _, remark in search),
             *rival_form_remarks(forms, selection),
+            *simplest_model_remarks(selection),
             *(term.remark(names) for term in needless),
             *rival_remarks((*rivals, *offsets), names),
             *link_exchange_remarks(moved),

@@ -48,10 +48,13 @@ class BlockParabolas:
     selected: int
     shares: dict[int, float]
 
-    def prediction(self, chosen: Collection[int]) -> PredictionExcess:
-        """That of the model with the coefficients `chosen`, by number; NaN where it is not determined without a block."""
+    def prediction(self, chosen: Collection[int], than: Collection[int] | None = None) -> PredictionExcess:
+        """That of the model with the coefficients `chosen`, by number; NaN where it is not determined without a block.
+
+        Over the selected model, or over that with the coefficients `than`.
+        """
         try:
-            excess = self._paid(chosen) - self._paid(range(self.selected))
+            excess = self._paid(chosen) - self._paid(range(self.selected) if than is None else than)
         except np.linalg.LinAlgError:
             return PredictionExcess(np.nan, np.nan)
         return PredictionExcess(float(excess.sum()), float(np.sqrt(len(excess)) * np.std(excess, ddof=1)))

@@ -39,7 +39,8 @@ _CEILING = (
 class Selection:
     """The `structure` of the `chosen` candidates, its `fit`, and a local model of the cost in all candidates tested.
 
-    `settled` is False if the search ended without a subset that no move improves, after `rounds` rounds.
+    `settled` is False if the search ended without a subset that no move improves, after `rounds` rounds. `needless` are the
+    names of terms that the criterion would have and prediction has no need of.
     """
 
     chosen: frozenset[str]
@@ -49,6 +50,7 @@ class Selection:
     penalty: Penalty
     settled: bool
     rounds: int
+    needless: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
