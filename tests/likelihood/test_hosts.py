@@ -347,3 +347,18 @@ def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
     standard_error = fit.coefficient("beam.mode3.frequency").standard_error
     assert standard_error is not None
     assert standard_error < 0.1  # Hz, where the prior of 1 % has 0.58
+
+
+def test_covariances_do_not_rest_on_rounding() -> None:
+    """Where all links are linear the smoothed states are far more certain than the samples: starts gave any covariance."""
+    beam = host("beam", [5.2], 0.01, {"tip": [1.0]}).known_to_within(frequency=0.01)
+    subject = structure(
+        {"ball": 0.05}, link("sink", "ball-beam.tip", "k*d + c*v", k=50.0, c=0.3), hosts=[beam]
+    )
+    record = lw.simulate(subject, release={"v:beam.mode1": 0.5}, duration=4.0, rate=200.0)
+    noisy, asked = record.with_noise(30.0, seed=12), subject.unknown("sink")
+    first, second = (
+        lw.identify(noisy, asked, starts={"sink.k": k, "sink.c": c}) for k, c in ((50.0, 0.3), (52.0, 0.35))
+    )
+    assert first.trusted and second.trusted
+    assert first.covariance == pytest.approx(second.covariance, rel=0.01)

@@ -26,6 +26,8 @@ _UNMEASURED = (
     0.1  # of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
 )
 
+_LEAST = 0.1  # of the noise, relative to the motion: the least scale of a defect beside hosts
+
 _FROM_STATES = (
     0.3  # of the motion that a measured state of a link determines, with the starts of its coefficients
 )
@@ -107,12 +109,17 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
 
 
 def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, float]) -> StartStates:
-    """The states that a smoother finds, and the scales of defects from its deviations."""
+    """The states that a smoother finds, and the scales of defects from its deviations.
+
+    Where all laws are known these sink far below the noise, and equations as stiff as that lose the covariance to rounding.
+    """
     motion = host_motion(record, structure, sigma)
     memory, sizes = link_states(record, structure, sigma, motion.x, motion.v)
-    scale = motion.deviation.reshape(2, -1)
-    reach = _UNMEASURED * np.sqrt(np.stack([np.mean(motion.x**2, axis=1), np.mean(motion.v**2, axis=1)]))
-    return StartStates(motion.x, motion.v, memory, np.concatenate([np.minimum(scale, reach).ravel(), sizes]))
+    size = np.sqrt(np.stack([np.mean(motion.x**2, axis=1), np.mean(motion.v**2, axis=1)]))
+    noise = min(sigma[name] / np.sqrt(np.nanmean(record.channel(name) ** 2)) for name in record.responses)
+    least = _LEAST * max(min(noise, 1.0), 1e-12) * size
+    scale = np.clip(motion.deviation.reshape(2, -1), least, np.maximum(_UNMEASURED * size, least))
+    return StartStates(motion.x, motion.v, memory, np.concatenate([scale.ravel(), sizes]))
 
 
 def measured_motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
