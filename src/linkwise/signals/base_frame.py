@@ -10,8 +10,9 @@ that is not known follows the estimate of it: the record has the force by the va
 acceleration of the coordinates for the rest of it.
 
 A sensor that is not relative to the base shows its displacement or velocity as well, which integration gives up to a line or a
-constant, and up to what the noise of the acceleration adds. The line that fits the sensor best is taken out; what is left
-of it has to be estimated with the laws, as a drift of the sensor from an unknown start.
+constant, and up to what an offset and the noise of the acceleration add. The polynomial that fits the sensor best is taken
+out, a parabola for two integrations; what is left of it has to be estimated with the laws, as a drift of the sensor from an
+unknown start.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
             sign = 1.0 if moves else -1.0
             carried[names[name]] = sign * motion.value_and_rate(channel.kind, name)
             if motion.integrations(channel.kind) > 0:
-                carried[names[name]] += motion.best_line(channel.kind, record.channel(name))
+                carried[names[name]] += motion.best_polynomial(channel.kind, name)
                 drifting.append(names[name])
     acceleration = motion.value_and_rate("a", f"a:{BASE}")[0] if moves else None
     return FramedRecord(
@@ -252,12 +253,19 @@ class _BaseMotion:
             n for n, known in enumerate(_KINDS) if f"{known}:{BASE}" in self.record.channels
         ) - _KINDS.index(kind)
 
-    def best_line(self, kind: str, shown: Floats) -> Floats:
-        """(2, N) what integration leaves open of a kind of motion, and its rate, by what a sensor shows (N,), NaN if lost."""
+    def best_polynomial(self, kind: str, sensor: str) -> Floats:
+        """(2, N) what integration leaves open of a kind of motion, and its rate, by what a sensor shows.
+
+        With an offset of what is integrated. Raises IdentificationError for a sensor without enough samples.
+        """
+        shown = self.record.channel(sensor)
         time, present = np.arange(len(shown)) * self.record.step, np.isfinite(shown)
+        degree = self.integrations(kind)
+        if np.count_nonzero(present) <= degree:
+            raise IdentificationError(f"{sensor} has no more than {degree} samples: leave the channel out")
         left = (shown - self._derivative(_KINDS.index(kind), kind))[present]
-        line = np.polynomial.Polynomial.fit(time[present], left, self.integrations(kind) - 1)
-        return np.stack([line(time), line.deriv()(time)])
+        open_part = np.polynomial.Polynomial.fit(time[present], left, degree)
+        return np.stack([open_part(time), open_part.deriv()(time)])
 
     def _integral(self, order: int) -> Floats:
         """The motion of an `order` of derivative, 0 at the first sample."""
