@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from present import some
 from structures import (
     CANTILEVER,
     CANTILEVER_SHAPES,
@@ -24,6 +25,7 @@ import linkwise as lw
 from linkwise.discovery.candidates import all_candidates
 from linkwise.discovery.host_screen import screen_links
 from linkwise.discovery.terms import parse_terms
+from linkwise.verdict import Verdict
 
 SINK = bodies({"sink": 0.03})
 NEAR = {
@@ -94,13 +96,14 @@ def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
 
 
 def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
-    """Links stand in for it; where the search settles, the frequency is named. Of ten records it does in about seven."""
+    """Links stand in for it; where the search settles, the frequency is named."""
     sensors, wrong = ("a:beam.tip", "a:beam.mid", "a:sink"), beam(CANTILEVER_SHAPES, second=1.03)
     discoveries = [discovered("tip", sensors, wrong, seed) for seed in (4, 5, 6)]
     assert not any(discovery.trusted for discovery in discoveries)
-    remarks = [" ".join(discovery.remarks) for discovery in discoveries]
-    assert any(
-        re.search(r"the frequency of beam.mode2 were [23]\.\d % less than stated", text) for text in remarks
+    settled = [found for found in discoveries if Verdict.SEARCH_UNSETTLED not in found.verdicts]
+    assert all(
+        re.search(r"the frequency of beam.mode2 were [23](\.\d)? % less than stated", " ".join(found.remarks))
+        for found in some(settled)
     )
 
 

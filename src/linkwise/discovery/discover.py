@@ -22,6 +22,7 @@ from linkwise.discovery.memory_terms import USUAL
 from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
 from linkwise.discovery.random_forces import select_with_random_forces
 from linkwise.discovery.result import Discovery
+from linkwise.discovery.rival_frequencies import rival_frequencies
 from linkwise.discovery.screened_records import ScreenedRecords, weak_values
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.suspected_memory import suspected_memory
@@ -256,7 +257,10 @@ def _select(
     if not selection.is_exact:
         follows_motion = coloured is None and beyond is not None and beyond.optimum.coloured is None
         selection = select_inexact(search, selection, known=beyond if follows_motion else None)
-    discovery = judged_discovery(records, checks, screened, selection, selection.fit.delays)
+    frequencies = rival_frequencies(search, selection) if candidates.hosts else ()
+    discovery = judged_discovery(
+        records, checks, screened, selection, selection.fit.delays, frequencies=frequencies
+    )
     if not candidates.memory and _may_remember(selection, discovery):
         remembering = with_memory(exact_laws, *discovery.diagnosis[:1])
         if remembering is not None:

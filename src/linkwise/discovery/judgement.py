@@ -82,22 +82,22 @@ def judged_discovery(
     selection: Selection,
     delays: Mapping[str, float] | None = None,
     memory: Sequence[MemoryEvidence] = (),
+    frequencies: Sequence[RivalError] = (),
 ) -> Discovery:
     """The estimate of the selected structure and the evidence for it, for `memory` of a link, too.
 
-    `delays` in s were found by channel.
+    `delays` in s were found by channel; `frequencies` of hosts explain the records in place of links.
     """
-    fit = selection.fit
-    candidates = screened.candidates
+    fit, candidates = selection.fit, screened.candidates
     estimate = estimate_of(selection.structure, fit, records, delays, offered=candidates.full_structure)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
     firm, names = estimate.trusted and selection.settled, selection.quadratic.names
     tested = firm and not fit.random_forces
-    rivals = rival_errors(selection, estimate.structure) if tested else ()
+    rivals = (*frequencies, *rival_errors(selection, estimate.structure)) if tested else ()
     offsets = rival_offsets(selection, candidates, records[0].channels) if tested else ()
-    moved = link_exchanges(selection, candidates) if tested or (estimate.trusted and candidates.hosts) else ()
     forms = rival_forms(selection, candidates) if tested else ()
+    moved = link_exchanges(selection, candidates) if tested or (estimate.trusted and candidates.hosts) else ()
     estimate = allowing_for(_beside_rivals(estimate, rivals, offsets), forms)
     parabolas = path_parabolas(selection, candidates)
     needless = terms_without_gain(selection, parabolas, estimate.model_error)
@@ -105,8 +105,7 @@ def judged_discovery(
     others: tuple[_Rival, ...] = (*rivals, *offsets, *moved, *forms, *origins, *needless)
     memory = tuple(replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory)
     search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
-    verdicts = (*estimate.verdicts, *(verdict for verdict, _ in search))
-    trusted = is_trusted(verdicts)
+    trusted = is_trusted(verdicts := (*estimate.verdicts, *(verdict for verdict, _ in search)))
     discovery = Discovery(
         estimate=estimate,
         terms=term_evidence(

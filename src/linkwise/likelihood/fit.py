@@ -219,8 +219,8 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     if drifting and options.random:
         raise IdentificationError(
             f"random forces and noise of inputs are not supported beside {next(iter(drifting))}, which is not relative to the "
-            "base and shows integrals of its motion, noise of which counts as a drift: leave them out, state shorter pieces of that "
-            "(drift), or record the motion relative to the base"
+            "base and shows integrals of its motion, noise of which counts as a drift: leave them out, state shorter pieces "
+            "of that (drift), or record the motion relative to the base"
         )
     free = set(offsets) - {
         names.get(name, name) for name in options.offset_deviations
