@@ -24,7 +24,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.curved_step import curved_step, is_settled
 from linkwise.likelihood.shooting.damped_step import SLIGHT, DampedEquations, bounds, freedom
-from linkwise.likelihood.shooting.linear_model import Factor, covariance, linear_model
+from linkwise.likelihood.shooting.linear_model import Factor, covariance, firm_factor, linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
@@ -341,7 +341,7 @@ def anneal(
     except KeyboardInterrupt:
         status = AnnealingStatus.INTERRUPTED
     factor = None if damped is None else damped.undamped_factor(control.q)
-    factor, damped = factor or linear.factor(control.q), None
+    factor, damped = factor or firm_factor(linear, control.q), None
     return _fit(segments, factor, misfit, scales, loss, control.q, status, tuple(path))
 
 

@@ -23,6 +23,7 @@ from linkwise.runtime import processors
 GaussNewtonModel = Linearization | LocalLinearization
 Factor = BorderedFactor | LocalFactor
 
+_LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
 _WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
 
 
@@ -117,6 +118,20 @@ def column_origins(
     for offset in range(sensors.offsets):
         masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
     return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
+
+
+def firm_factor(linear: GaussNewtonModel, q: float) -> Factor | None:
+    """The factor at a relaxation, or at the least larger one at which nothing has to be added to its nodes.
+
+    What is added makes a factor, and would count as information; a larger relaxation can only widen the covariance. Where
+    nothing helps it is that with the addition.
+    """
+    factor = linear.factor(q)
+    for looser in _LOOSER if factor is not None and factor.damped else ():
+        again = linear.factor(looser * q)
+        if again is not None and not again.damped:
+            return again
+    return factor
 
 
 def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:

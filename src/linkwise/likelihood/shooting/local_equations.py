@@ -197,7 +197,7 @@ class LocalSystem:
             self.corner_gradient[border],
         )
         factor = equations.factor()
-        return None if factor is None else LocalFactor(factor, self.order)
+        return None if factor is None else LocalFactor(factor, self.order, damping is not None)
 
     @property
     def corner_gradient(self) -> Floats:
@@ -304,6 +304,7 @@ class LocalFactor:
 
     blocks: BlockFactor
     order: Order
+    damped: bool = False
 
     @property
     def schur(self) -> Floats:
