@@ -13,7 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.estimates.unseen_term import UnseenTerm
-from linkwise.expression import differentiate, symbols
+from linkwise.expression import differentiate, kinks, symbols
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.weak.efficient_scores import EfficientScores
@@ -80,7 +80,9 @@ def undecided_damping(
 
 
 def _is_nonlinear_in_rate(link: Link) -> bool:
-    return "v" in symbols(differentiate(link.law.expression, "v"))
+    """Whether the slope of the law changes with v, or the law is not smooth by v, as sign(v), of slope 0."""
+    slope = differentiate(link.law.expression, "v")
+    return any("v" in symbols(expression) for expression in (slope, *kinks(link.law.expression)))
 
 
 def _beyond(
