@@ -44,11 +44,11 @@ class EfficientScores:
     places, terms : tuple of str
         The link of each, and its form; the mass that is stated, and "acceleration", for an error of that.
     scores : array of shape (t,)
-        In standard errors.
+        In standard errors, as the record alone shows them: a prior that is wrong is not told as a term.
     limits : array of shape (t,)
-        What the size of each does not exceed: the end of its 95 % interval that is farther from zero.
+        What the size of each does not exceed: the end of its 95 % interval, with priors, that is farther from zero.
     changes : array of shape (p, t)
-        What a term of the size of its limit makes of the coefficients of the weak form.
+        What a term of the size of its limit makes of the coefficients of the weak form, joined with their priors.
     forces : array of shape (t,)
         Root mean square in N of a term of the size of its limit.
     """
@@ -140,9 +140,11 @@ def _scores(
     scale = np.sqrt(np.where(tested, left, 1.0) * normal.diagonal()[p:])
     deviation = np.sqrt(max(likely.chi_square, 1.0))
     scores = np.where(tested, -(slope[p:] - slope[:p] @ beside) / (scale * deviation), 0.0)
-    limits = np.where(tested, (np.abs(scores) + NORMAL_95) * deviation / scale, 0.0)
+    limits = np.where(tested, _limits(normal, slope, likely.priors[:, own], deviation), 0.0)
     changes = np.zeros((len(fit.values), len(added)))
     changes[fit.free] = _beside(plain, p)[0] * limits
+    if fit.response is not None:
+        changes = fit.response @ changes
     return EfficientScores(
         places=tuple(names[number].rpartition(".")[0] for number in added),
         terms=tuple(_term(names[number].rpartition(".")[2], prefix) for number in added),
@@ -184,6 +186,18 @@ def _sums(
         by_mass = np.array([weights[mass] for mass in patch.masses.tolist()])
         plain += flat @ (columns * by_mass).reshape(flat.shape).T
     return normal, slope, plain
+
+
+def _limits(normal: Floats, slope: Floats, priors: Floats, deviation: float) -> Floats:
+    """(t,) what terms do not exceed, with `priors` (2, p) of the coefficients beside which they stand."""
+    information, pull = priors
+    p = len(pull)
+    joined = normal.copy()
+    joined[range(p), range(p)] += information
+    beside, left = _beside(joined, p)
+    scale = np.sqrt(np.maximum(left, _COLLINEAR) * normal.diagonal()[p:])
+    scores = -(slope[p:] - (slope[:p] + pull) @ beside) / (scale * deviation)
+    return np.asarray((np.abs(scores) + NORMAL_95) * deviation / scale)
 
 
 def _beside(normal: Floats, own: int) -> tuple[Floats, Floats]:

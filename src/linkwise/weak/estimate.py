@@ -96,12 +96,10 @@ class WeakForm(Estimator):
                 fit = with_smoothing(record, structure, equations, fit)
             fit, contradicted = with_priors(fit, structure.parameters)
             judged = (
-                judgement(record, structure, equations, fit)
+                judgement(record, structure, equations, fit, contradicted)
                 if converged
                 else WeakJudgement(Verdict.NOT_CONVERGED, _NOT_CONVERGED)
             )
-        if contradicted and not judged.verdict.forbids:
-            judged = WeakJudgement(Verdict.MEASUREMENT_ERROR, _contradiction(contradicted))
         return Estimate(
             method="weak",
             fit_verdicts=(judged.verdict,),
@@ -197,13 +195,6 @@ def weak_search(
 
 def _finite(equations: WeakEquations) -> bool:
     return all(np.isfinite(patch.moments).all() for patch in equations.patches)
-
-
-def _contradiction(contradicted: Sequence[str]) -> str:
-    return (
-        f"The record contradicts what is stated of {', '.join(contradicted)} by more than four standard errors, so no "
-        "interval is given: correct the value or its sigma, or look for an error of a sensor."
-    )
 
 
 _NOT_CONVERGED = (

@@ -56,6 +56,8 @@ class WeakFit:
     significance : array of shape (p,)
         The information of the record on each parameter beside the others, without what noise adds to it, over the standard
         deviation of the latter; infinite at bounds, for large structures, and with priors.
+    response : array of shape (p, p), optional
+        What a change of the values that the record alone gives makes of `values`, which also know priors; None without these.
     """
 
     values: Floats
@@ -63,6 +65,7 @@ class WeakFit:
     free: Bools
     excess: float
     significance: Floats
+    response: Floats | None = None
 
 
 def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,13 @@ class WeakJudgement:
     unseen_terms: tuple[UnseenTerm, ...] = ()
 
 
-def judgement(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> WeakJudgement:
+def judgement(
+    record: Record,
+    structure: Structure,
+    equations: WeakEquations,
+    fit: WeakFit,
+    contradicted: Sequence[str] = (),
+) -> WeakJudgement:
     """What can be said of an answer.
 
     Parameters
@@ -60,6 +67,8 @@ def judgement(record: Record, structure: Structure, equations: WeakEquations, fi
         Its equations on the record.
     fit : WeakFit
         Their solution.
+    contradicted : sequence of str, optional
+        The parameters of which the record contradicts what is known beforehand.
 
     Returns
     -------
@@ -67,7 +76,9 @@ def judgement(record: Record, structure: Structure, equations: WeakEquations, fi
         The finding, and terms that remain possible.
     """
     forbidden = _forbidden(record, structure, equations, fit)
-    return _of_terms(record, structure, equations, fit) if forbidden is None else WeakJudgement(*forbidden)
+    if forbidden is not None:
+        return WeakJudgement(*forbidden)
+    return _of_terms(record, structure, equations, fit, contradicted)
 
 
 def _forbidden(
@@ -130,14 +141,18 @@ def _forbidden(
     return None
 
 
-def _of_terms(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> WeakJudgement:
+def _of_terms(
+    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit, contradicted: Sequence[str]
+) -> WeakJudgement:
     """What terms that laws may lack make of an answer that nothing else takes trust from."""
     scores = efficient_scores(record, structure, equations, fit)
-    if scores is None:
-        return WeakJudgement(Verdict.CONVERGED, f"{_EXPLAINED}.")
-    lacking = scores.significant()
+    lacking = None if scores is None else scores.significant()
     if lacking is not None:
         return WeakJudgement(Verdict.SYSTEMATIC_MISFIT, f"{_EXPLAINED}, but {_left(lacking)}")
+    if contradicted:
+        return WeakJudgement(Verdict.MEASUREMENT_ERROR, _contradiction(contradicted))
+    if scores is None:
+        return WeakJudgement(Verdict.CONVERGED, f"{_EXPLAINED}.")
     values = dict(zip(equations.parameters, map(float, fit.values), strict=True))
     subject = structure.with_values(values), equations, fit
     driven = equations.force is not None or equations.motion.base is not None
@@ -150,6 +165,14 @@ def _of_terms(record: Record, structure: Structure, equations: WeakEquations, fi
             "amplitudes, for longer or with less noise; or add the term to the law.",
         )
     return WeakJudgement(Verdict.CONVERGED, f"{_EXPLAINED}.", unseen_terms(scores, *subject))
+
+
+def _contradiction(contradicted: Sequence[str]) -> str:
+    return (
+        f"The record contradicts what is stated of {', '.join(contradicted)} by more than four standard errors, so no "
+        "interval is given: correct the value or its sigma, or look for an error of a sensor or a term that a law lacks, such "
+        "as friction."
+    )
 
 
 def _skewed(equations: WeakEquations, fit: WeakFit) -> list[str]:

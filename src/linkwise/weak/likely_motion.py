@@ -48,6 +48,8 @@ class LikelyMotion:
         The parameters.
     chi_square : float
         Sum of the squares of the residuals, weighted by their covariance, over its degrees of freedom: 1 for right laws.
+    priors : array of shape (2, p)
+        What priors of the parameters add to the sums of products of their columns, and to the slope by them; 0 without priors.
     """
 
     system: WeakEquations
@@ -55,6 +57,7 @@ class LikelyMotion:
     residuals: tuple[Floats, ...]
     values: Floats
     chi_square: float
+    priors: Floats
 
 
 def likely_motion(
@@ -64,7 +67,7 @@ def likely_motion(
     values: Mapping[str, float],
     free: Collection[str],
 ) -> LikelyMotion | None:
-    """The likeliest motion of a structure and its coefficients, starting with those of the weak form.
+    """The likeliest motion of a structure and its coefficients with their priors, starting with those of the weak form.
 
     Parameters
     ----------
@@ -111,10 +114,12 @@ def likely_motion(
             ResidualNoise.of(patch, system, equations.motion.floored_variance, theta, motion)
             for patch in system.patches
         )
-        step, size, residuals, chi_square = _step(system, noises, theta, own, measured - motion[0])
+        known = _priors(system, own)
+        step, size, residuals, chi_square = _step(system, noises, theta, own, known, measured - motion[0])
         at_rest = size <= _AT_REST and number + 1 >= _ROUNDS[0]
         if at_rest or (number + 1 == _ROUNDS[1] and size <= _NEAR):
-            return LikelyMotion(system, noises, residuals, theta, chi_square)
+            priors = np.stack([known[1], known[1] * (theta + step - known[0])])
+            return LikelyMotion(system, noises, residuals, theta, chi_square, priors)
         if not np.isfinite(size):
             return None
         present = dict(zip(names, (theta + step).tolist(), strict=True))
@@ -153,12 +158,25 @@ def columns_of(patch: Patch, numbers: Indices) -> Floats:
     return columns
 
 
+def _priors(system: WeakEquations, own: Bools) -> tuple[Floats, Floats]:
+    """Means (p,) of the priors, and the information (p,) in them: 0 without one and of those that are not `own`."""
+    parameters = system.structure_layout.structure.parameters
+    means = np.array([parameter.start or 0.0 for parameter in parameters])
+    return means, np.where(own, np.array([parameter.sigma for parameter in parameters]) ** -2.0, 0.0)
+
+
 def _step(
-    system: WeakEquations, noises: tuple[ResidualNoise, ...], theta: Floats, own: Bools, noise: Floats
+    system: WeakEquations,
+    noises: tuple[ResidualNoise, ...],
+    theta: Floats,
+    own: Bools,
+    known: tuple[Floats, Floats],
+    noise: Floats,
 ) -> tuple[Floats, float, tuple[Floats, ...], float]:
     """The step (p,) of the parameters, its largest part in standard errors, weighted residuals after it and chi-square.
 
-    `noise` (n + 2, N) is what the measured displacements have beside the motion of the `system`.
+    `known` are means and information of priors; `noise` (n + 2, N) is what the measured displacements have beside the motion
+    of the `system`.
     """
     numbers, parts = np.flatnonzero(own), []
     normal, slope = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
@@ -169,14 +187,17 @@ def _step(
         normal += np.einsum("irm,jrm->ij", columns, weighted[:-1])
         slope += np.einsum("irm,rm->i", columns, weighted[-1])
         parts.append((residual, weighted))
+    means, information = known
+    normal += np.diag(information[own])
     scale = 1.0 / np.sqrt(np.maximum(normal.diagonal(), np.finfo(float).tiny))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=_COLLINEAR, hermitian=True)
-    scaled = -inverse @ (scale * slope)
+    scaled = -inverse @ (scale * (slope + (information * (theta - means))[own]))
     size = float(np.max(np.abs(scaled) / np.sqrt(inverse.diagonal()), initial=0.0))
     step = np.zeros(len(own))
     step[numbers] = scale * scaled
     residuals = tuple(weighted[-1] + np.tensordot(step[numbers], weighted[:-1], 1) for _, weighted in parts)
-    cost = sum(np.sum(residual * weighted[-1]) for residual, weighted in parts) + slope @ step[numbers]
+    cost = sum(np.sum(residual * weighted[-1]) for residual, weighted in parts)
+    cost += (slope - (information * (theta + step - means))[own]) @ step[numbers]
     count = sum(patch.windows * len(patch.masses) for patch in system.patches) - len(numbers)
     return step, size, residuals, float(cost) / max(count, 1.0)
 

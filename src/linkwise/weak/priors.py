@@ -41,6 +41,8 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
     contradicted = tuple(parameters[i].name for i in known[np.abs(missed) > _CONTRADICTED * unit].tolist())
     lower = np.array([p.lower for p in parameters])
     upper = np.array([p.upper for p in parameters])
+    response = np.eye(len(parameters))
+    response[:, known] -= gain
     joined = replace(
         fit,
         values=np.clip(fit.values + gain @ missed, lower, upper),
@@ -48,5 +50,6 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
         significance=np.where(
             given, np.inf, fit.significance
         ),  # what is known beforehand stands beside the record
+        response=response,
     )
     return joined, contradicted
