@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -53,6 +54,59 @@ def test_prediction_is_that_of_fits_without_each_block(chosen: list[int]) -> Non
     prediction = parabolas().prediction(chosen)
     assert prediction.excess == pytest.approx(excess.sum(), rel=1e-9, abs=1e-9)
     assert prediction.scatter == pytest.approx(np.sqrt(BLOCKS) * excess.std(ddof=1), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("chosen", [[0], [1], [0, 2], [0, 1, 2]])
+def test_what_is_known_beforehand_is_in_every_fit_and_paid_once(chosen: list[int]) -> None:
+    columns, samples, _ = regression()
+    known, deviations = np.array([2.01, 0.2, 0.1]), np.array([0.01, 0.5, 0.02])
+
+    def fitted(blocks: np.ndarray, beside: list[int]) -> np.ndarray:
+        rows = np.concatenate([columns[blocks].reshape(-1, 3), np.diag(1.0 / deviations)])[:, beside]
+        values = np.zeros(3)
+        values[beside] = np.linalg.lstsq(rows, np.append(samples[blocks], known / deviations), rcond=None)[0]
+        return values
+
+    def paid(beside: list[int]) -> np.ndarray:
+        folds = np.arange(BLOCKS)
+        values = [fitted(folds != block, beside) for block in folds]
+        own = [np.sum((samples[block] - columns[block] @ values[block]) ** 2) for block in folds]
+        of_known = [np.sum(((known - some) / deviations) ** 2) for some in values]
+        return np.add(own, np.array(of_known) / BLOCKS)
+
+    values = fitted(np.arange(BLOCKS), [0, 1])
+    beside_prior = replace(
+        parabolas(),
+        slopes=np.einsum("brk,br->bk", columns, samples - columns @ values),
+        values=values,
+        prior=((known - values) / deviations**2, np.diag(deviations**-2.0)),
+    )
+    excess = paid(chosen) - paid([0, 1])
+    prediction = beside_prior.prediction(chosen)
+    assert prediction.excess == pytest.approx(excess.sum(), rel=1e-9, abs=1e-8)
+    assert prediction.scatter == pytest.approx(np.sqrt(BLOCKS) * excess.std(ddof=1), rel=1e-9, abs=1e-8)
+
+
+@pytest.mark.parametrize("channel", ["all", "common"])
+def test_calibrations_of_sensors_leave_predictions_as_they_are(channel: str) -> None:
+    """They were in the first block: a needed term predicted 4900 +- 4900 better, a superfluous one 12 000 worse."""
+    record = chain_record(2, duration=2.0).with_noise(30.0, seed=5)
+    alone, calibrated = (
+        lw.discover(record, {"m1": 1.0, "m2": 0.01}, calibration=calibration)
+        for calibration in ({}, {channel: 0.01})
+    )
+    assert {term.name for term in calibrated.kept} == {term.name for term in alone.kept}
+    [selected] = [point for point in calibrated.path if point.chosen]
+    larger = [point for point in calibrated.path if point.terms > selected.terms]
+    smaller = [point for point in calibrated.path if point.terms < selected.terms]
+    assert len(larger) > 3 and len(smaller) > 3
+    for point in smaller:
+        assert point.prediction > 3.0 * point.scatter
+        assert point.prediction > 0.9 * point.criterion
+    beside = {point.terms: point for point in alone.path}
+    for point in larger:
+        assert abs(point.prediction) < 30.0
+        assert point.scatter < 3.0 * beside[point.terms].scatter
 
 
 def test_the_path_tells_prediction_and_share_of_force() -> None:

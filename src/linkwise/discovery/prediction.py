@@ -3,12 +3,13 @@
 Each block of the records has a parabola of its own about the fit. A model is fitted to all blocks but one, by the sum of their
 parabolas, and pays what that of the block left out says. What it pays more than the selected model, in all blocks together,
 is its `excess`; blocks that disagree give it a scatter (cross-validation over blocks; Geisser, J. Am. Stat. Assoc. 70, 1975).
-States follow the unknowns as the whole record determines.
+States follow the unknowns as the whole record determines. What is known beforehand of the unknowns belongs to no block: every
+fit has the whole of it, and pays an equal part of what it says with each block.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from linkwise.discovery.selection import Selection
 from linkwise.likelihood.block_scores import FEWEST, block_scores
 from linkwise.likelihood.diagnosis import link_forces
 from linkwise.likelihood.score_test import CandidateForce, candidate_forces
+from linkwise.likelihood.shooting.normal_equations import add_prior
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.runtime import one_blas_thread
 
@@ -37,8 +39,9 @@ class PredictionExcess:
 class BlockParabolas:
     """Slopes (B, u) and curvatures (B, u, u) of blocks in u scaled unknowns about a fit, where these have `values` (u,).
 
-    The first `terms` belong to coefficients, the first `selected` of them to those of the fit; the others are errors of
-    sensors, which every model finds. `shares` are those of the force of its link that each term makes, by number.
+    The first of them belong to coefficients, in the places that `numbers` gives, and the first `selected` to those of the fit;
+    the others are errors of sensors, which every model finds. `shares` are those of the force of its link that each term
+    makes, by number. `prior` is the slope (u,) and the curvature (u, u) of what is known beforehand, which are in no block.
     """
 
     slopes: Floats
@@ -47,6 +50,7 @@ class BlockParabolas:
     numbers: dict[int, int]
     selected: int
     shares: dict[int, float]
+    prior: tuple[Floats, Floats] | None = None
 
     def prediction(self, chosen: Collection[int], than: Collection[int] | None = None) -> PredictionExcess:
         """That of the model with the coefficients `chosen`, by number; NaN where it is not determined without a block.
@@ -66,12 +70,15 @@ class BlockParabolas:
         move = -self.values
         move[free] = 0.0
         whole, slope = self.curvatures.sum(axis=0), self.slopes.sum(axis=0)
+        known_slope, known = self.prior or (0.0 * slope, 0.0 * whole)
+        slope, whole = slope + known_slope, whole + known
         paid = np.empty(len(self.slopes))
         for block, (own_slope, own) in enumerate(zip(self.slopes, self.curvatures, strict=True)):
             others = whole - own
             pull = slope - own_slope - others @ move
             moved = move.copy()
             moved[free] = np.linalg.solve(others[np.ix_(free, free)], pull[free])
+            own_slope, own = own_slope + known_slope / len(paid), own + known / len(paid)
             paid[block] = moved @ own @ moved - 2.0 * own_slope @ moved
         return paid
 
@@ -149,16 +156,36 @@ def block_parabolas(
     values = np.zeros(scores.scores.shape[1])
     values[:p] = optimum.point.theta / optimum.scales.theta[:p]
     scale = optimum.noise**2 * _overdispersion(selection, scores.information, optimum.scales.theta[:p], own)
+    shares = _shares(selection, terms, pairs, units, of_links)
+    numbers = {k: place for place, k in enumerate((*range(p), *added))}
+    slope, curvature = np.zeros_like(scores.scores[0]), np.zeros_like(scores.information[0])
+    if segments.prior is not None:
+        add_prior(curvature, slope, segments.prior, misfit.point, optimum.scales)
+    slopes, curvatures = (
+        np.concatenate([[parts[0] - known], parts[1:]])  # the first block has what is known beforehand
+        for parts, known in ((scores.scores, slope), (scores.information, curvature))
+    )
+    prior = slope / scale, curvature / scale
+    return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, shares, prior)
+
+
+def _shares(
+    selection: Selection,
+    terms: Sequence[int],
+    pairs: Sequence[tuple[str, str]],
+    units: Floats,
+    of_links: Mapping[frozenset[str], float],
+) -> dict[int, float]:
+    """By number of the `terms` the parts that they make of the forces of their links; `units` (t,) are those of the terms."""
+    p = len(selection.structure.parameters)
     sizes = selection.quadratic.solve(range(p)).values
     larger = selection.quadratic.additions(range(p))
     by_number = dict(zip(larger.numbers.tolist(), larger.values.tolist(), strict=True))
-    shares = {
+    return {
         k: float(abs(sizes[k] if k < p else by_number[k]) / unit / force)
         for k, unit, pair in zip(terms, units.tolist(), pairs, strict=True)
         if (force := of_links.get(frozenset(pair), 0.0)) > 0.0
     }
-    numbers = {k: place for place, k in enumerate((*range(p), *added))}
-    return BlockParabolas(scores.scores / scale, scores.information / scale, values, numbers, p, shares)
 
 
 def _overdispersion(selection: Selection, curvatures: Floats, theta: Floats, own: int) -> float:
