@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -72,21 +73,77 @@ def test_a_constant_force_on_a_cubic_spring_is_certain() -> None:
     assert not [remark for remark in discovery.remarks if "zero offset" in remark]
 
 
-def test_one_offset_in_a_chain_is_told_in_place_of_forces_on_several_masses() -> None:
+def chain_record(
+    sensors: Sequence[str], offset: float = OFFSET, force: float = 0.0, k3: float = 0.0
+) -> lw.Record:
+    """Of two masses, the first under a constant force in N and on a cubic spring, with `sensors` off their zeros in m."""
     chain = row_of_masses(
         [1.0, 0.5],
         **{
-            "m1-ground": ("k*d + c*v", {"k": 2000.0, "c": 2.0}),
+            "m1-ground": ("k*d + k3*d**3 + c*v + f0", {"k": 2000.0, "k3": k3, "c": 2.0, "f0": force}),
             "m2-m1": ("k*d + c*v", {"k": 900.0, "c": 1.0}),
         },
     )
     shaken = lw.simulate(chain, forces={"m1": FORCE}, duration=8.0, rate=200.0).with_noise(40.0, seed=5)
     values = shaken.values.copy()
-    values[:, shaken.channels.index("x:m1")] += OFFSET
-    shaken = replace(shaken, values=values, simulated=None)
-    discovery = lw.discover(shaken, {"m1": 1.0, "m2": 0.5}, terms="1, cubic")
+    values[:, [shaken.channels.index(sensor) for sensor in sensors]] += offset
+    return replace(shaken, values=values, simulated=None)
+
+
+def test_one_offset_in_a_chain_is_told_in_place_of_forces_on_several_masses() -> None:
+    discovery = lw.discover(chain_record(["x:m1"]), {"m1": 1.0, "m2": 0.5}, terms="1, cubic")
     assert not discovery.trusted
     assert any(remark.startswith("If x:m1 had a zero offset of 0.001 m") for remark in discovery.remarks)
+
+
+@pytest.mark.parametrize(("offset", "force"), [(OFFSET, 0.0), (0.0, -2.0)])
+def test_a_linear_chain_does_not_tell_a_force_from_an_offset_of_all_sensors(
+    offset: float, force: float
+) -> None:
+    """A force of 2 N that was an offset of both sensors was called certain, 250 standard errors from zero."""
+    shaken = chain_record(["x:m1", "x:m2"], offset, force)
+    discovery = lw.discover(shaken, {"m1": 1.0, "m2": 0.5}, terms="1, cubic")
+    assert discovery.trusted
+    assert {term.name for term in discovery.kept if not term.certain} == {"m1-ground.f0"}
+    [remark] = [remark for remark in discovery.remarks if "zero offset" in remark]
+    said, _, size = remark.split(" m, ")[0].rpartition(" ")
+    assert said == (
+        "This record hardly distinguishes m1-ground.f0 from a zero offset that all sensors of displacement have in common: "
+        "if all displacements were off by"
+    )
+    assert float(size) == pytest.approx(OFFSET, rel=0.02)
+
+
+def test_a_cubic_spring_tells_a_force_from_an_offset_of_all_sensors() -> None:
+    both, masses = ["x:m1", "x:m2"], {"m1": 1.0, "m2": 0.5}
+    forced = lw.discover(chain_record(both, 0.0, -2.0, k3=2e6), masses, terms="1, cubic")
+    assert decision(forced, "1") is lw.Decision.CERTAIN
+    assert not [remark for remark in forced.remarks if "zero offset" in remark]
+    shifted = lw.discover(chain_record(both, k3=2e6), masses, terms="1, cubic")
+    assert not shifted.trusted
+    [remark] = [
+        remark for remark in shifted.remarks if remark.startswith("If all displacements were off by ")
+    ]
+    size, _, would = remark.removeprefix("If all displacements were off by ").partition(" m, ")
+    assert float(size) == pytest.approx(OFFSET, rel=0.01)
+    assert would.startswith("m1-ground.f0 and m1-ground.k2 would not be needed")
+    told = lw.discover(chain_record(both, k3=2e6), masses, terms="cubic", offsets=both)
+    assert told.trusted
+    assert {term.name for term in told.kept} == {
+        "m1-ground.k",
+        "m1-ground.k3",
+        "m1-ground.c",
+        "m2-m1.k",
+        "m2-m1.c",
+    }
+    assert [error.value for error in told.estimate.sensor_errors] == pytest.approx([OFFSET, OFFSET], rel=0.01)
+
+
+def test_an_offset_of_all_sensors_that_explains_as_much_is_told_without_a_difference_of_zero() -> None:
+    said = RivalError("common offset", "all displacements", 8e-4, (0,), -0.01).remark(("a.f0",))
+    assert said.endswith(
+        "if all displacements were off by 0.0008 m, the criterion would be the same without it."
+    )
 
 
 @pytest.mark.parametrize(

@@ -36,13 +36,20 @@ _PHRASES = {
     **_STATED,
     "force gain": "{} were {} than recorded",
     "offset": "{} had a zero offset of {}",
+    "common offset": "{} were off by {}",
 }
 _CHECK = "check the value, or let it be unknown"
 _ADVICE = {
     **dict.fromkeys(_STATED, _CHECK),
     "force gain": "check its calibration",
     "offset": "check the zero of the channel, or estimate its offset",
+    "common offset": "check the zeros of the channels, or estimate their offsets and offer no constant force",
 }
+_OFFSETS = {
+    "offset": "a zero offset of a sensor",
+    "common offset": "a zero offset that all sensors of displacement have in common",
+}
+_SAME = 0.05  # of the criterion: rounds to 0.0
 _NAMED = 3
 _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 
@@ -51,7 +58,7 @@ _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 class RivalError:
     """An error of a stated value, `where`, of relative `size`, beside which the `terms`, by number, are not needed.
 
-    Or a zero offset of a channel, in its own unit.
+    Or a zero offset of a channel, in its own unit, or one of all displacements in m.
 
     `excess` is the criterion of that model above that of the selection: below zero the records prefer the error.
     """
@@ -71,8 +78,9 @@ class RivalError:
         """A sentence for the user; `names` are those of all terms by number."""
         size = f"{100.0 * abs(self.size):.2g} % {'more' if self.size > 0.0 else 'less'}"
         of = "an error of what is stated"
-        if self.kind == "offset":
-            size, of = f"{self.size:.3g} {Channel.parse(self.where).unit}", "a zero offset of a sensor"
+        if self.kind in _OFFSETS:
+            unit = "m" if self.kind == "common offset" else Channel.parse(self.where).unit
+            size, of = f"{self.size:.3g} {unit}", _OFFSETS[self.kind]
         error = _PHRASES[self.kind].format(self.where, size)
         terms = " and ".join(names[number] for number in self.terms)
         if self.is_preferred:
@@ -81,7 +89,9 @@ class RivalError:
                 f"{_ADVICE[self.kind]}."
             )
         error = error.replace("a zero offset", "one")
-        change = f"only {self.excess:.1f} higher" if self.excess >= 0.0 else f"{-self.excess:.1f} lower"
+        change = f"only {self.excess:.1f} higher" if self.excess > 0.0 else f"{-self.excess:.1f} lower"
+        if abs(self.excess) < _SAME:
+            change = "the same"
         return (
             f"This record hardly distinguishes {terms} from {of}: if {error}, the criterion would be {change} without "
             f"{'it' if len(self.terms) == 1 else 'them'}."

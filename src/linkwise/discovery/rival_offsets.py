@@ -2,7 +2,8 @@
 
 About another zero of its displacement a linear spring pulls with a constant force, and a cubic one has a quadratic part beside
 that. A selection with such terms and one with the offset of a channel explain a record equally well, or the latter does so
-with fewer terms. In the local quadratic model each constant force in turn gives way to the offset of each channel.
+with fewer terms. In the local quadratic model each constant force in turn gives way to the offset of each channel, and to one
+that all sensors of displacement have in common, as where the equilibrium of a structure is not where its sensors show zero.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
@@ -46,16 +48,23 @@ def rival_offsets(
     tested = [number for number, name in enumerate(shown) if name not in selection.fit.offsets]
     if not (constants and tested):
         return ()
+    errors = [("offset", shown[number]) for number in tested]
+    of_channels = np.eye(len(tested))
+    displacements = np.array([Channel.parse(where).kind == "x" for _, where in errors])
+    if np.count_nonzero(displacements) > 1:
+        errors.append(("common offset", "all displacements"))
+        of_channels = np.column_stack([of_channels, displacements])
     try:
         model = selection.quadratic_beside(
-            _with_offsets(selection.fit.optimum, tested), [f"offset of {shown[number]}" for number in tested]
+            _combined(_with_offsets(selection.fit.optimum, tested), of_channels),
+            [f"{kind} of {where}" for kind, where in errors],
         )
     except np.linalg.LinAlgError:
         return ()
     rivals = [
-        RivalError("offset", shown[channel], size, terms, excess)
+        RivalError(kind, where, size, terms, excess)
         for term in constants
-        for column, channel in enumerate(tested)
+        for column, (kind, where) in enumerate(errors)
         for size, terms, excess in without_term(selection, model, len(names) + column, term)
         if excess < CERTAIN
     ]
@@ -63,6 +72,14 @@ def rival_offsets(
     for rival in sorted(rivals, key=lambda rival: rival.excess):
         best.setdefault(rival.terms, rival)
     return tuple(best.values())
+
+
+def _combined(local: LocalQuadratic, offsets: Floats) -> LocalQuadratic:
+    """The local model in its parameters and in errors that are sums of its last (c,) unknowns, as `offsets` (c, e) says."""
+    p = len(local.slope) - len(offsets)
+    sums = block_diag(np.eye(p), offsets)
+    scatter = None if local.scatter is None else sums.T @ local.scatter @ sums
+    return LocalQuadratic(sums.T @ local.curvature @ sums, sums.T @ local.slope, scatter)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
