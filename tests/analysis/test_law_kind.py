@@ -26,6 +26,9 @@ from linkwise.analysis.law_kind import law_kind
         ("k*max(d - 0.1, 0)", 1.0, "one-sided"),
         ("k*max(d - 0.1, 0) + k*min(d + 0.1, 0)", 1.0, "hardening"),
         ("0*d", 1.0, "damper only"),
+        ("f0*1", 1.0, "constant force"),
+        ("0*f0", 1.0, "damper only"),
+        ("f0 + c*v", 1.0, "damper only"),
     ],
 )
 def test_kind_of_a_law(law: str, reach: float, kind: str) -> None:

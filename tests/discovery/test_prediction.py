@@ -15,6 +15,7 @@ from structures import oscillator
 import linkwise as lw
 from linkwise.discovery.prediction import BlockParabolas, terms_without_gain
 from linkwise.discovery.selection import Selection
+from linkwise.discovery.text import path_rows
 
 BLOCKS, ROWS = 10, 40
 
@@ -138,6 +139,16 @@ def test_the_path_tells_prediction_and_share_of_force() -> None:
     assert ["3", "selected"] in table
     told = discovery.to_dict()["path"]
     assert [point["prediction"] for point in told] == [point.prediction for point in discovery.path]
+
+
+@pytest.mark.parametrize(
+    ("share", "told"), [(1.0, "100 %"), (1.236, "124 %"), (0.514, "51 %"), (0.02249, "2.2 %"), (np.nan, "")]
+)
+def test_shares_of_force_are_told_in_plain_numbers(share: float, told: str) -> None:
+    """A term that makes all of the force of its link was told as 1e+02 %."""
+    point = lw.PathPoint(4, 0.0, 9.0, "- a.k", chosen=False, prediction=8.0, scatter=1.0, share=share)
+    _, row = path_rows(cast("lw.Discovery", SimpleNamespace(path=(point,))))
+    assert row[-1] == told
 
 
 def test_short_records_are_not_divided() -> None:

@@ -10,6 +10,7 @@ from linkwise.expression import differentiate, symbols
 from linkwise.model.link import Link
 
 DAMPER = "damper only"
+CONSTANT = "constant force"
 MEMORY = "memory"
 LINEAR = "linear"
 HARDENING = "hardening"
@@ -28,10 +29,11 @@ _NEGLIGIBLE = (
 def law_kind(link: Link, reach: float) -> str:
     """The kind of a law with known coefficients, at rest and for elongations from -`reach` to `reach` in m.
 
-    "damper only" without an elastic part; "bistable" with two wells ("3 wells" and so on with more); "linear"; "hardening" or
-    "softening" where the force on both sides is larger or smaller than that of the stiffness at 0; "one-sided" where there is
-    no force on one side; "uneven" where one side hardens and the other softens; "negative stiffness" without a well. Of a law
-    with states the kind is that of its force at states of 0, as in "linear with memory", or "memory" where that is no spring.
+    "constant force" where it depends on nothing; "damper only" without an elastic part; "bistable" with two wells ("3 wells"
+    and so on with more); "linear"; "hardening" or "softening" where the force on both sides is larger or smaller than that of
+    the stiffness at 0; "one-sided" where there is no force on one side; "uneven" where one side hardens and the other softens;
+    "negative stiffness" without a well. Of a law with states the kind is that of its force at states of 0, as in "linear with
+    memory", or "memory" where that is no spring.
     """
     kind = _kind_at_rest(link, reach)
     if not link.law.states:
@@ -43,7 +45,8 @@ def _kind_at_rest(link: Link, reach: float) -> str:
     """The kind of the force at v = 0 and states of 0."""
     slope = differentiate(link.law.elastic, "d")
     if "d" not in symbols(link.law.elastic):
-        return DAMPER
+        constant = not link.law.states and "v" not in symbols(link.law.expression)
+        return CONSTANT if constant and link.force(0.0, 0.0) != 0.0 else DAMPER
     count = _well_count(link, reach)
     if count >= 2:
         return BISTABLE if count == 2 else f"{count} wells"

@@ -228,7 +228,7 @@ def path_rows(discovery: Discovery) -> Rows:
     if all(isnan(point.prediction) for point in near):
         return rows
     for point in near:
-        share = f"{100.0 * point.share:.2g} %" if isfinite(point.share) else ""
+        share = _share(100.0 * point.share) if isfinite(point.share) else ""
         judged = (
             ("selected", "", "", "", "")
             if point.chosen
@@ -236,6 +236,11 @@ def path_rows(discovery: Discovery) -> Rows:
         )
         rows.append((str(point.terms), *judged))
     return rows
+
+
+def _share(percent: float) -> str:
+    """A share to two digits, or to whole percents where it has more."""
+    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
 
 def all_remarks(discovery: Discovery) -> tuple[str, ...]:
