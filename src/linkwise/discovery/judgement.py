@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.data_checks import DataChecks
 from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark, widened
 from linkwise.discovery.evidence import (
@@ -24,7 +25,7 @@ from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import model_average
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.prediction import terms_without_gain
-from linkwise.discovery.result import Discovery
+from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.rival_errors import RivalError, rival_errors, rival_remarks
 from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_remarks, rival_forms
 from linkwise.discovery.rival_offsets import rival_offsets
@@ -108,15 +109,13 @@ def judged_discovery(
     trusted = is_trusted(verdicts := (*estimate.verdicts, *(verdict for verdict, _ in search)))
     discovery = Discovery(
         estimate=estimate,
-        terms=term_evidence(
+        terms=_evidence(
             selection,
             candidates,
+            checks,
+            estimate,
             trusted=trusted,
-            collinear=checks.collinear,
-            in_proportion=checks.in_proportion,
             replaceable=_replaceable(selection, estimate, alone, others),
-            shares=unit_shares(selection, candidates) if trusted else {},
-            added=np.asarray(estimate.for_dropped_terms).diagonal(),
         ),
         path=selection_path(selection, parabolas),
         runners_up=runners_up(selection),
@@ -139,6 +138,28 @@ def judged_discovery(
         memory=memory,
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+def _evidence(
+    selection: Selection,
+    candidates: Candidates,
+    checks: DataChecks,
+    estimate: Estimate,
+    *,
+    trusted: bool,
+    replaceable: Collection[int],
+) -> tuple[TermEvidence, ...]:
+    """The evidence for every candidate, beside the `estimate`; terms that are `replaceable` are given by number."""
+    return term_evidence(
+        selection,
+        candidates,
+        trusted=trusted,
+        collinear=checks.collinear,
+        in_proportion=checks.in_proportion,
+        replaceable=replaceable,
+        shares=unit_shares(selection, candidates) if trusted else {},
+        added=np.asarray(estimate.for_dropped_terms).diagonal(),
+    )
 
 
 def _beside_rivals(
