@@ -306,7 +306,7 @@ class StudyError(LinkwiseError):
     ...     lw.read_study("papr")
     ... except lw.StudyError as error:
     ...     print(error)
-    papr: there is no such study; did you mean "paper"?; give a TOML file, or a study that ships with linkwise: paper
+    papr: there is no such study; did you mean "paper"?; give a TOML file, or a study that ships with linkwise: paper, reach
     """
 
     exit_code = 2
