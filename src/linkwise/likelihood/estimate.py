@@ -339,7 +339,7 @@ def estimate_of(
     `delays` in s were found by channel; the laws were searched in the records among those `offered`, or stated. Raises
     IdentificationError where the records do not tell a gain.
     """
-    require_told(fit.untold)
+    require_told(fit)
     values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
     identified = structure.with_values(values)
     fit = with_limits(fit)

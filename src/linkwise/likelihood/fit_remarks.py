@@ -109,7 +109,7 @@ def sensor_errors(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[Sens
     Returns
     -------
     tuple of SensorErrorEstimate
-        Offsets, gains and delays, in this order.
+        Offsets, gains and delays, in this order; none that a search left without a finite standard error.
     """
     sizes: tuple[tuple[ErrorKind, Mapping[str, float]], ...] = (
         ("offset", fit.offsets),
@@ -123,6 +123,7 @@ def sensor_errors(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[Sens
             name, kind, float(value), float(deviation), units.get(kind) or Channel.parse(name).unit
         )
         for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
+        if np.isfinite(value) and np.isfinite(deviation)
     )
 
 

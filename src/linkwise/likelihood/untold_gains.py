@@ -3,15 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
 
 _LARGEST = 0.5  # relative standard error from which a gain is not told
 _COLLINEAR = 1e5
 """Variance of a gain over that with all other unknowns known; the sensitivities, in single precision, resolve some 1e7."""
+
+
+class SearchedGains(Protocol):
+    """A fit: how its search ended, and the channels of the gains that it does not tell, of which nothing is known."""
+
+    @property
+    def status(self) -> AnnealingStatus: ...
+
+    @property
+    def chi_square_off(self) -> bool: ...
+
+    @property
+    def has_errors(self) -> bool: ...
+
+    @property
+    def untold(self) -> tuple[str, ...]: ...
 
 
 def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first: int) -> tuple[str, ...]:
@@ -52,12 +70,17 @@ def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first
     )
 
 
-def require_told(names: Sequence[str]) -> None:
-    """Raise IdentificationError where the records do not tell gains of which nothing is known beforehand."""
-    if names:
+def require_told(fit: SearchedGains) -> None:
+    """Raise IdentificationError where the records do not tell gains of which nothing is known beforehand.
+
+    A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.
+    """
+    converged = fit.status is AnnealingStatus.CONVERGED
+    explained = fit.has_errors and not fit.chi_square_off and fit.status is not AnnealingStatus.INTERRUPTED
+    if fit.untold and (converged or explained):
         raise IdentificationError(
-            f"the records do not tell the gain of {', '.join(names)}: another scale of forces, masses or motion explains them "
-            f"as well. Leave {'it' if len(names) == 1 else 'one of them'} out, or state how well it is "
+            f"the records do not tell the gain of {', '.join(fit.untold)}: another scale of forces, masses or motion explains "
+            f"them as well. Leave {'it' if len(fit.untold) == 1 else 'one of them'} out, or state how well it is "
             "known, by a calibration",
             arguments=("calibration",),
         )
