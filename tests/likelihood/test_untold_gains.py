@@ -6,9 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from present import some
 from structures import link, row_of_masses, structure
 
 import linkwise as lw
+from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.untold_gains import require_told
 
@@ -50,7 +52,7 @@ def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(seed: int, t
 
 
 def test_an_interrupted_search_gives_the_best_so_far() -> None:
-    """Of two gains of which a linear oscillator shows the ratio alone, which a search that ends is refused for."""
+    """Of a gain for which the mass and the law stand as well, so that a search that ends is refused."""
     one = structure({"m1": 1.0}, link("s", "m1-ground", "k*d + c*v", k=900.0, c=0.6))
     reports: list[lw.ProgressReport] = []
 
@@ -59,7 +61,10 @@ def test_an_interrupted_search_gives_the_best_so_far() -> None:
         if len(reports) == 2:
             raise KeyboardInterrupt
 
-    fit = lw.identify(driven(one), one.unknown("all"), gains=["x:m1", "force:m1"], progress=stop)
+    record, asked = driven(one), one.unknown("all", "mass:m1")
+    with pytest.raises(lw.IdentificationError, match="do not tell the gain of x:m1"):
+        lw.identify(record, asked, gains=["x:m1"])
+    fit = lw.identify(record, asked, gains=["x:m1"], progress=stop)
     assert not fit.trusted
     assert "nterrupted" in fit.message and "best so far" in fit.message
 
@@ -93,3 +98,37 @@ def test_only_a_search_that_reached_the_records_says_what_they_tell(
         return
     with pytest.raises(lw.IdentificationError, match=r"do not tell the gain of force:m1: .* Leave it out"):
         require_told(fit)
+
+
+ALL_OF_PAIR = ["x:m1", "x:m2", "force:m1", "force:m2"]
+
+
+def test_unknown_gains_of_every_channel_are_refused_unless_a_known_law_sets_the_scale() -> None:
+    """Twice the forces make twice the motion where every cubic is a quarter of itself."""
+    record = driven()
+    with pytest.raises(
+        lw.IdentificationError,
+        match=r"do not tell the gain of x:m1, .*force:m2: every channel .* one of them out",
+    ) as refusal:
+        lw.identify(record, ASKED, gains=ALL_OF_PAIR)
+    assert refusal.value.arguments == ("calibration",)
+    fit = lw.identify(record, PAIR.unknown("lower.k", "lower.c", "upper"), gains=ALL_OF_PAIR)
+    assert fit.trusted
+    for error in some(fit.sensor_errors):
+        assert abs(error.value - 1.0) < 5.0 * error.standard_error < 0.25
+    for gains in (ALL_OF_PAIR[:3], ALL_OF_PAIR[1:]):
+        assert lw.identify(record, ASKED, gains=gains).trusted
+
+
+def test_the_gain_of_a_force_that_is_zero_throughout_is_refused() -> None:
+    """It was said of its gain that another scale explains the records as well."""
+    record = driven(force_m1=0.0)
+    for keywords in ({"gains": ["force:m1"]}, {"delays": ["force:m1"]}):
+        with pytest.raises(
+            lw.IdentificationError, match=r"no gain or delay of force:m1 .* is 0 throughout the record"
+        ):
+            lw.identify(record, ASKED, **keywords)  # type: ignore[arg-type]  # of one of the keywords
+    with pytest.raises(lw.IdentificationError, match="0 throughout the records"):
+        lw.identify([record, driven(seed=42, force_m1=0.0)], ASKED, gains=["force:m1"])
+    acting = errors_to_find([record, driven(seed=42)], gains=["force:m1"])  # in one of two
+    assert acting["gains"] == ("force:m1",)

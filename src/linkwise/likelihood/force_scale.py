@@ -1,4 +1,4 @@
-"""Whether anything sets the scale of the forces: the motion alone tells only ratios of masses and coefficients."""
+"""Whether anything sets the scales of forces and motion: the motion alone tells only ratios of masses and coefficients."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.units import base_exponents
 from linkwise.weak.fit import NO_FORCE_SCALE
 
 _OF_FORCE = re.compile(r"\b(N|kg)\b")
 _TRIED = np.array([-0.7, -0.2, 0.3, 0.9])  # elongations and rates
+_UNITLESS = ("", "?")
 _ANY, _FACTOR = 0.5, 2.0  # value of an unknown, and what it is multiplied by
 
 
@@ -25,10 +27,12 @@ def require_force_scale(
 ) -> None:
     """Raise IdentificationError where one factor to all masses and coefficients would not change the motion.
 
-    Forces of `unknown_gains`, of which nothing is known, would change with them.
+    Forces of `unknown_gains`, of which nothing is known, would change with them. Where every channel has such a gain, a factor
+    to forces and motion together must change what is known, too.
     """
     if structure.hosts or structure.topology.states:
         return
+    _require_scale_of_motion(records, structure, unknown_gains)
     channels = dict.fromkeys(name for record in records for name in record.channels)
     forces = [name for name in channels if Channel.parse(name).kind in ("force", "f")]
     if not set(forces) <= set(unknown_gains):
@@ -48,6 +52,42 @@ def require_force_scale(
             "by a calibration",
             arguments=("calibration",),
         )
+
+
+def _require_scale_of_motion(
+    records: Sequence[Record], structure: Structure, unknown_gains: Sequence[str]
+) -> None:
+    """Raise IdentificationError where every channel has an unknown gain, and larger forces make a larger motion alike."""
+    channels = dict.fromkeys(name for record in records for name in record.channels)
+    if not channels or not set(channels) <= set(unknown_gains):
+        return
+    free = {
+        member
+        for parameter in structure.parameters
+        if parameter.sigma == np.inf
+        for member in parameter.members
+    }
+    if all(
+        _grows(link, {name for index, name in free if index == number})
+        for number, link in enumerate(structure.links)
+    ):
+        raise IdentificationError(
+            f"the records do not tell the gain of {', '.join(channels)}: every channel has an unknown one, and a larger "
+            "motion by larger forces is as likely. "
+            f"Leave {'it' if len(channels) == 1 else 'one of them'} out, or state how well it is known, by a calibration",
+            arguments=("calibration",),
+        )
+
+
+def _grows(link: Link, free: set[str]) -> bool:
+    """Whether the force of a link grows as its motion, if lengths in the units of its `free` coefficients do."""
+    values = {name: _ANY if own.value is None else own.value for name, own in link.coefficients.items()}
+    units = {name: link.law.units[name] for name in free}
+    lengths = {name: float(base_exponents(unit)[1]) for name, unit in units.items() if unit not in _UNITLESS}
+    larger = {name: value * _FACTOR ** lengths.get(name, 0.0) for name, value in values.items()}
+    force = link.law.force(_TRIED, _TRIED[::-1], values)
+    more = link.law.force(_FACTOR * _TRIED, _FACTOR * _TRIED[::-1], larger)
+    return bool(np.allclose(more, _FACTOR * force, rtol=1e-9, atol=0.0))
 
 
 def _scales(link: Link, free: set[str]) -> bool:

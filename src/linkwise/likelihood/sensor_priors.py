@@ -7,6 +7,8 @@ from dataclasses import replace
 from math import hypot, isinf
 from typing import Any
 
+import numpy as np
+
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.sensor_unknowns import ALL, by_channel, late_channels
 from linkwise.records.channel import FORCE
@@ -42,12 +44,14 @@ def errors_to_find(
     Raises
     ------
     IdentificationError
-        If records state different things of a channel, or a gain, delay or calibration is that of none in them.
+        If records state different things of a channel, a gain, delay or calibration is that of none in them, or a gain or
+        delay that of a force that is 0 throughout.
     """
     stated = _stated(records)
     requested = dict(calibration or {})
     inputs, forces = records[0].inputs, _forces(records[0])
     _require_recorded((*gains, *delays), forces)
+    _require_acting((*gains, *delays), records)
     delays = [
         channel
         for name in delays
@@ -109,6 +113,21 @@ def _require_recorded(named: Sequence[str], forces: Sequence[str]) -> None:
                 f"no gain or delay of {name} can be estimated{near_miss(name, forces)}: the record "
                 f"{'has the forces ' + ', '.join(forces) if forces else 'shows no applied force'}"
             )
+
+
+def _require_acting(named: Sequence[str], records: Sequence[Record]) -> None:
+    """Raise IdentificationError for an error of a force that its channel shows nowhere."""
+    for name in dict.fromkeys(named):
+        if name.startswith(FORCE) and not any(np.any(record.channel(name)) for record in records):
+            raise IdentificationError(
+                f"no gain or delay of {name} can be estimated: it is 0 throughout the {_records(len(records))}. If no force "
+                "acts there, leave its gain and delay out; if one does, its channel is dead, and the motion cannot be "
+                "explained without it"
+            )
+
+
+def _records(count: int) -> str:
+    return "record" if count == 1 else "records"
 
 
 def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
