@@ -20,6 +20,7 @@ from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local
 from linkwise.likelihood.sensors import SensorModel
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories
 from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.single_tests import single_tests
 from linkwise.model.law import Law
 
 #: Of sqrt(H_ii H_jj): tangents are in single precision, and forces that are not there pass through the middles of the steps
@@ -237,3 +238,20 @@ def test_masses_at_rest_and_no_forces_do_no_harm(
     never = local_quadratic(fit.optimum, [CandidateForce(1, 0, Law.parse("max(d - 1, 0)")), PAIRS[0].force])
     assert never.curvature[p, p] == 0.0 == never.slope[p]
     assert never.curvature[p + 1, p + 1] > 0.0
+
+
+@pytest.mark.parametrize("rounding", [-6.7e-6, 0.0, 6.7e-6])
+def test_a_column_of_which_rounding_is_left_is_not_tested(rounding: float) -> None:
+    """An offset that drifts stand for: what their elimination leaves of it is rounding, in the variance of its score as well.
+
+    Numbers of a record with drifts of pieces of 0.3 s, whose diagnosis told a gain of 8e299.
+    """
+    curvature, slope = np.diag([7.2e6, 7.2e6, 491.8]), np.array([0.0, 4e3, 3e-3])
+    scatter = np.diag([5e6, 5e6, rounding])
+    tests = single_tests(curvature, slope, scatter, 1)
+    assert tests.gains[0] == pytest.approx(4e3**2 / 5e6)  # of a column beside it, which is tested
+    assert tests.gains[1] == 0.0
+    assert np.isfinite(tests.sizes).all() and np.isfinite(tests.deviations).all()
+    least = 0.05 / 1.95  # of white noise at the Nyquist frequency, with a pole of 0.95
+    coloured = single_tests(curvature, slope, np.diag([5e6, 5e6, least * 491.8]), 1)
+    assert coloured.gains[1] == pytest.approx(3e-3**2 / (least * 491.8))

@@ -9,6 +9,8 @@ import numpy as np
 from linkwise.arrays import Floats
 
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a column beside the coefficients of the laws
+_ROUNDED = 1e-6
+"""Of what is left: variance of its score in coloured noise, below which both are rounding; a pole of 0.95 leaves 2.6 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,8 @@ class SingleTests:
 def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: int) -> SingleTests:
     """Test the columns that follow the `parameters`.
 
-    `scatter` is the covariance of the slope, which is the curvature where noise is white.
+    `scatter` is the covariance of the slope, which is the curvature where noise is white. A column of which the coefficients,
+    or unknowns that were eliminated, leave nothing but rounding gains nothing.
     """
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     scaled, gradient = curvature / np.outer(scale, scale), slope / scale
@@ -52,7 +55,8 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: 
         coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
         followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
         variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
-        variance = np.where(tested, np.maximum(variance, np.finfo(float).tiny), 1.0)
+        tested &= variance > _ROUNDED * left
+        variance = np.where(tested, variance, 1.0)
     gains = np.where(tested, score**2 / variance, 0.0)
     changes = -projection[:, :-1] * (score / left) / scale[own, None]
     return SingleTests(gains, score / left / scale[added], np.sqrt(variance) / left / scale[added], changes)
