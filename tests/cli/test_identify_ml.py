@@ -142,6 +142,8 @@ def test_a_delay_is_found_or_taken_out(files: Path) -> None:
         (("--calibration", "all=1"), "such as x:m1=1%, got '1': is it 1% or 100%?"),
         (("--calibration", "all=1%%"), "--calibration takes a percentage"),
         (("--calibration", "x:m1"), "--calibration"),
+        (("--calibration", "x:m9=1%"), "--calibration: no calibration of x:m9 can be stated"),
+        (("--calibration", "x:m1=-1%"), "--calibration: the calibration of x:m1 must be"),
         (("--let", "gain", "--method", "weak"), "--let is for --method ml"),
     ],
 )

@@ -24,7 +24,7 @@ from linkwise.cli.options import (
 )
 from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.cli.sensor_options import sensor_options
+from linkwise.cli.sensor_options import refuse_foreign_calibration, sensor_options
 from linkwise.cli.structure_file import tell_of_hosts
 from linkwise.lazy import lazy_module
 
@@ -181,6 +181,7 @@ def discover(
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
+        refuse_foreign_calibration(errors.get("calibration", {}), records[0])
         step(lw.ProgressReport(0.0, "looking at the record"))
         for remark in lw.check_discovery(records, masses, options):
             tell(f"note: {remark}")

@@ -24,7 +24,7 @@ from linkwise.cli.options import (
 )
 from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.cli.sensor_options import sensor_options
+from linkwise.cli.sensor_options import refuse_foreign_calibration, sensor_options
 from linkwise.cli.structure_file import read_told
 from linkwise.identification.methods import METHODS
 from linkwise.lazy import lazy_module
@@ -165,6 +165,7 @@ def identify(
         tell(f"note: {remark}")
     with progress("reading") as step:
         records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
+        refuse_foreign_calibration(ml.get("calibration", {}), records[0])
         step(lw.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,

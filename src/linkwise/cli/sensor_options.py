@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
+import linkwise as lw
 from linkwise.cli.options import comma_separated, pairs
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.likelihood import sensor_priors as priors
+else:
+    priors = lazy_module("linkwise.likelihood.sensor_priors")  # for those who state a calibration
 
 _KINDS = ("gain", "offset", "delay")
 
@@ -43,6 +50,16 @@ def _admitted(context: click.Context, option: click.Parameter, texts: tuple[str,
         if kind not in _KINDS:
             raise click.UsageError(f'unknown error of a sensor "{kind}"; choose from {", ".join(_KINDS)}.')
     return kinds
+
+
+def refuse_foreign_calibration(calibration: Mapping[str, float], record: lw.Record) -> None:
+    """Raise UsageError for a calibration of a channel that `record` lacks, or of a size that none has."""
+    if not calibration:
+        return
+    try:
+        priors.require_calibration(record, calibration)
+    except lw.IdentificationError as error:
+        raise click.UsageError(f"--calibration: {error}.") from error
 
 
 def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
