@@ -19,6 +19,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
+from linkwise.likelihood.sensor_priors import errors_to_find
 from linkwise.likelihood.shooting import curved_step, damped_step
 
 command = import_module("linkwise.cli.identify")  # the package holds the command under that name
@@ -152,6 +153,16 @@ def test_wrong_calibrations_are_wrong_usage(
 ) -> None:
     assert run(arguments(files, *options)) == 2
     assert said in capsys.readouterr().err
+
+
+def test_the_help_says_what_a_calibration_of_all_stands_for(capsys: pytest.CaptureFixture[str]) -> None:
+    """It said sensors of motion, and gave the load cell of a link a gain as well."""
+    channels = {"x:m1": np.arange(64.0), "f:spring": np.arange(64.0) ** 2, "force:m1": np.arange(64.0) ** 3}
+    record = lw.Record.from_arrays(np.arange(64) / 100.0, channels)
+    assert set(errors_to_find([record], calibration={"all": 0.01})["calibration"]) == {"x:m1", "f:spring"}
+    assert run(["identify", "--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "all= for each sensor of a response, also of the force in a link" in shown
 
 
 @pytest.mark.parametrize(("word", "loss"), [("huber", lw.Huber()), ("student", lw.Student())])

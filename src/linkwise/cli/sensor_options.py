@@ -70,8 +70,8 @@ def sensor_options(remark: str = "") -> tuple[Callable[[Any], Any], ...]:
             metavar="CHANNEL=PERCENT%",
             multiple=True,
             callback=_calibration,
-            help="Uncertainty of the gain of a sensor or an applied force; all= for each sensor of motion, common= for a "
-            "factor that these share"
+            help="Uncertainty of the gain of a sensor or an applied force; all= for each sensor of a response, also of the "
+            "force in a link, common= for a factor that these share"
             f"{remark}. Repeatable.",
         ),
         click.option(
