@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -117,3 +118,37 @@ def test_wrong_input_is_one_paragraph(
 def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["validate", "--help"]) == 0
     assert "linkwise validate second.csv answer -o validation" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("gain", "stated", "code", "removed"),
+    [
+        (1.05, (), 0, True),
+        (1.05, ("--gain", "force:m1=1.05"), 0, False),
+        (1.05, ("--gain", "force:m1=1.05+-1%"), 0, False),
+        (1.05, ("--gain", "force:m1=+-1%"), 0, True),  # nothing was taken out
+        (1.0, (), 3, True),
+        (1.0, ("--gain", "force:m1=1"), 0, False),
+    ],
+)
+def test_a_gain_that_is_stated_counts_in_place_of_what_the_answer_found(
+    gain: float, stated: tuple[str, ...], code: int, removed: bool, tmp_path: Path, place: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Both were taken out, and a record of a load cell that was repaired could not be told."""
+
+    def written(name: str, factor: float) -> str:
+        record = lw.read_record(place / f"{name}.csv")
+        values = record.values.copy()
+        values[:, record.channels.index("force:m1")] *= factor
+        lw.write_record(replace(record, values=values), tmp_path / f"{name}.csv")
+        return str(tmp_path / f"{name}.csv")
+
+    first = lw.read_record(written("run1", 1.05))
+    lw.write_result(
+        lw.identify(first, duffing(900.0).unknown("all"), gains=["force:m1"]), tmp_path / "answer"
+    )
+    assert run(["validate", written("run2", gain), str(tmp_path / "answer"), *stated]) == code
+    said = " ".join(capsys.readouterr().out.split())
+    assert ("! The gain of force:m1 that the answer found, 1.0" in said) is not removed
+    assert ("Removed from the record, as found by the answer: gain of force:m1" in said) is removed

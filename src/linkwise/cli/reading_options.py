@@ -128,6 +128,16 @@ class ReadingOptions:
             if _stated_error(kind, text)[1].sigma
         )
 
+    def removed_errors(self, record: lw.Record) -> dict[str, list[str]]:
+        """The kinds of errors, by channel of `record`, that options state with a size, and that it is without."""
+        removed: dict[str, list[str]] = {}
+        for kind, none in _NONE.items():
+            for text in getattr(self, kind):
+                name, stated = _stated_error(kind, text)
+                if name in record.channels and (stated.value != none or not stated.sigma):
+                    removed.setdefault(name, []).append(kind)
+        return removed
+
     def refuse_unknown_errors(self) -> None:
         """Raise UsageError for an error of a sensor of which nothing is known, which `identify` and `discover` find."""
         for kind, example in _EXAMPLES.items():

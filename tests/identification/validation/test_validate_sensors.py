@@ -96,3 +96,23 @@ def test_what_is_no_error_of_a_sensor_is_refused(change: dict[str, object]) -> N
     assert lw.SensorErrorEstimate.from_dict(error.to_dict()) == error
     with pytest.raises(ValueError, match="not an error of a sensor"):
         lw.SensorErrorEstimate.from_dict({**error.to_dict(), **change})
+
+
+def test_what_the_record_is_without_is_not_taken_out_again() -> None:
+    """A gain that was taken out was taken out twice, and a sensor that was repaired could not be told."""
+    answer = lw.identify(shown(3, gain=1.1), duffing().unknown("all"), gains=["x:m1"])
+    repaired = shown(4)
+    assert not lw.validate(repaired, answer).trusted
+    for kinds in (["gain"], ["offset", "gain"]):
+        validation = lw.validate(repaired, answer, corrected={"x:m1": kinds})
+        assert validation.trusted
+        (remark,) = (line for line in validation.remarks if "found" in line)
+        assert remark.startswith("The gain of x:m1 that the answer found, 1.") and "not removed" in remark
+    other = lw.validate(shown(4, gain=1.1), answer, corrected={"x:m1": ["offset", "delay"]})
+    assert other.trusted and any("Removed from the record" in line for line in other.remarks)
+
+
+@pytest.mark.parametrize("corrected", [{"x:m9": ["gain"]}, {"x:m1": ["colour"]}])
+def test_what_is_corrected_must_be_an_error_of_a_channel(corrected: dict[str, list[str]]) -> None:
+    with pytest.raises(lw.IdentificationError, match="corrected takes errors that the record is without"):
+        lw.validate(shown(4), duffing(), corrected=corrected)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from linkwise.errors import RecordError
+from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.sensor_error import SensorErrorEstimate
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
@@ -15,15 +15,23 @@ _ORDER = ("offset", "gain", "delay")  # in which they are undone: an offset is a
 
 
 def without_found_errors(
-    record: Record, errors: Sequence[SensorErrorEstimate]
+    record: Record, errors: Sequence[SensorErrorEstimate], corrected: Mapping[str, Sequence[str]]
 ) -> tuple[Record, tuple[str, ...]]:
     """The record as it would be without the `errors`, and sentences on what was taken out and what was not.
 
-    The standard errors are what is known of the sensors then, in place of what the record states.
+    The standard errors are what is known of the sensors then, in place of what the record states. Errors of the kinds that
+    are `corrected`, by channel, stay: the record is without them. Raises IdentificationError for another kind or channel.
     """
+    _require_kinds(corrected, record)
     taken_out, remarks = [], []
     for error in sorted(errors, key=lambda error: _ORDER.index(error.kind)):
         if error.channel not in record.channels:
+            continue
+        if error.kind in corrected.get(error.channel, ()):
+            remarks.append(
+                f"The {error.kind} of {error.channel} that the answer found, {error.value:.6g}{_unit(error)}, was not "
+                "removed: what is stated of it for this record counts."
+            )
             continue
         try:
             record = _without(record, error)
@@ -39,6 +47,26 @@ def without_found_errors(
             f"adjusted since, identify again."
         )
     return record, tuple(remarks)
+
+
+def _require_kinds(corrected: Mapping[str, Sequence[str]], record: Record) -> None:
+    for channel, kinds in corrected.items():
+        wrong = next((kind for kind in kinds if kind not in _ORDER), None)
+        if wrong is not None or channel not in record.channels:
+            reason = (
+                f"the {wrong} of a channel; choose from {', '.join(_ORDER)}"
+                if wrong
+                else "a channel of the record"
+            )
+            raise IdentificationError(
+                f"corrected takes errors that the record is without, by channel, got {channel}: {', '.join(kinds)}, which is "
+                f"not {reason}",
+                arguments=("corrected",),
+            )
+
+
+def _unit(error: SensorErrorEstimate) -> str:
+    return "" if error.unit == "1" else f" {error.unit}"
 
 
 def _without(record: Record, error: SensorErrorEstimate) -> Record:

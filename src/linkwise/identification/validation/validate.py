@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
@@ -45,6 +46,7 @@ def validate(
     *,
     burn: float | None = None,
     model_error: float | None = None,
+    corrected: Mapping[str, Sequence[str]] | None = None,
     progress: Progress = silent,
 ) -> Validation:
     """Predict a record with a structure that was identified from others, and compare.
@@ -68,6 +70,9 @@ def validate(
     model_error : float, optional
         Part of the forces that the laws are known to leave, by root mean squares. By default that of a trusted estimate, or
         0.
+    corrected : mapping of str to sequence of {"offset", "gain", "delay"}, optional
+        Errors of sensors, by channel, that the record is without: you took them out, or the sensor was exchanged. What the
+        answer found of these is not taken out again.
     progress : Progress
         Called with a `ProgressReport` now and then.
 
@@ -82,7 +87,8 @@ def validate(
         If the record has no response of the structure, a force on another mass, an input with gaps or no motion
         of a base, or is too short for the burn.
     IdentificationError
-        If the motion of the base is not known well enough for a link or a channel.
+        If the motion of the base is not known well enough for a link or a channel, or what is `corrected` is no error of a
+        channel.
     StructureError
         If a coefficient has no value.
     SimulationError
@@ -106,7 +112,7 @@ def validate(
     law_error = _law_error(given.model_error if model_error is None else model_error)
     scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
     unscored = _unscored(record, scored)
-    scored, taken_out = without_found_errors(scored, given.sensor_errors)
+    scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
     samples, prediction, steps, noise = predicted(scored, given, burn, law_error, part(progress, 0.0, 0.6))
