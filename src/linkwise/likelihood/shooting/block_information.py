@@ -172,4 +172,5 @@ def _subtract_products(
 
 def _product(rows: Floats, others: Floats) -> Floats:
     """(q, c) sum over segments and rows of (k, r, q) times (k, r, c)."""
-    return np.asarray(rows.reshape(-1, rows.shape[2]).T @ others.reshape(-1, others.shape[2]))
+    count = rows.shape[0] * rows.shape[1]  # no -1, which columns that there are none of leave open
+    return np.asarray(rows.reshape(count, rows.shape[2]).T @ others.reshape(count, others.shape[2]))
