@@ -311,7 +311,7 @@ def test_longer_segments_have_the_same_optimum(
     apart = evaluate(torn.segments, torn.point, torn.scales, torn.loss)
     assert in_longer_segments(replace(fit, optimum=torn, misfit=apart))[0] is torn
 
-    monkeypatch.setattr(LongerSegments, "of", lambda segments: None)
+    monkeypatch.setattr(LongerSegments, "of", lambda *_: None)
     short = fitted(*chain_of_14)
     errors = np.sqrt(np.diag(short.covariance))
     assert in_longer_segments(short)[0] is short.optimum
