@@ -1,7 +1,7 @@
 """Score tests of terms at the likeliest motion, where residuals have the weight that their covariance gives them.
 
 The tests of `score_tests` weight every window alike. Where inertia and stiffness nearly cancel, as under a sine near a
-resonance, most of what they sum is noise of frequencies at which the motion tells nothing: friction that moves a damping by
+resonance, most of what they sum is noise at frequencies that the motion does not contain: friction that moves a damping by
 30 of its standard errors stays unseen. These tests lose nothing (Rao 1948), and bound the size of each term as closely as the
 record does. They cost a few times as much and are made last, of structures of few masses.
 """
