@@ -17,7 +17,8 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.hosts import require_supported, tuned_modes
-from linkwise.likelihood.starts.kalman import LinearModel, log_likelihood
+from linkwise.likelihood.starts.kalman import log_likelihood
+from linkwise.likelihood.starts.linear_model import LinearModel
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

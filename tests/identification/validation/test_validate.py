@@ -325,3 +325,25 @@ def test_an_answer_that_no_state_lets_follow_the_record_is_refused() -> None:
     absurd = chain.unknown("nes1.beta").with_values({"nes1.beta": 1e16})
     with pytest.raises(lw.SimulationError, match="no state is found from which the answer follows"):
         lw.validate(record, absurd)
+
+
+def test_a_linear_host_with_overdamped_modes_is_validated() -> None:
+    """Nothing but the state at the start is unknown there: covariances of a filter sink to rounding."""
+    rng = np.random.default_rng(7)
+    modes = tuple(
+        lw.HostMode(
+            lw.Coefficient.number(frequency),
+            lw.Coefficient.number(damping),
+            {point: 0.1 * float(rng.normal()) for point in ("tip", "mid")},
+        )
+        for frequency, damping in ((5.0, 0.01), (9.0, 2.0), (20.0, 0.01), (33.0, 0.02), (48.0, 3.0))
+    )
+    wing = lw.Structure("wing", (), (), (lw.Host("wing", modes),))
+    record = lw.simulate(
+        wing,
+        forces={"wing.tip": "20*exp(-((t - 0.5)/0.01)**2) + 3*sin(70*t)"},
+        duration=5.0,
+        rate=200.0,
+        sensors=["a:wing.tip", "a:wing.mid"],
+    ).with_noise(40.0, seed=1)
+    assert lw.validate(record, wing).trusted

@@ -11,7 +11,7 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
-from linkwise.likelihood.starts.kalman import LinearModel
+from linkwise.likelihood.starts.linear_model import LinearModel
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
