@@ -77,21 +77,22 @@ def row_of_masses(masses: Sequence[float], **links: tuple[str, Mapping[str, Valu
 def host(
     name: str,
     frequencies: Sequence[Value],
-    damping: float,
+    damping: float | Sequence[float],
     shapes: Mapping[str, Sequence[float]],
     between: Mapping[tuple[int, int], Value] | None = None,
 ) -> lw.Host:
-    """A host by the frequencies of its modes in Hz, a part of critical damping, and the shapes of its points by mode.
+    """A host by the frequencies of its modes in Hz, parts of critical damping, and the shapes of its points by mode.
 
     Damping `between` modes is in N s/m.
     """
+    parts = [damping] * len(frequencies) if isinstance(damping, float) else damping
     modes = (
         lw.HostMode(
             coefficient(frequency),
-            coefficient(damping),
+            coefficient(part),
             {point: shape[r] for point, shape in shapes.items()},
         )
-        for r, frequency in enumerate(frequencies)
+        for r, (frequency, part) in enumerate(zip(frequencies, parts, strict=True))
     )
     return lw.Host(name, tuple(modes), damping=between or {})
 

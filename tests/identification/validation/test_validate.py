@@ -329,16 +329,9 @@ def test_an_answer_that_no_state_lets_follow_the_record_is_refused() -> None:
 
 def test_a_linear_host_with_overdamped_modes_is_validated() -> None:
     """Nothing but the state at the start is unknown there: covariances of a filter sink to rounding."""
-    rng = np.random.default_rng(7)
-    modes = tuple(
-        lw.HostMode(
-            lw.Coefficient.number(frequency),
-            lw.Coefficient.number(damping),
-            {point: 0.1 * float(rng.normal()) for point in ("tip", "mid")},
-        )
-        for frequency, damping in ((5.0, 0.01), (9.0, 2.0), (20.0, 0.01), (33.0, 0.02), (48.0, 3.0))
-    )
-    wing = lw.Structure("wing", (), (), (lw.Host("wing", modes),))
+    frequencies, damping = (5.0, 9.0, 20.0, 33.0, 48.0), (0.01, 2.0, 0.01, 0.02, 3.0)
+    shapes = {"tip": (0.1, -0.05, 0.1, 0.03, -0.08), "mid": (0.04, 0.1, -0.07, 0.02, 0.05)}
+    wing = structure({}, hosts=(host("wing", frequencies, damping, shapes),))
     record = lw.simulate(
         wing,
         forces={"wing.tip": "20*exp(-((t - 0.5)/0.01)**2) + 3*sin(70*t)"},
