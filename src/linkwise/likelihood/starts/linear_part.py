@@ -187,15 +187,23 @@ def inputs_of(record: Record) -> Floats:
 
 
 def _discrete(rates: Floats, drive: Floats, intensity: Floats, step: float) -> tuple[Floats, Floats, Floats]:
-    """Transition, process covariance (by Van Loan's method) and effect of inputs over a step."""
+    """Transition, process covariance and effect of inputs over a step.
+
+    Van Loan's method runs a motion back in time, where that of an overdamped mode grows beyond all digits. It serves for a
+    part of the step that is short for every mode, from which the covariance of the whole follows by doubling.
+    """
     m, r = len(rates), drive.shape[1]
     augmented = np.zeros((m + r, m + r))
     augmented[:m, :m], augmented[:m, m:] = rates, drive
     whole = scipy.linalg.expm(augmented * step)
-    scale = np.sqrt(np.maximum(intensity, 0.0))
+    fastest = float(np.abs(np.linalg.eigvals(rates)).max(initial=0.0)) * step
+    doublings = max(0, int(np.ceil(np.log2(max(fastest, 1.0)))))
     block = np.zeros((2 * m, 2 * m))
-    block[:m, :m], block[:m, m:], block[m:, m:] = -rates, np.diag(scale**2), rates.T
-    loaned = scipy.linalg.expm(block * step)
+    block[:m, :m], block[:m, m:], block[m:, m:] = -rates, np.diag(np.maximum(intensity, 0.0)), rates.T
+    loaned = scipy.linalg.expm(block * (step / 2**doublings))
     transition = loaned[m:, m:].T
     process = transition @ loaned[:m, m:]
+    for _ in range(doublings):
+        process = process + transition @ process @ transition.T
+        transition = transition @ transition
     return whole[:m, :m], 0.5 * (process + process.T), whole[:m, m:]
