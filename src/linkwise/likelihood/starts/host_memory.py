@@ -16,10 +16,9 @@ from linkwise.likelihood.starts.hosts import (
     HostMotion,
     host_motions,
     require_supported,
-    tuned_part,
-    with_starts,
 )
 from linkwise.likelihood.starts.memory import MOST_SAMPLES, MemorySearch, Valley
+from linkwise.likelihood.starts.mode_tuning import tuned_part, with_starts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise

@@ -11,16 +11,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.coefficients import start_of_links
 from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
 from linkwise.likelihood.starts.inverse_dynamics import LinkSignals
-from linkwise.likelihood.starts.kalman import Smoothed, innovations, log_likelihood, smooth
+from linkwise.likelihood.starts.kalman import Smoothed, smooth
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
 from linkwise.likelihood.starts.link_states import follow_states
+from linkwise.likelihood.starts.mode_tuning import likeliest_change, tuned_modes, tuned_part, with_starts
 from linkwise.likelihood.starts.rigid_motions import require_placed
 from linkwise.model.host_damping import is_between_modes
 from linkwise.model.parameters import is_shape
@@ -29,16 +29,7 @@ from linkwise.records.channel import Channel
 from linkwise.records.checks import require_complete
 from linkwise.records.record import Record
 
-_TRIED = 2000  # samples that decide how fast the forces of links change
 _FEWEST = 50  # samples that a smoother needs to forget its start
-_TUNED = 4000  # samples that the frequencies of modes are tuned to
-_ROUGH = 0.05  # relative size of a change of a frequency or damping without a prior
-_DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
-_CHANGES = 10.0 ** np.arange(
-    -4.0, 3.0
-)  # of a force over a sample, relative to its size: tried one after the other
-_STIFF = 0.1  # such a change, at which springs and dampers of open links are found first
-_ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by where another round may gain
 _ELONGATIONS = (0.1, 0.03, 0.3)  # of the size of the motion: bounds on what drifts, of which the best is kept
 _DETERMINED = 0.1  # deviation of an elongation relative to its size, up to which it counts as measured
 
@@ -121,119 +112,13 @@ def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]
 def host_motions(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> Iterator[HostMotion]:
     """The motion for several bounds on elongations; for one alone where none drifts."""
     samples, inputs = samples_of(record, linear), inputs_of(record)
-    _, change = _likeliest_change(record, linear, sigma)
+    _, change = likeliest_change(record, linear, sigma)
     for reach in _ELONGATIONS:
         smoothed = smooth(linear.model(record, sigma, change, reach), samples, inputs)
         motion = _motion(linear, smoothed, record)
         yield motion
         if not motion.signals.integration_order.any():
             return
-
-
-def _likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> tuple[float, float]:
-    """The log likelihood, and by how much the forces of open links then change in a sample, relative to their size."""
-    first = slice(None, min(_TRIED, len(record)))
-    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
-    return max(
-        (log_likelihood(linear.model(record, sigma, change), samples, inputs), float(change))
-        for change in _CHANGES
-    )
-
-
-def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]) -> dict[str, float]:
-    """Frequencies and damping of modes that are unknown, from what a filter with random forces of links predicts.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure; frequencies and damping of modes have numbers or starts.
-    sigma : mapping of str to float
-        Standard deviations of the noise by channel, in SI units.
-
-    Returns
-    -------
-    dict of str to float
-        Values by name of the parameter; empty where all modes are known.
-    """
-    linear = LinearPart.of(structure)
-    return _tuned(record, structure, sigma, linear, _likeliest_change(record, linear, sigma)[1])[0]
-
-
-def tuned_part(
-    record: Record, structure: Structure, sigma: Mapping[str, float]
-) -> tuple[dict[str, float], LinearPart]:
-    """Values of unknown modes as `tuned_modes`, and the linear system with springs and dampers for the open links.
-
-    These explain most of the forces of links, so that errors of modes are not taken for forces.
-    """
-    linear = LinearPart.of(structure)
-    values: dict[str, float] = {}
-    units, change, best = linear.equivalent_units(record), _STIFF, -np.inf
-    for _ in range(_ROUNDS):
-        tuned, part = _tuned(record, with_starts(structure, values), sigma, linear, change, units)
-        likelihood, change = _likeliest_change(record, part, sigma)
-        if likelihood < best + _GAIN:
-            break
-        values, linear, best = tuned, part, likelihood
-    return values, linear
-
-
-def _tuned(
-    record: Record,
-    structure: Structure,
-    sigma: Mapping[str, float],
-    linear: LinearPart,
-    change: float,
-    units: Floats | None = None,
-) -> tuple[dict[str, float], LinearPart]:
-    """Values of unknown modes, and the linear system with these, and with equivalents found where they have `units`."""
-    free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.mass_names]
-    if not free and units is None:
-        return {}, linear
-    start = np.array([float(p.start or 0.0) for p in free])
-    unit = np.array(
-        [min(p.sigma, _ROUGH * abs(value) or _ROUGH) for p, value in zip(free, start, strict=True)]
-    )
-    stated = np.array([p.sigma < np.inf for p in free], dtype=bool)
-    first = slice(None, min(_TUNED, len(record)))
-    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
-
-    def moved_part(moved: Floats) -> tuple[dict[str, float], LinearPart]:
-        values = dict(zip((p.name for p in free), map(float, start + unit * moved[: len(free)]), strict=True))
-        equivalent = linear.equivalent
-        if units is not None:
-            equivalent = equivalent + units * moved[len(free) :].reshape(equivalent.shape)
-        return values, LinearPart.of(with_starts(structure, values), equivalent)
-
-    def residual(moved: Floats) -> Floats:
-        model = moved_part(moved)[1].model(record, sigma, change)
-        return np.append(innovations(model, samples, inputs).ravel(), moved[: len(free)][stated])
-
-    count = len(free) + (0 if units is None else units.size)
-    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-    for bound, side in ((lower, "lower"), (upper, "upper")):
-        bound[: len(free)] = [
-            (getattr(p, side) - value) / size for p, value, size in zip(free, start, unit, strict=True)
-        ]
-    optimum = scipy.optimize.least_squares(
-        residual, np.zeros(count), bounds=(lower, upper), diff_step=_DIFFERENCE, max_nfev=_STEPS
-    )
-    return moved_part(np.asarray(optimum.x))
-
-
-def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
-    """A structure with other starts of unknown coefficients."""
-    links = []
-    for link in structure.links:
-        own = {
-            name: replace(coefficient, value=values[f"{link.name}.{name}"])
-            for name, coefficient in link.coefficients.items()
-            if f"{link.name}.{name}" in values
-        }
-        links.append(replace(link, coefficients={**link.coefficients, **own}) if own else link)
-    return replace(structure, links=tuple(links))
 
 
 def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotion:
