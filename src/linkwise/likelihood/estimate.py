@@ -264,11 +264,10 @@ class MaximumLikelihood(Estimator):
     ) -> LikelihoodFit:
         if structure.topology.states:
             return self._with_memory(structure, records, options)
-        theta, spread = starting_values(records, structure, self.starts)
         search = partial(likelihood_fit, records, structure)
         if structure.hosts:
-            fit = fit_with_restarts(search, theta, options)
-            return fit_or_another(fit, lambda: self._from_equivalent_links(structure, records, options))
+            return self._beside_hosts(structure, records, options)
+        theta, spread = starting_values(records, structure, self.starts)
         if needs_integration(framed(records[0], structure, integrated=True).record, structure):
             return fit_with_restarts(search, theta, options)
         fit = search(theta, spread=spread, options=options)
@@ -276,6 +275,20 @@ class MaximumLikelihood(Estimator):
         return tightest_smooth_fit(
             fit, lambda values, nodes, q: search(values, options=_near_optimum(options, nodes, q))
         )
+
+    def _beside_hosts(
+        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
+    ) -> LikelihoodFit:
+        """A fit of a structure with hosts: from the forces of its links, else from equivalent springs and dampers."""
+        try:
+            theta, _ = starting_values(records, structure, self.starts)
+            fit = fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
+        except IdentificationError as error:
+            try:
+                return self._from_equivalent_links(structure, records, options)
+            except IdentificationError:
+                raise error from None
+        return fit_or_another(fit, lambda: self._from_equivalent_links(structure, records, options))
 
     def _from_equivalent_links(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions

@@ -44,10 +44,13 @@ def fit_from_valleys(search: Callable[[Floats], LikelihoodFit], valleys: Sequenc
 
 
 def fit_or_another(fit: LikelihoodFit, search: Callable[[], LikelihoodFit]) -> LikelihoodFit:
-    """The fit where it explains the records to within their noise, else the better of it and of another search."""
+    """The fit where it explains the records to within their noise, else the better of it and of another that starts."""
     if fit.status is AnnealingStatus.INTERRUPTED or _explains(fit):
         return fit
-    return min(fit, search(), key=_rank)
+    try:
+        return min(fit, search(), key=_rank)
+    except IdentificationError:
+        return fit
 
 
 def _converged(fit: LikelihoodFit) -> bool:

@@ -22,6 +22,7 @@ from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, sample
 from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.likelihood.starts.mode_tuning import likeliest_change, tuned_modes, tuned_part, with_starts
 from linkwise.likelihood.starts.rigid_motions import require_placed
+from linkwise.likelihood.starts.stable_starts import stable_starts
 from linkwise.model.host_damping import is_between_modes
 from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
@@ -212,7 +213,14 @@ def _started(
         raise IdentificationError(
             f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
         )
+    valued = LinearPart.of(with_starts(structure, {name: values[name] for name in _modal(structure)}))
+    values = stable_starts(valued, values, given, record.rate)
     return {p.name: values[p.name] for p in structure.parameters}
+
+
+def _modal(structure: Structure) -> list[str]:
+    """Unknown frequencies and damping of modes."""
+    return [p.name for p in structure.parameters if p.name.rpartition(".")[0] in structure.mass_names]
 
 
 TOO_LITTLE = (

@@ -20,6 +20,9 @@ from linkwise.records.record import Record
 TIGHT = 0.1
 """A bound on elongations that drift, as a part of the size of the measured motion."""
 _CORRELATED = 0.1  # s over which a bound is one piece of information
+_FASTEST = 10.0  # radians that the fastest start moves in a sample: what eight steps of the flow follow
+_STABLE = 0.9  # of the static stiffness of a structure at the ends of a link: the largest negative spring between them
+_HELD = 1e-6  # relative: what a force on a structure that holds it leaves of itself
 _LOWEST = 3  # periods in a record of the slowest motion that counts for sizes
 
 
@@ -113,6 +116,24 @@ class LinearPart:
         x, v = self._sizes(record)
         return np.stack([self._force_sizes(record) / x, self._force_sizes(record) / v], axis=1)
 
+    def bounds(self, number: int, rate: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Least and largest stiffness in N/m, and damping in N s/m, of open link `number` in a stable system.
+
+        A spring may be as negative as the rest of the structure holds, and both as large as some steps a sample follow.
+        """
+        direction = self.structure.incidence.toarray()[:, self.open[number]]
+        stiffness = LinearPart.of(self.structure).stiffness
+        moved = np.linalg.lstsq(stiffness, direction, rcond=None)[0]
+        is_held = np.linalg.norm(stiffness @ moved - direction) < _HELD * np.linalg.norm(direction)
+        least = -_STABLE / float(direction @ moved) if is_held else 0.0
+        fastest, mass = _FASTEST * rate, self.mass(number)
+        return (least, fastest**2 * mass), (0.0, fastest * mass)
+
+    def mass(self, number: int) -> float:
+        """Mass in kg that open link `number` moves."""
+        direction = self.structure.incidence.toarray()[:, self.open[number]]
+        return 1.0 / float(direction @ (direction / self.structure.mass_values))
+
     def _force_sizes(self, record: Record) -> Floats:
         """(U,) sizes of the forces of open links: what would give their ends the measured acceleration."""
         incidence = self.structure.incidence.toarray()[:, list(self.open)]
@@ -148,15 +169,17 @@ def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
         return None
     if not mode and not all(coefficient.known for coefficient in coefficients):
         return None
-    slopes = link.law.partials(0.0, 0.0, link.values) if not link.law.states else None
-    if slopes is None or not _is_linear(link):
+    if not is_linear(link):
         return None
+    slopes = link.law.partials(0.0, 0.0, link.values)
     return float(slopes.by_d), float(slopes.by_v)
 
 
-def _is_linear(link: Link) -> bool:
-    """Whether a law is linear in d and v."""
-    return not any(set(symbols(differentiate(link.law.expression, name))) & {"d", "v"} for name in ("d", "v"))
+def is_linear(link: Link) -> bool:
+    """Whether the law of a link is linear in d and v, without states."""
+    return not link.law.states and not any(
+        set(symbols(differentiate(link.law.expression, name))) & {"d", "v"} for name in ("d", "v")
+    )
 
 
 def _shown(record: Record) -> list[str]:

@@ -22,6 +22,8 @@ _CHANGES = 10.0 ** np.arange(
     -4.0, 3.0
 )  # of a force over a sample, relative to its size: tried one after the other
 _STIFF = 0.1  # such a change, at which springs and dampers of open links are found first
+_SPRINGS = 10.0 ** np.arange(0.0, 6.5, 0.5)  # sizes of springs that are tried before, in those of the motion
+_RATIO = 0.1  # of the critical damping of the masses at their ends: dampers beside these springs
 _ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by where another round may gain
 
 
@@ -63,9 +65,10 @@ def tuned_part(
 
     These explain most of the forces of links, so that errors of modes are not taken for forces.
     """
-    linear = LinearPart.of(structure)
     values: dict[str, float] = {}
+    linear = _stiffened(record, LinearPart.of(structure), sigma)
     units, change, best = linear.equivalent_units(record), _STIFF, -np.inf
+    units = np.maximum(units, _ROUGH * np.abs(linear.equivalent))
     for _ in range(_ROUNDS):
         tuned, part = _tuned(record, with_starts(structure, values), sigma, linear, change, units)
         likelihood, change = likeliest_change(record, part, sigma)
@@ -112,10 +115,39 @@ def _tuned(
         bound[: len(free)] = [
             (getattr(p, side) - value) / size for p, value, size in zip(free, start, unit, strict=True)
         ]
+    if units is not None:
+        limits = np.array([linear.bounds(number, record.rate) for number in range(len(units))])
+        moves = (limits - linear.equivalent[..., None]) / units[..., None]
+        lower[len(free) :], upper[len(free) :] = moves[..., 0].ravel(), moves[..., 1].ravel()
     optimum = scipy.optimize.least_squares(
-        residual, np.zeros(count), bounds=(lower, upper), diff_step=_DIFFERENCE, max_nfev=_STEPS
+        lambda shifted: residual(shifted - 1.0),  # from 1, of which a difference is a part
+        np.ones(count),
+        bounds=(lower + 1.0, upper + 1.0),
+        diff_step=_DIFFERENCE,
+        max_nfev=_STEPS,
     )
-    return moved_part(np.asarray(optimum.x))
+    return moved_part(np.asarray(optimum.x) - 1.0)
+
+
+def _stiffened(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> LinearPart:
+    """The linear system with a spring and a damper of the likeliest size in each open link, one after the other."""
+    first = slice(None, min(_TRIED, len(record)))
+    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+
+    def likelihood(part: LinearPart) -> float:
+        return log_likelihood(part.model(record, sigma, _STIFF), samples, inputs)
+
+    best = likelihood(linear)
+    for number, unit in enumerate(linear.equivalent_units(record)[:, 0]):
+        (_, most), _ = linear.bounds(number, record.rate)
+        for spring in unit * _SPRINGS[unit * _SPRINGS < most]:
+            equivalent = linear.equivalent.copy()
+            equivalent[number] = spring, _RATIO * np.sqrt(spring * linear.mass(number))
+            trial = LinearPart.of(linear.structure, equivalent)
+            rise = likelihood(trial) - best
+            if rise > _GAIN:
+                linear, best = trial, best + rise
+    return linear
 
 
 def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
