@@ -28,8 +28,25 @@ def record() -> lw.Record:
 @pytest.mark.parametrize("method", ["weak", "sindy"])
 def test_methods_that_do_not_use_a_load_cell_say_so(method: str, record: lw.Record) -> None:
     fit = lw.identify(record, OSCILLATOR.unknown("all"), method=method)  # type: ignore[arg-type]
-    assert 'f:spring were not used: method "ml" alone takes forces and states of links.' in fit.findings
+    takes = "forces" if method == "weak" else "forces and states"
+    assert f'f:spring were not used: method "ml" alone takes {takes} of links.' in fit.findings
     assert not lw.identify(record, OSCILLATOR.unknown("all")).trusted
+
+
+def test_the_weak_form_does_not_disown_the_state_that_it_uses() -> None:
+    """Without the voltage it would refuse the law; only the load cell is left out."""
+    values = {"k": 400.0, "c": 1.0, "theta": 0.02, "R": 1e5, "C": 1e-6}
+    structure = harvester(1.0, "ground", "piezo", **values)
+    clean = lw.simulate(
+        structure,
+        duration=4.0,
+        rate=250.0,
+        forces={"m1": "2*sin(20*t) + sin(33*t)"},
+        sensors=("x:m1", "state:piezo.V", "f:piezo"),
+    )
+    fit = lw.identify(clean.with_noise(50.0, seed=3), structure.unknown("piezo.c"), method="weak")
+    remarks = [line for line in fit.findings if "not used" in line]
+    assert remarks == ['f:piezo were not used: method "ml" alone takes forces of links.']
 
 
 def test_discovery_says_so(record: lw.Record) -> None:

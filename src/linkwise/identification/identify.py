@@ -18,11 +18,12 @@ from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.likelihood.sensor_priors import uncounted
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import of_links
+from linkwise.records.channel import Channel, of_links
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.records.sequence import record_list
 from linkwise.records.stated_noise import check_stated_noise
+from linkwise.weak.estimate import WeakForm
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
 
@@ -93,13 +94,18 @@ def identify(
     started = perf_counter()
     estimate = estimator.estimate(records, structure, progress)
     seconds, notes = perf_counter() - started, joined_notes(records)
-    unused = of_links(records[0].channels) if estimate.method != MaximumLikelihood.method else ()
-    remarks = uncounted(records, estimate.method)
-    if unused:
-        remarks += (
-            f'{", ".join(unused)} were not used: method "ml" alone takes forces and states of links.',
-        )
+    remarks = (*uncounted(records, estimate.method), *_unused(records[0].channels, estimate.method))
     return replace(estimate, seconds=seconds, notes=notes, remarks=(*estimate.remarks, *remarks))
+
+
+def _unused(channels: Sequence[str], method: str) -> tuple[str, ...]:
+    """A remark on the channels of links that a method does not use; the weak form uses measured states."""
+    if method == MaximumLikelihood.method:
+        return ()
+    states = method == WeakForm.method
+    unused = [name for name in of_links(channels) if not (states and Channel.parse(name).kind == "state")]
+    takes = "forces of links" if states else "forces and states of links"
+    return (f'{", ".join(unused)} were not used: method "ml" alone takes {takes}.',) if unused else ()
 
 
 def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:
