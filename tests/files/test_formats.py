@@ -89,6 +89,18 @@ def test_one_channel_and_nothing_else(tmp_path: Path, suffix: str) -> None:
     assert again.notes == ()
 
 
+@pytest.mark.parametrize("suffix", WRITTEN)
+def test_channels_of_links_come_back(tmp_path: Path, suffix: str) -> None:
+    """A state has no unit of its own that a file could state."""
+    rng = np.random.default_rng(4)
+    channels = ("x:m1", "f:piezo", "state:piezo.V")
+    written = Record(0.0, RATE, channels, rng.normal(size=(50, 3)))
+    write_record(written, tmp_path / f"run{suffix}")
+    again = read_record(tmp_path / f"run{suffix}")
+    assert again.channels == channels
+    assert np.allclose(again.values, written.values, rtol=1e-12, atol=0.0)
+
+
 # Errors that all formats share ---------------------------------------------------------------------------------
 
 

@@ -33,20 +33,49 @@ def test_methods_that_do_not_use_a_load_cell_say_so(method: str, record: lw.Reco
     assert not lw.identify(record, OSCILLATOR.unknown("all")).trusted
 
 
-def test_the_weak_form_does_not_disown_the_state_that_it_uses() -> None:
-    """Without the voltage it would refuse the law; only the load cell is left out."""
+VOLTAGE = "state:piezo.V"
+
+
+@pytest.fixture(scope="module")
+def piezo() -> lw.Structure:
     values = {"k": 400.0, "c": 1.0, "theta": 0.02, "R": 1e5, "C": 1e-6}
-    structure = harvester(1.0, "ground", "piezo", **values)
-    clean = lw.simulate(
-        structure,
-        duration=4.0,
-        rate=250.0,
-        forces={"m1": "2*sin(20*t) + sin(33*t)"},
-        sensors=("x:m1", "state:piezo.V", "f:piezo"),
-    )
-    fit = lw.identify(clean.with_noise(50.0, seed=3), structure.unknown("piezo.c"), method="weak")
+    return harvester(1.0, "ground", "piezo", **values)
+
+
+@pytest.fixture(scope="module")
+def harvested(piezo: lw.Structure) -> lw.Record:
+    forces = {"m1": "2*sin(20*t) + sin(33*t)"}
+    sensors = ("x:m1", VOLTAGE, "f:piezo")
+    clean = lw.simulate(piezo, duration=4.0, rate=250.0, forces=forces, sensors=sensors)
+    return clean.with_noise(50.0, seed=3)
+
+
+def test_the_weak_form_does_not_disown_the_state_that_it_uses(
+    piezo: lw.Structure, harvested: lw.Record
+) -> None:
+    """Without the voltage it would refuse the law; only the load cell is left out."""
+    fit = lw.identify(harvested, piezo.unknown("piezo.c"), method="weak")
     remarks = [line for line in fit.findings if "not used" in line]
     assert remarks == ['f:piezo were not used: method "ml" alone takes forces of links.']
+    assert fit.noise[VOLTAGE].unit == "V"
+
+
+def test_errors_of_a_voltmeter_are_in_the_unit_of_the_law(piezo: lw.Structure, harvested: lw.Record) -> None:
+    voltage = harvested.channels.index(VOLTAGE)
+    values = harvested.values.copy()
+    values[:, voltage] = 1.05 * values[:, voltage] + 0.4
+    record = replace(harvested, values=values, simulated=None)
+    fit = lw.identify(record, piezo.unknown("piezo.c"), offsets=[VOLTAGE], gains=[VOLTAGE])
+    assert [(error.kind, error.unit) for error in fit.sensor_errors] == [("offset", "V"), ("gain", "1")]
+    offset, gain = (error.description for error in fit.sensor_errors)
+    assert " V throughout" in offset
+    assert "of its value" in gain
+    assert abs(fit.sensor_errors[0].value - 0.4) < 4.0 * fit.sensor_errors[0].standard_error
+
+
+def test_the_result_holds_the_rates_of_a_link_with_memory(piezo: lw.Structure, harvested: lw.Record) -> None:
+    (link,) = lw.identify(harvested, piezo.unknown("piezo.c")).to_dict()["links"]
+    assert link["states"] == {"V": {"rate": "(-theta*v - V/R)/C", "unit": "V"}}
 
 
 def test_discovery_says_so(record: lw.Record) -> None:
@@ -75,3 +104,8 @@ def test_a_unit_of_a_state_must_be_of_its_kind(tmp_path: Path) -> None:
         lw.IdentificationError, match=r"state:piezo\.V is stated in mm, and the state V of piezo is in V"
     ):
         lw.identify(record, structure)
+
+
+def test_a_gain_that_sensors_share_is_told(record: lw.Record) -> None:
+    fit = lw.identify(record.select(["x:m1"]), OSCILLATOR.unknown("all"), calibration={"common": 0.01})
+    assert any(line.startswith("common shows ") for line in fit.findings)

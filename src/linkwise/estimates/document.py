@@ -52,7 +52,8 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
     Returns
     -------
     dict
-        Name, ends, law, coefficients and ranges, and wells, in-well frequencies and barrier where there are any.
+        Name, ends, law, the rates and units of its states, coefficients and ranges, and wells, in-well frequencies and barrier
+        where there are any.
     """
     document: dict[str, Any] = {
         "name": link.link.name,
@@ -61,6 +62,12 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
         "coefficients": {c.name.rpartition(".")[2]: coefficient_document(c) for c in link.coefficients},
         "range": {"d": list(link.d_range), "v": list(link.v_range)},
     }
+    if link.link.law.states:
+        units = link.link.law.state_units
+        document["states"] = {
+            rate.name: {"rate": rate.text, "unit": units[rate.name].replace("?", "")}
+            for rate in link.link.law.rates
+        }
     if link.wells:
         document["wells"] = [{"d": well.value, "interval": _derived(well)["interval"]} for well in link.wells]
         document["in_well_frequencies"] = [_derived(frequency) for frequency in link.frequencies]

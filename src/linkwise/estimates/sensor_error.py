@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, TypeAlias, get_args
 
-from linkwise.records.channel import FORCE
-
 ErrorKind: TypeAlias = Literal["offset", "gain", "delay"]
 
 
@@ -45,14 +43,21 @@ class SensorErrorEstimate:
     def description(self) -> str:
         """In words, with its standard error."""
         size = {
-            "offset": f"is off by {self.value:.4g} {self.unit}".removesuffix(" ?") + " throughout",
-            "gain": f"shows {self.value:.6g} of its {'force' if self.channel.startswith(FORCE) else 'motion'}",
+            "offset": f"is off by {self.value:.4g} {self.unit.replace('?', '')}".rstrip() + " throughout",
+            "gain": f"shows {self.value:.6g} of its {self._shown}",
             "delay": f"is late by {1e3 * self.value:.4g} ms",
         }[self.kind]
         error = (
             f"{1e3 * self.standard_error:.2g} ms" if self.kind == "delay" else f"{self.standard_error:.2g}"
         )
         return f"{self.channel} {size} (estimated with the other unknowns, standard error {error})."
+
+    @property
+    def _shown(self) -> str:
+        """What the channel shows."""
+        return {"force": "force", "f": "force", "state": "value"}.get(
+            self.channel.partition(":")[0], "motion"
+        )
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> SensorErrorEstimate:

@@ -98,7 +98,7 @@ def _unit(item: h5py.Dataset) -> str:
     """The unit of a data set in brackets, as in a column header."""
     unit = next((item.attrs[name] for name in _UNITS if name in item.attrs), "")
     unit = unit.decode() if isinstance(unit, bytes) else str(unit)
-    return f"[{unit}]" if unit else ""
+    return f"[{unit}]" if unit not in ("", "?") else ""
 
 
 def write(record: Record, path: Path) -> None:
@@ -114,7 +114,8 @@ def write(record: Record, path: Path) -> None:
         file.create_dataset("time", data=record.time).attrs["unit"] = "s"
         for name in record.channels:
             item = file.create_dataset(name, data=record.channel(name))
-            item.attrs["unit"] = record.unit(name)
+            if record.unit(name) != "?":  # of a state, which is in the unit that its law gives it
+                item.attrs["unit"] = record.unit(name)
             for kind in STORED:
                 if name in getattr(record, kind):
                     item.attrs[kind] = getattr(record, kind)[name]

@@ -363,7 +363,8 @@ def estimate_of(
     additions = (missing, judgement.for_blocks, judgement.for_input_noise)
     added = [addition for addition in additions if addition is not None]
     covariance = sum(added, covariance)
-    of_sensors = sensor_errors(fit, delays or {})
+    units = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
+    of_sensors = sensor_errors(fit, delays or {}, units)
     stated = judgement.tested if offered is None else None  # a search says what else it would find
     unseen = () if stated is None else unseen_terms(fit, identified, stated, covariance)
     return Estimate(
@@ -377,8 +378,7 @@ def estimate_of(
         covariance=covariance,
         free=fit.free,
         noise={
-            name: NoiseEstimate.of(records[0], name, sigma, channel_unit(records[0], name, structure))
-            for name, sigma in fit.noise.items()
+            name: NoiseEstimate.of(records[0], name, sigma, units[name]) for name, sigma in fit.noise.items()
         },
         chi_square_per_sample=fit.chi_square,
         samples=fit.samples,

@@ -96,7 +96,9 @@ def _inflation(covariance: Floats) -> Floats:
     return inflation
 
 
-def sensor_errors(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[SensorErrorEstimate, ...]:
+def sensor_errors(
+    fit: LikelihoodFit, delays: Mapping[str, float], units: Mapping[str, str]
+) -> tuple[SensorErrorEstimate, ...]:
     """The errors of sensors of a fit.
 
     Parameters
@@ -105,6 +107,8 @@ def sensor_errors(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[Sens
         The fit.
     delays : mapping of str to float
         All of the delays in s by channel, of which the fit has what is left beside shifts by whole samples.
+    units : mapping of str to str
+        The SI units of channels.
 
     Returns
     -------
@@ -117,10 +121,10 @@ def sensor_errors(fit: LikelihoodFit, delays: Mapping[str, float]) -> tuple[Sens
         ("delay", delays),
     )
     named = [(kind, name, value) for kind, values in sizes for name, value in values.items()]
-    units = {"gain": "1", "delay": "s"}
+    of_kind = {"gain": "1", "delay": "s"}
     return tuple(
         SensorErrorEstimate(
-            name, kind, float(value), float(deviation), units.get(kind) or Channel.parse(name).unit
+            name, kind, float(value), float(deviation), of_kind.get(kind, units.get(name, ""))
         )
         for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
         if np.isfinite(value) and np.isfinite(deviation)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, final
 
@@ -19,6 +19,8 @@ from linkwise.estimates.unseen_term import unseen_remark
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
+from linkwise.records.channel import Channel
+from linkwise.records.channel_units import channel_unit
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import FramedRecord, framed
@@ -257,11 +259,15 @@ def _noise(
     names = source_names(structure)
     moving = motion.base is not None and frame.acceleration is None
     measured = np.flatnonzero([*motion.has_channel[:-2], moving]).tolist()
-    return {
+    noise = {
         given.get(names[i], names[i]): NoiseEstimate.from_power(
             float(motion.source_power[i]), names[i], float(np.sqrt(motion.source_variance[i]))
         )
         for i in measured
+    }
+    states = (name for name in noise if Channel.parse(name).kind == "state")
+    return noise | {
+        name: replace(noise[name], unit=channel_unit(frame.record, name, structure)) for name in states
     }
 
 
