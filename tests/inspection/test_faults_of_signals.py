@@ -11,6 +11,7 @@ from record_faults import Fault, chain, faulty, forced, kinds
 from structures import oscillator
 
 import linkwise as lw
+from linkwise.inspection.record_signals import RecordSignals
 
 
 def ring_down(snr_db: float, seed: int = 1) -> lw.Record:
@@ -67,6 +68,22 @@ FAULTS: dict[tuple[str, str], Fault] = {
     ("offset", "v:m1"): lambda values, record, rng: values + 0.1 * rms(values),
     ("drift", "a:m1"): trend,
 }
+
+
+@pytest.mark.parametrize("samples", [3, 8])
+@pytest.mark.parametrize("snr_db", [20.0, 40.0])
+def test_a_delay_of_several_samples_is_told_as_it_is(samples: int, snr_db: float) -> None:
+    """To first order in the delay, 3 samples were told as 3.3, and as a gain of 0.87 beside it."""
+    record = faulty(BESIDE[f"chain of 2, {snr_db:g} dB"](), "a:m1", partial(late, samples=samples))
+    (fit,) = (fit for fit in RecordSignals.of(record).kinematics if fit.upper.name == "a:m1")
+    assert fit.delay[0] * record.rate == pytest.approx(samples, abs=0.1)
+    assert [(alert.kind, alert.channel) for alert in lw.inspect(record).alerts] == [("delay", "a:m1")]
+
+
+def test_a_wrong_gain_between_two_right_ones_is_told_once() -> None:
+    """The velocity is wrong; the acceleration above it agrees with the displacement below it."""
+    record = faulty(BESIDE["chain of 2, 40 dB"](), "v:m2", lambda values, record, rng: 1.05 * values)
+    assert [(alert.kind, alert.channel) for alert in lw.inspect(record).alerts] == [("gain", "v:m2")]
 
 
 def filtered(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:

@@ -28,6 +28,7 @@ MENDED_BY = {
     "noise": "--noise-of CHANNEL=SIGMA",
     "offsets": "--offset CHANNEL (identify)",
     "gains": "--gain CHANNEL (identify)",
+    "delays": "--delay CHANNEL (identify)",
     "drifts": "--drift CHANNEL (identify)",
     "hums": "--hum CHANNEL=HZ (identify)",
     "loss": "--robust student (identify)",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import isclose
 
+import numpy as np
+
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.kinematics import KinematicFit
 from linkwise.inspection.record_signals import RecordSignals
@@ -37,19 +39,23 @@ def delay(signals: RecordSignals) -> Iterator[Alert]:
         late, early = (fit.upper, fit.lower) if value > 0.0 else (fit.lower, fit.upper)
         message = (
             f"comes {1e3 * abs(value):.3g} ms ({abs(samples):.2g} samples) +- {1e3 * error:.1g} ms later than {early.name} "
-            "says: a delay turns stiffness into damping, by many standard errors; shift the channel by that time, "
-            "or give both the same filter"
+            "says: a delay turns stiffness into damping, by many standard errors; give both the same filter, shift "
+            "the channel by that time, or estimate the delay with the laws"
         )
         share = min(1.0, 2.0 * 3.14 * late.highest * abs(value))
-        yield Alert("delay", late.name, message, share)
+        yield Alert("delay", late.name, message, share, arguments=("delays",))
 
 
 def gain(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels of one place that disagree on the size of the motion."""
+    named: list[KinematicFit] = []
     for fit in _comparable(signals):
         value, error = fit.gain
-        if abs(value - 1.0) < max(_GAIN, _CERTAIN * error):
+        if abs(value - 1.0) < max(_GAIN, _CERTAIN * error) or any(
+            _accounts_for(earlier, fit) for earlier in named
+        ):
             continue
+        named.append(fit)
         lower, upper = fit.lower.name, fit.upper.name
         known = next(
             (text for factor, text in _FACTORS.items() if isclose(value, factor, rel_tol=_NEAR)), None
@@ -100,6 +106,13 @@ def drift(signals: RecordSignals) -> Iterator[Alert]:
             0.3 * abs(over) / fit.upper.rms,
             arguments=("earliest", "latest"),
         )
+
+
+def _accounts_for(earlier: KinematicFit, fit: KinematicFit) -> bool:
+    """Whether the channel between two others is off alone: what is above it agrees with what is below it."""
+    (first, first_error), (second, second_error) = earlier.gain, fit.gain
+    error = abs(first * second) * float(np.hypot(first_error / first, second_error / second))
+    return earlier.upper is fit.lower and abs(first * second - 1.0) < max(_GAIN, _CERTAIN * error)
 
 
 def _comparable(signals: RecordSignals) -> list[KinematicFit]:
