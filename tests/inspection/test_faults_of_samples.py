@@ -54,6 +54,27 @@ def test_a_fault_is_told_and_nothing_else(kind: str, name: str) -> None:
     assert kind in alerts
 
 
+@pytest.mark.parametrize("samples", [3, 20, 60])
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_logger_that_hangs_for_a_while_is_told(samples: int, name: str) -> None:
+    def hang(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+        at = len(values) // 4
+        return np.concatenate([values[:at], np.repeat(values[at], samples), values[at:]])[: len(values)]
+
+    assert "doubled" in kinds(faulty(RECORDS[name](), CHANNEL, hang), CHANNEL)
+
+
+def test_an_encoder_may_rest() -> None:
+    """It repeats a level for as long as nothing moves, however long that is."""
+    time = np.arange(4000) / 1000.0
+    motion = np.where((time > 1.5) & (time < 2.5), np.sin(30.0 * 1.5), np.sin(30.0 * time))
+    noise = np.random.default_rng(7).normal(size=len(time))
+    for step in (1e-2, 1e-4):
+        rounded = np.rint(np.round(motion + 0.2 * step * noise, 12) / step) * step
+        assert "doubled" not in kinds(lw.Record.from_arrays(time, {CHANNEL: rounded}), CHANNEL)
+    assert "doubled" not in kinds(lw.Record.from_arrays(time, {CHANNEL: motion}), CHANNEL)
+
+
 def test_held_samples_are_told_as_doubled() -> None:
     for make in RECORDS.values():
         assert "doubled" in kinds(faulty(make(), CHANNEL, hold), CHANNEL)
