@@ -34,6 +34,45 @@ def test_a_numpy_archive_by_name(tmp_path: Path) -> None:
     agrees(tmp_path / "step.npz")
 
 
+PERIODS = np.stack([np.sin(2.0 * np.pi * (k + 1) * np.arange(40) / 40) for k in range(6)]).reshape(2, 3, 40)
+
+
+@pytest.mark.parametrize("time", [{"time": T[:40]}, {"time": T}, {"fs": RATE}])
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_periods_beside_each_other_are_one_record(
+    tmp_path: Path, time: dict[str, Any], order: tuple[int, int]
+) -> None:
+    """Three periods of 40 samples; the force is given for one of them."""
+    arrays = {"x:m1": PERIODS[0].transpose(order), "force_m1": PERIODS[1, 0], **time}
+    np.savez(tmp_path / "run.npz", **arrays)
+    record = read_record(tmp_path / "run.npz")
+    assert record.rate == pytest.approx(RATE, rel=1e-9)
+    assert np.array_equal(record.channel("x:m1"), PERIODS[0].ravel())
+    assert np.array_equal(record.channel("force:m1"), np.tile(PERIODS[1, 0], 3))
+    assert record.notes[0].startswith("x:m1: 3 periods of 40 samples were joined")
+
+
+def test_realisations_are_records_of_their_own(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", **{"x:m1": PERIODS, "fs": RATE})  # type: ignore[arg-type]  # stub takes a flag
+    with pytest.raises(RecordError, match=r"both have this name \(realisation 1/x:m1 and realisation 2"):
+        read_record(tmp_path / "run.npz")
+    second = read_record(tmp_path / "run.npz", channels={"x:m1": "realisation 2/x:m1"})
+    assert np.array_equal(second.channel("x:m1"), PERIODS[1].ravel())
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"time": T, "x:m1": np.ones((3, 50))}, "time has 120 samples, and an array of a channel is 3 x 50"),
+        ({"x:m1": np.ones((3, 50)), "x:m2": np.ones((4, 50))}, "x:m1 has 3 x 50, x:m2 has 4 x 50"),
+    ],
+)
+def test_periods_that_do_not_fit_are_refused(tmp_path: Path, arrays: dict[str, Any], message: str) -> None:
+    np.savez(tmp_path / "run.npz", **arrays)
+    with pytest.raises(RecordError, match=message):
+        read_record(tmp_path / "run.npz")
+
+
 def test_a_numpy_array_by_number(tmp_path: Path) -> None:
     np.save(tmp_path / "run.npy", np.stack([T, X, A]))  # channels by samples, as the longer side says
     agrees(tmp_path / "run.npy", channels={"time": 1, "x:m1": 2, "a:m2": 3})

@@ -151,8 +151,10 @@ def _recognised(
         if name in mapped_names:
             continue
         if name in recognised:
+            first, second = table.columns[recognised[name].column].header, column.header
+            paths = f" ({first} and {second})" if first != second else ""
             raise RecordError(
-                f"columns {recognised[name].column + 1} and {index + 1} both have this name; rename one, "
+                f"columns {recognised[name].column + 1} and {index + 1} both have this name{paths}; rename one, "
                 "or map the channel to one of them (`channels`)",
                 file,
                 table.header_line,

@@ -1,7 +1,8 @@
 """NumPy files: `.npy`, one array, and `.npz`, several by name. Nothing in them is unpickled.
 
 Names are those of channels, or as MATLAB spells them (`x_m1` for x:m1); `fs` or `rate` is the sampling rate, `dt` the step;
-`sensors`, a JSON text, is what is known of sensors by channel.
+`sensors`, a JSON text, is what is known of sensors by channel. A channel of a periodic test may be an array of periods by
+samples, or of realisations by periods by samples.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.files.arrays import columns_of, spelled_as_channel, stated_rate
+from linkwise.files.periods import with_joined_periods
 from linkwise.files.sensor_attributes import as_statements
 from linkwise.files.table import Column, Table
 
@@ -22,9 +24,10 @@ def read_table(path: Path) -> Table:
     if not isinstance(content, np.ndarray):
         with content:
             arrays = {name: content[name] for name in content.files}
+        arrays, notes = with_joined_periods(arrays)
         columns = tuple(spelled_as_channel(column) for column in columns_of(arrays))
         sensors = as_statements(arrays.get("sensors"), path)
-        return Table(columns, rate=stated_rate(arrays), sensors=sensors)
+        return Table(columns, rate=stated_rate(arrays), notes=notes, sensors=sensors)
     if content.dtype.names:
         named = {name: content[name] for name in content.dtype.names}
         return Table(tuple(spelled_as_channel(column) for column in columns_of(named)))
