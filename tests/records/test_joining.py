@@ -31,6 +31,21 @@ def test_channels_of_both_up_to_the_end_of_the_shorter(record: lw.Record) -> Non
     assert joined.notes == ("One.", "Both.", "Other.")
 
 
+@pytest.mark.parametrize(
+    ("start", "noted"), [(0.0, False), (0.005, False), (0.2, True), (-0.2, True), (3e6, False)]
+)
+def test_times_that_were_not_used_are_noted(record: lw.Record, start: float, noted: bool) -> None:
+    """A common clock tells when instruments were started; counters and an offset of a sample do not."""
+    other = replace(record.select(["a:base"]), start=start)
+    joined = lw.beside(record.select(["x:m1"]), other)
+    assert any("not by these times" in note for note in joined.notes) == noted
+    if noted:
+        assert (
+            f"a:base: by the times of both records they start 0.2 s {'later' if start > 0 else 'earlier'}"
+            in joined.notes[-1]
+        )
+
+
 def test_other_rates_and_the_same_channel_are_refused(record: lw.Record) -> None:
     single = record.select(["x:m1"])
     with pytest.raises(lw.RecordError, match="need one sampling rate, got 200 and 201 Hz"):

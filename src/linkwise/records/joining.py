@@ -22,7 +22,8 @@ _OFF_GRID = 0.02  # of a step: how far off the times of a record the next part o
 def beside(record: Record, other: Record) -> Record:
     """Add the channels of a record that was started together with another.
 
-    Sample is set beside sample from the first one on; what the longer record has more is left out. A delay between the
+    Sample is set beside sample from the first one on; what the longer record has more is left out. Where times that overlap
+    say otherwise, a note tells that they were not used (`joined_by_time` uses them). A delay between the
     instruments, of a part of a sample or more, is found by the diagnosis of `identify` and taken out by `without_delays`.
 
     Parameters
@@ -51,7 +52,16 @@ def beside(record: Record, other: Record) -> Record:
     """
     _require_same_rate(record, other, "records that are set beside each other")
     _refuse_common(record, other)
-    return _side_by_side(record, other)
+    joined = _side_by_side(record, other)
+    late = other.start - record.start
+    if not 1.5 / record.rate < abs(late) < min(record.duration, other.duration):
+        return joined
+    note = (
+        f"{', '.join(other.channels)}: by the times of both records they start {abs(late):.6g} s "
+        f"{'later' if late > 0.0 else 'earlier'} than {', '.join(record.channels)}; samples were set beside each other from "
+        "the first one on, as of instruments that were started together, not by these times."
+    )
+    return replace(joined, notes=(*joined.notes, note))
 
 
 @checked
