@@ -54,6 +54,25 @@ def test_a_fault_is_told_and_nothing_else(kind: str, name: str) -> None:
     assert kind in alerts
 
 
+@pytest.mark.parametrize("name", RECORDS)
+def test_spikes_are_no_fast_motion(name: str) -> None:
+    """Their power at all frequencies was told as motion up to half the rate, and as aliasing, before the spikes."""
+
+    def strike(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+        at = 100 + np.arange(8) * (len(values) // 9)
+        values[at] += 10.0 * np.std(values) * rng.choice([-1.0, 1.0], len(at))
+        return values
+
+    record = RECORDS[name]()
+    struck = lw.inspect(faulty(record, CHANNEL, strike))
+    assert {alert.kind for alert in struck.alerts if alert.channel == CHANNEL} == {"spikes"}
+    before, after = (
+        next(channel.highest_frequency for channel in seen.channels if channel.name == CHANNEL)
+        for seen in (lw.inspect(record), struck)
+    )
+    assert after == pytest.approx(before, rel=0.2)
+
+
 @pytest.mark.parametrize("samples", [3, 20, 60])
 @pytest.mark.parametrize("name", RECORDS)
 def test_a_logger_that_hangs_for_a_while_is_told(samples: int, name: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.record_signals import RecordSignals
+from linkwise.inspection.spikes import without_spikes
 
 _TOP = 0.9  # of half the sampling rate
 _SHARE = 0.03  # of the power if it were spread evenly: what a band at the top may hold
@@ -27,7 +28,7 @@ _QUIET = 1e-6  # of the root mean square: what is quieter is rounding
 
 def aliasing(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose spectrum does not fall before half the sampling rate."""
-    for signal in signals.responses:
+    for signal in map(without_spikes, signals.responses):
         spectrum = signal.spectrogram
         top = spectrum.frequency >= 0.5 * _TOP * signal.rate
         if not top.any():

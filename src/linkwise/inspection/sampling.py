@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.record_signals import RecordSignals
+from linkwise.inspection.spikes import without_spikes
 
 _FEWEST = 3.0  # samples in a period of the fastest motion that matters
 _PERIODS = 3.0  # of the fastest motion
@@ -14,7 +15,7 @@ _SAMPLES = 100  # of a record
 
 def few_samples(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses that move too fast for their sampling rate."""
-    for signal in signals.responses:
+    for signal in map(without_spikes, signals.responses):
         if signal.highest * _FEWEST <= signal.rate:
             continue
         message = (
@@ -28,7 +29,7 @@ def few_samples(signals: RecordSignals) -> Iterator[Alert]:
 def short(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of a record that holds too little."""
     record = signals.record
-    moving = [signal for signal in signals.responses if signal.highest > 0.0]
+    moving = [signal for signal in map(without_spikes, signals.responses) if signal.highest > 0.0]
     for signal in moving:
         periods = record.duration * signal.highest
         if len(record) >= _SAMPLES and periods >= _PERIODS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -54,6 +55,12 @@ def spiked_samples(signal: ChannelSignal) -> Bools:
     spiked = np.zeros(len(signal.values), dtype=bool)
     spiked[_spikes(signal)] = True
     return spiked
+
+
+def without_spikes(signal: ChannelSignal) -> ChannelSignal:
+    """The channel with its spikes missing: single samples have power at all frequencies, and move at none."""
+    spiked = spiked_samples(signal)
+    return replace(signal, values=np.where(spiked, np.nan, signal.values)) if spiked.any() else signal
 
 
 def _spikes(signal: ChannelSignal) -> Indices:

@@ -6,6 +6,7 @@ import numpy as np
 
 from linkwise.inspection.channel_signal import ChannelSignal
 from linkwise.inspection.result import ChannelSummary
+from linkwise.inspection.spikes import without_spikes
 
 _LARGEST_RATIO = 1e12  # of motion to noise: below it lies the rounding of numbers
 
@@ -19,7 +20,7 @@ def summary(signal: ChannelSignal, record: str) -> ChannelSummary:
     audible = (
         noise is not None and noise > signal.rms / _LARGEST_RATIO and motion is not None and motion > 0.0
     )
-    highest = None if signal.is_constant else signal.highest or None
+    highest = None if signal.is_constant else without_spikes(signal).highest or None
     return ChannelSummary(
         name=signal.name,
         unit=signal.channel.unit,
