@@ -54,6 +54,21 @@ def test_a_fault_is_told_and_nothing_else(kind: str, name: str) -> None:
     assert kind in alerts
 
 
+@pytest.mark.parametrize("samples", [5, 10])
+@pytest.mark.parametrize("name", [name for name in RECORDS if "40 dB" in name])
+def test_samples_that_a_logger_lost_are_no_spikes(samples: int, name: str) -> None:
+    """To mark the samples on either side of a jump as missing mends nothing."""
+    record = RECORDS[name]()
+    at = np.argmax(np.abs(np.diff(record.channel(CHANNEL)))[500:2000]) + 500  # where it moves fast
+    kept = np.delete(record.values, slice(at, at + samples), axis=0)
+    shortened = lw.Record(record.start, record.rate, record.channels, kept)
+    (alert,) = (alert for alert in lw.inspect(shortened).alerts if alert.channel == CHANNEL)
+    assert alert.kind == "dropped"
+    assert f"{at / record.rate:.6g} s" in alert.message
+    marked = lw.mark_missing(shortened, ["spikes"])
+    assert not np.isnan(marked.channel(CHANNEL)).any()
+
+
 @pytest.mark.parametrize("name", RECORDS)
 def test_spikes_are_no_fast_motion(name: str) -> None:
     """Their power at all frequencies was told as motion up to half the rate, and as aliasing, before the spikes."""

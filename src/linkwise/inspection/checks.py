@@ -10,7 +10,7 @@ from linkwise.inspection.clipped import clipped
 from linkwise.inspection.dead import dead
 from linkwise.inspection.derivative_relation import delay, drift, gain, offset
 from linkwise.inspection.doubled import doubled
-from linkwise.inspection.dropped import dropped
+from linkwise.inspection.dropped import dropped, lost
 from linkwise.inspection.equal import equal
 from linkwise.inspection.floor import aliasing, coloured
 from linkwise.inspection.hum import hum
@@ -31,6 +31,7 @@ CHECKS: Registry[Check] = Registry(
         "unit": unit,
         "clipped": clipped,
         "dropped": dropped,
+        "lost": lost,
         "doubled": doubled,
         "quantised": quantised,
         "spikes": spikes,

@@ -8,7 +8,10 @@ import numpy as np
 
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.record_signals import RecordSignals
+from linkwise.inspection.spikes import jumps
 from linkwise.records.common_samples import sampled_every
+
+_NAMED = 3  # jumps whose times are told
 
 
 def dropped(signals: RecordSignals) -> Iterator[Alert]:
@@ -35,3 +38,20 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
             "costs accuracy only; differentiation needs a complete piece, cut to one"
         )
         yield Alert("dropped", signal.name, message, float(missing.mean()), arguments=("earliest", "latest"))
+
+
+def lost(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of displacements that jump, as where a logger lost samples without a gap in the times."""
+    for signal in signals.responses:
+        rows = jumps(signal)
+        if not len(rows):
+            continue
+        when = ", ".join(f"{signal.start + row / signal.rate:.6g}" for row in rows[:_NAMED])
+        times = f"{when} s" if len(rows) <= _NAMED else f"{when} s and {len(rows) - _NAMED} other times"
+        message = (
+            f"jumps between two samples at {times}, and moves on smoothly from there: if the logger lost samples, "
+            "everything after them comes early, and stiffness and damping are wrong by many standard errors; cut the record "
+            "to a piece without a jump, or put the lost times back"
+        )
+        size = float(np.sqrt(np.sum(np.diff(signal.filled)[rows - 1] ** 2) / len(signal.values))) / signal.rms
+        yield Alert("dropped", signal.name, message, size**0.5, arguments=("earliest", "latest"))

@@ -25,6 +25,10 @@ _LEFT = (
 )
 
 
+_REACH = 6  # samples on either side of an outlier by which a jump is told from a spike
+_SMOOTH = 0.2  # of what a motion without a jump leaves there: jumps leave 0.05 at most, spikes 1e4
+
+
 def spikes(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses, and of the motion of the base, with outliers."""
     for signal in signals.moving:
@@ -63,8 +67,47 @@ def without_spikes(signal: ChannelSignal) -> ChannelSignal:
     return replace(signal, values=np.where(spiked, np.nan, signal.values)) if spiked.any() else signal
 
 
+def jumps(signal: ChannelSignal) -> Indices:
+    """The first samples behind jumps of a displacement, from which on it goes on elsewhere as smoothly as before."""
+    rows = _outliers(signal)
+    if signal.channel.kind != "x":
+        return rows[:0]
+    behind = [_jump(signal.filled, int(row)) for row in rows]
+    rows = np.unique([row for row in behind if row is not None]).astype(int)
+    return rows[np.diff(rows, prepend=-_REACH) > 2]
+
+
 def _spikes(signal: ChannelSignal) -> Indices:
-    """The samples that are outliers; none of a force, which may jump, and of a short record."""
+    """The outliers that stand alone."""
+    rows = _outliers(signal)
+    if signal.channel.kind != "x":
+        return rows
+    return np.array([row for row in rows if _jump(signal.filled, int(row)) is None], dtype=int)
+
+
+def _jump(values: Floats, row: int) -> int | None:
+    """The first sample behind a jump at an outlier; None where the neighbours of the outlier go on without it."""
+    first, last = max(row - _REACH, 0), min(row + _REACH + 1, len(values))
+    if last - first < 2 * _REACH + 1:
+        return None
+    time, piece = np.arange(-_REACH, _REACH + 1) / _REACH, values[first:last]
+    splits = range(_REACH - 1, _REACH + 3)
+    apart = [_left(time[:at], piece[:at], 2) + _left(time[at:], piece[at:], 2) for at in splits]
+    around = np.delete(np.arange(len(time)), _REACH)
+    if min(apart) > _SMOOTH * _left(time[around], piece[around], 4):
+        return None
+    return first + splits[int(np.argmin(apart))]
+
+
+def _left(time: Floats, values: Floats, degree: int) -> float:
+    """Sum of squares that a polynomial of a degree leaves."""
+    columns = np.vander(time, degree + 1)
+    left = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(left @ left)
+
+
+def _outliers(signal: ChannelSignal) -> Indices:
+    """The samples that lie far from what their neighbours say; none of a force, which may jump, and of a short record."""
     if signal.channel.kind in ("force", "f") or len(signal.values) < 4 * _BLOCK:
         return np.zeros(0, dtype=int)
     values = signal.filled
