@@ -42,3 +42,15 @@ def test_shapes_that_are_known_have_no_bars() -> None:
 def test_every_host_has_a_panel() -> None:
     two = structure({}, hosts=[wing(), wing("tail")])
     assert [axes.get_title(loc="left") for axes in lw.plot.shapes_figure(two).axes] == ["wing", "tail"]
+
+
+def test_the_legend_of_many_modes_lies_beside_the_lines() -> None:
+    frequencies = tuple(5.0 + mode for mode in range(8))
+    shapes = {"tip": (1.0,) * 8, "joint": (-1.0,) * 8}
+    many = structure({}, hosts=[host("wing", frequencies, 0.01, shapes)])
+    figure = lw.plot.shapes_figure(many)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    legend = axes.get_legend().get_window_extent()
+    assert legend.x0 >= axes.get_window_extent().x1
+    assert legend.x1 <= figure.bbox.x1

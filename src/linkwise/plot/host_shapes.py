@@ -100,9 +100,13 @@ def shapes_figure(structure: Structure) -> Figure:
     hosts = structure.hosts
     if not hosts:
         raise StructureError("the structure has no host, whose shapes could be drawn")
-    with sheet(len(hosts), height=_HEIGHT * len(hosts)) as (figure, panels):
+    with sheet(len(hosts), height=_HEIGHT * len(hosts), colorbars=True) as (
+        figure,
+        panels,
+    ):  # beside which there is room
         for host, axes in zip(hosts, panels, strict=True):
-            shapes(host, ax=axes)
+            shapes(host, legend=False, ax=axes)
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
             wrap_title(axes, host.name)
     return figure
 
