@@ -126,14 +126,6 @@ def test_states_that_are_not_linear_are_refused() -> None:
         lw.identify(record, joint.unknown("joint"), method="weak")
 
 
-def test_states_that_are_not_measured_are_refused(clean: lw.Record) -> None:
-    without = clean.select(["x:m1", "x:base"])
-    with pytest.raises(
-        lw.IdentificationError, match=r"has no state:piezo.V: measure it, or use method \"ml\""
-    ):
-        lw.identify(without, asked(), method="weak")
-
-
 def test_coefficients_that_a_rate_is_divided_by_need_starts(clean: lw.Record) -> None:
     with pytest.raises(lw.IdentificationError, match=r"C enters.* nonlinearly and needs a start"):
         lw.identify(noisy(clean, 40.0, SEEDS[0]), harvester(0.02), method="weak")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.weak.window import Window, strided_filter
+from linkwise.weak.window import Window
 
 WINDOWS = [Window.of_deviation(deviation, 1e-3) for deviation in (1.8, 2.2, 5.0, 20.0)]
 
@@ -19,6 +19,20 @@ def test_sums_by_parts_are_exact_for_polynomials(window: Window) -> None:
         size_1, size_2 = np.abs(first) @ np.abs(t) ** k, np.abs(second) @ np.abs(t) ** k
         assert abs(first @ t**k + (k * (phi @ t ** (k - 1)) if k else 0.0)) < 1e-12 * size_1
         assert abs(second @ t**k - (k * (k - 1) * (phi @ t ** (k - 2)) if k > 1 else 0.0)) < 1e-12 * size_2
+
+
+@pytest.mark.parametrize("window", WINDOWS, ids=lambda window: f"half {window.half}")
+def test_test_functions_without_a_state(window: Window) -> None:
+    """psi = -phi' - a phi, its derivatives, and phi, phi', phi'': sum (psi'' + a phi'') t^k is minus that of phi''' t^k."""
+    a, plain, kernels = -40.0, window.kernels, window.without(-40.0).kernels
+    scale = kernels[3, window.half] / plain[0, window.half]
+    assert kernels[3:] == pytest.approx(scale * plain, rel=1e-12)
+    assert kernels[:2] == pytest.approx(-scale * (plain[1:] + a * plain[:2]), rel=1e-9)
+    assert np.linalg.norm(kernels[2]) == pytest.approx(1.0)
+    t, third = window.step * np.arange(-window.half, window.half + 1), -kernels[2] - a * kernels[5]
+    for k in range(6):
+        expected = -k * (k - 1) * (k - 2) * (kernels[3] @ t ** (k - 3)) if k > 2 else 0.0
+        assert abs(third @ t**k - expected) < 1e-11 * np.abs(third) @ np.abs(t) ** k
 
 
 def test_sums_by_parts_on_an_oscillation() -> None:
@@ -42,20 +56,6 @@ def test_slope_differentiates_the_sixth_degree(window: Window) -> None:
         assert window.slope[0] @ t**k == pytest.approx(
             expected, abs=1e-11 * np.abs(window.slope[0]) @ np.abs(t) ** k
         )
-
-
-@pytest.mark.parametrize(
-    ("samples", "length", "stride"), [(100, 17, 3), (64, 64, 5), (301, 40, 80), (50, 3, 1)]
-)
-def test_blocked_filter_equals_a_loop(samples: int, length: int, stride: int) -> None:
-    rng = np.random.default_rng(5)
-    signals, kernels = rng.normal(size=(2, samples)), rng.normal(size=(3, length))
-    filtered = strided_filter(signals, kernels, stride)
-    rows = (samples - length) // stride + 1
-    assert filtered.shape == (3, 2, rows)
-    for row in range(rows):
-        piece = signals[:, row * stride : row * stride + length]
-        assert filtered[:, :, row] == pytest.approx(kernels @ piece.T, abs=1e-12 * length)
 
 
 @pytest.mark.parametrize("window", WINDOWS[1:], ids=lambda window: f"half {window.half}")

@@ -12,6 +12,7 @@ from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth, noise_and_bandwidth
+from linkwise.weak.elements import Elimination, elimination_of
 from linkwise.weak.measured_modes import measured_modes
 
 _QUADRATURE_ERROR = 1e-5  # of the motion: error of the sums that approximate integrals of a smooth motion
@@ -46,6 +47,8 @@ class MeasuredDisplacements:
     surplus : float
         Mean square of what channels show beyond the modes of a host over that expected from noise, of the worst host; 1 where
         no host has more channels than modes.
+    elimination : Elimination or None
+        The state of a link that is not measured and is eliminated.
     """
 
     displacements: Floats
@@ -59,6 +62,7 @@ class MeasuredDisplacements:
     samples: int
     bandwidth: float
     surplus: float = 1.0
+    elimination: Elimination | None = None
 
     @property
     def x_or_nan(self) -> Floats:
@@ -93,7 +97,10 @@ class MeasuredDisplacements:
             for name, sigma in zip(source_names(structure), deviations, strict=True)
             if sigma > 0.0 and name in piece.channels
         }
-        return read_displacements(replace(piece, noise={**piece.noise, **stated}), structure)
+        eliminate = self.elimination is not None
+        return read_displacements(
+            replace(piece, noise={**piece.noise, **stated}), structure, eliminate=eliminate
+        )
 
     @cached_property
     def floored_variance(self) -> Floats:
@@ -118,7 +125,9 @@ def source_names(structure: Structure) -> list[str]:
     return [*(f"x:{place}" for place in structure.places), *states, "x:base"]
 
 
-def read_displacements(record: Record, structure: Structure) -> MeasuredDisplacements:
+def read_displacements(
+    record: Record, structure: Structure, *, eliminate: bool = False
+) -> MeasuredDisplacements:
     """Displacements of the masses of a structure in a record.
 
     Parameters
@@ -127,6 +136,8 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
         The record. Noise that it states is used; the rest is estimated.
     structure : Structure
         The structure.
+    eliminate : bool, optional
+        Whether a state that the record does not show is eliminated.
 
     Returns
     -------
@@ -136,7 +147,8 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     Raises
     ------
     IdentificationError
-        If no mass has a displacement channel, or those of a host do not tell its modes.
+        If no mass has a displacement channel, those of a host do not tell its modes, or a state that is not measured cannot
+        be eliminated.
     """
     names = source_names(structure)
     has_channel = np.array([name in record.channels for name in names])
@@ -148,7 +160,8 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
             arguments=("channels",),
         )
     unmeasured = [name for name in names[len(structure.places) : -1] if name not in record.channels]
-    if unmeasured:
+    elimination = elimination_of(structure, unmeasured) if eliminate else None
+    if unmeasured and elimination is None:
         raise IdentificationError(
             f"the weak form needs the states of links with memory, and the record has no {', '.join(unmeasured)}: measure "
             'it, or use method "ml", which finds states',
@@ -185,6 +198,7 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
         missing=lacking if gaps else None,
         samples=int(np.sum(measured) * ends.shape[1] - np.sum(lacking[measured])),
         bandwidth=highest,
+        elimination=elimination,
     )
     return _of_modes(shown, structure) if structure.hosts else shown
 

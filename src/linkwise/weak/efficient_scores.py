@@ -211,7 +211,7 @@ def _beside(normal: Floats, own: int) -> tuple[Floats, Floats]:
 
 def _sizes(likely: LikelyMotion, numbers: Indices) -> Floats:
     """(t,) root mean squares of terms of size 1."""
-    area, largest = likely.system.window.kernels[PHI].sum(), np.zeros(len(numbers))
+    area, largest = np.abs(likely.system.window.kernels[PHI]).sum(), np.zeros(len(numbers))
     for patch in likely.system.patches:
         columns = columns_of(patch, numbers)
         power = np.sum(columns**2, axis=1) / max(patch.windows, 1.0)

@@ -7,17 +7,23 @@ a link are measured and enter law and rates linearly,
 
 each summand is an element: f0 and g0 are functions of the elongation, the others of a state as if it were one. A state has an
 equation of its own, that of a node without mass, s_j' - g0 - sum_k q_k s_k = 0, in which s_j' is the element with the law v.
+
+A single state that is not measured is eliminated where it is linear with constant coefficients, z' = g0(d, v) + a z: D - a,
+applied to the equations, makes p g0 of p z, an element under phi where all others are under -phi' - a phi (`Window`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from linkwise.errors import StructureError
+import numpy as np
+
+from linkwise.errors import IdentificationError, StructureError
 from linkwise.expression import (
     Expression,
     Number,
+    Program,
     Symbol,
     differentiate,
     multiply,
@@ -48,21 +54,132 @@ class Element:
         Nodes, and their weights in what it reads: masses and modes, after them states of links, and the base.
     action : tuple of (int, float)
         Nodes in whose equations it acts, and its weights there.
+    inner : bool, optional
+        Whether it is p g0 of an eliminated state.
     """
 
     link: int
     law: Law
     reading: Weights
     action: Weights
+    inner: bool = False
 
 
-def elements_of(structure: Structure) -> tuple[Element, ...]:
+@dataclass(frozen=True)
+class Elimination:
+    """A state z' = g0(d, v) + a z of a link that the equations do not contain.
+
+    Attributes
+    ----------
+    link : int
+        The number of the link.
+    state : str
+        The name of the state.
+    relaxation : Law
+        a in 1/s, of coefficients of the link alone.
+    drive : Law
+        g0.
+    """
+
+    link: int
+    state: str
+    relaxation: Law
+    drive: Law
+
+    def relaxation_at(
+        self, structure: Structure, unknown: Mapping[str, float]
+    ) -> tuple[float, dict[str, float]]:
+        """The value of a.
+
+        Parameters
+        ----------
+        structure : Structure
+            The structure of the link.
+        unknown : mapping of str to float
+            Values of the unknown coefficients in a; NaN where there is none.
+
+        Returns
+        -------
+        value : float
+            a in 1/s.
+        slopes : dict of str to float
+            Its derivatives with respect to the coefficients in it.
+
+        Raises
+        ------
+        IdentificationError
+            If one of these has no value.
+        """
+        link, expression = structure.links[self.link], self.relaxation.expression
+        names = self.relaxation.coefficients
+        given = {name: coefficient.value for name, coefficient in link.coefficients.items()} | dict(unknown)
+        values = [np.nan if (value := given[name]) is None else value for name in names]
+        for name, value in zip(names, values, strict=True):
+            if np.isnan(value):
+                raise IdentificationError(
+                    f'link "{link.name}": {name} enters the rate of {self.state}, which is not measured, and needs a start: '
+                    f"write {name} = {{ start = ... }} among its coefficients"
+                )
+        program = Program([expression, *(differentiate(expression, name) for name in names)], names)
+        a, *slopes = (float(np.asarray(number)) for number in program(*values))
+        return a, dict(zip(names, slopes, strict=True))
+
+
+def elimination_of(structure: Structure, hidden: Sequence[str]) -> Elimination | None:
+    """What eliminates the state that a record does not show.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    hidden : sequence of str
+        The channels of states that the record does not have.
+
+    Returns
+    -------
+    Elimination or None
+        None where all states are measured.
+
+    Raises
+    ------
+    IdentificationError
+        If there are several, or the state is not linear with constant coefficients.
+    """
+    if not hidden:
+        return None
+    states = structure.topology.states
+    links = structure.links
+    advice = 'measure it, or use method "ml", which finds states'
+    if len(hidden) > 1 or len(states) > 1:
+        raise IdentificationError(
+            f"the record has no {', '.join(hidden)}: the weak form eliminates the single state of a structure, and this one "
+            f'has {len(states)}; measure all of them, or use method "ml", which finds states',
+            arguments=("channels",),
+        )
+    [(number, name)] = states
+    link = links[number]
+    rate = dict(link.law.named_rates)[name]
+    force, own = differentiate(link.law.expression, name), differentiate(rate, name)
+    for place, slope in (("its law", force), ("its rate", own)):
+        if set(symbols(slope)) & {*VARIABLES, name}:
+            raise IdentificationError(
+                f"the record has no {hidden[0]}, and the weak form cannot eliminate a state that does not enter {place} "
+                f"linearly, with constant coefficients: {advice}",
+                arguments=("channels",),
+            )
+    drive = substitute(rate, {name: Number(0.0)})
+    return Elimination(number, name, _law(link, own), _law(link, drive))
+
+
+def elements_of(structure: Structure, elimination: Elimination | None = None) -> tuple[Element, ...]:
     """What acts in the weak equations of a structure.
 
     Parameters
     ----------
     structure : Structure
         The structure.
+    elimination : Elimination, optional
+        The state that the record does not show.
 
     Returns
     -------
@@ -84,6 +201,13 @@ def elements_of(structure: Structure) -> tuple[Element, ...]:
         reading = (*column, (base, based)) if based else column
         if not link.law.states:
             elements.append(Element(number, link.law, reading, column))
+            continue
+        if elimination is not None:
+            of_state = differentiate(link.law.expression, elimination.state)
+            at_zero = substitute(link.law.expression, {elimination.state: Number(0.0)})
+            driven = _law(link, multiply(of_state, elimination.drive.expression))
+            elements.append(Element(number, _law(link, at_zero), reading, column))
+            of_states.append(Element(number, driven, reading, column, inner=True))
             continue
         nodes = {name: node_of_state[number, name] for name in link.law.states}
         whole, *others = _linear_parts(link, number, link.law.expression, reading, column, nodes)

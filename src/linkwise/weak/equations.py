@@ -23,13 +23,14 @@ from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
 from linkwise.weak.stretches import Stretches
-from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, WeakPart, none_alone
+from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2, WeakPart, none_alone
 from linkwise.weak.window import Window
 
 MIN_WINDOWS = 8  # windows
 _PATCH = 12  # masses: their dense products are cheap, and the terms of most links are shared
 _DENSE_WINDOWS = 400  # from twice as many, sums of smooth slopes over time use every second window
 _MAX_THINNING = 2
+_WIDER_WITHOUT_STATE = 2.0  # test functions have one more derivative, so that wider ones pass less noise
 _SLOPE_THINNING = 4  # the slopes in products of noise with itself vary more slowly
 
 
@@ -139,33 +140,41 @@ def weak_equations(
     IdentificationError
         If the record is shorter than eight windows, too many samples are missing, or a parameter lacks a start.
     """
-    window = window or Window.for_band(motion.bandwidth, record.rate, motion.noise_free)
+    layout = structure_layout(structure, motion.elimination)
+    present = layout.values(values or {})
+    relaxation = layout.relaxation(present)
+    thinned = rate_window is None
+    if relaxation is not None and window is None:
+        rate_window = rate_window or Window.for_band(motion.bandwidth, record.rate, motion.noise_free)
+    wider = 1.0 if relaxation is None else _WIDER_WITHOUT_STATE
+    window = window or Window.for_band(motion.bandwidth / wider, record.rate, motion.noise_free)
+    window = window.without(None if relaxation is None else relaxation[0])
     windows = window.rows(len(record))
     if windows < MIN_WINDOWS:
         raise IdentificationError(
             f"the record is too short: its {len(record)} samples give {windows} windows of {window.length} samples, and "
             f"{MIN_WINDOWS} are needed; record for longer"
         )
-    thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if rate_window is None else 1
+    thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if thinned else 1
     applied = _applied(record, structure)
     smooth = window.filter(motion.displacements, window.kernels)
-    layout = structure_layout(structure)
     total = _with_frame(smooth, applied, frame_acceleration(record), layout, window)
     context = PatchContext(
         structure_layout=layout,
-        values=layout.values(values or {}),
+        values=present,
         motion=motion,
         window=window,
         rate_window=rate_window or window,
         filtered=total,
         forces={
-            mass: -window.filter(np.nan_to_num(force)[None], window.kernels[:1])[0, 0]
+            mass: -window.filter(np.nan_to_num(force)[None], window.kernels[::INNER])[:, 0]
             for mass, force in applied.items()
         },
         slope_stride=_SLOPE_THINNING * thinning,
         alone=alone,
     )
-    area, displaced = window.kernels[PHI].sum(), _displacements(smooth, window)
+    smooth = smooth[window.smooth :]
+    area, displaced = window.kernels[window.smooth].sum(), _displacements(smooth, window)
     return WeakEquations(
         context=context,
         structure_layout=layout,
@@ -201,7 +210,7 @@ def _with_frame(
     layout: StructureLayout,
     window: Window,
 ) -> Floats:
-    """The sums (3, n + 2, R) with the acceleration (N,) of the coordinates in that of masses that are parameters.
+    """The sums (K, n + 2, R) with the acceleration (N,) of the coordinates in that of masses that are parameters.
 
     Their forces of inertia, which `applied` has by the values in the structure, leave it.
     """
@@ -209,7 +218,7 @@ def _with_frame(
         return smooth
     total, masses = smooth.copy(), layout.structure.masses
     for index in (index for index in range(len(masses)) if (-1 - index, MASS) in layout.parameter_index):
-        total[PHI_2, index] += window.filter(acceleration[None], window.kernels[:1])[0, 0]
+        total[PHI_2::INNER, index] += window.filter(acceleration[None], window.kernels[::INNER])[:, 0]
         applied[index] = applied[index] + (masses[index].mass.value or 0.0) * acceleration
         if not applied[index].any():
             del applied[index]
@@ -221,7 +230,7 @@ def _displacements(smooth: Floats, window: Window) -> Floats:
     bias to third order: that of a curve under phi is biased by half its curvature times the second moment of phi.
     """
     time = window.step * np.arange(-window.half, window.half + 1)
-    phi = window.kernels[PHI]
+    phi = window.kernels[window.smooth]
     return np.asarray((smooth[PHI] - 0.5 * (phi @ time**2 / phi.sum()) * smooth[PHI_2]) / phi.sum())
 
 
@@ -229,7 +238,7 @@ def _applied_forces(applied: Mapping[int, Floats], area: float, masses: int, win
     """(R, n) applied forces from those of the forced masses, negative under phi."""
     by_mass = np.zeros((windows, masses))
     for mass, force in applied.items():
-        by_mass[:, mass] = -force / area
+        by_mass[:, mass] = -force[-1] / area
     return by_mass
 
 

@@ -30,6 +30,7 @@ from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import WeakFit, weak_fit
 from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, WeakJudgement, judgement
 from linkwise.weak.layout import structure_layout
+from linkwise.weak.link_forces import link_force
 from linkwise.weak.priors import with_priors
 from linkwise.weak.residual import weak_residual
 from linkwise.weak.smoothed_rates import rated_links, with_smoothing
@@ -45,7 +46,8 @@ class WeakForm(Estimator):
     """The weak form, with the bias due to noise removed: the method "weak" of `identify`.
 
     The equations of motion are multiplied by test functions and integrated over short windows, so that no signal is
-    differentiated. It needs displacements and one record, takes milliseconds, and has no options.
+    differentiated. It needs displacements and one record, takes milliseconds, and has no options. States of links with memory
+    are measured; one that is linear, as that of a Maxwell branch or of a piezo, may be hidden.
 
     References
     ----------
@@ -87,12 +89,12 @@ class WeakForm(Estimator):
             If there are several records, no displacements, or a parameter that the record does not determine.
         """
         refuse_rig(structure, 'method "weak"')
-        structure_layout(structure)  # refuses states that are not linear, also where they are not measured
         given = self.only_record(records)
         frame = framed(given, structure)
         record = frame.record
         with one_blas_thread():
-            motion = read_displacements(record, structure)
+            motion = read_displacements(record, structure, eliminate=True)
+            structure_layout(structure, motion.elimination)  # refuses states that are not linear
             equations, fit, converged = weak_search(record, structure, motion)
             if converged:
                 fit = with_smoothing(record, structure, equations, fit)
@@ -155,7 +157,7 @@ def weak_search(
     IdentificationError
         As `weak_equations` and `weak_fit`.
     """
-    layout = structure_layout(structure)
+    layout = structure_layout(structure, motion.elimination)
     nonlinear = {layout.names[number] for number in layout.nonlinear}
     if not nonlinear:
         equations = weak_equations(record, structure, motion)
@@ -231,8 +233,7 @@ def _forces_with_memory(identified: Structure, equations: WeakEquations) -> Floa
         return None
     forces = np.full((equations.windows, len(identified.links)), np.nan)
     for number in {link for link, _ in states}:
-        inside = {name: equations.states[row] for row, (link, name) in enumerate(states) if link == number}
-        forces[:, number] = identified.links[number].force(equations.d[number], equations.v[number], inside)
+        forces[:, number] = link_force(identified, number, equations)
     return forces
 
 

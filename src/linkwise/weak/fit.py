@@ -113,8 +113,9 @@ def _require_informed(system: WeakEquations, structure: Structure) -> None:
     if uninformed:
         motion = system.motion
         names = source_names(structure)
+        ends = len(structure.places) if motion.elimination is not None else len(names) - 1
         unmeasured = [
-            name for name, present in zip(names[:-1], motion.has_channel, strict=False) if not present
+            name for name, present in zip(names[:ends], motion.has_channel, strict=False) if not present
         ]
         raise IdentificationError(
             f"the record has no information on {', '.join(uninformed)}: the weak form needs the displacement of a mass and of "

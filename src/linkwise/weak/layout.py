@@ -15,9 +15,11 @@ from linkwise.arrays import Floats, Indices
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.weak.displacements import MeasuredDisplacements
-from linkwise.weak.elements import Element, elements_of
+from linkwise.weak.elements import Element, Elimination, elements_of
 from linkwise.weak.patch_layout import GroupTerms, PatchLayout, TermCoefficients, WeakLawGroup
-from linkwise.weak.weak_form import PHI, PHI_2, WeakPart, weak_law
+from linkwise.weak.weak_form import INNER, PHI, PHI_2, WeakPart, weak_law
+
+_KERNELS = 3  # phi and two derivatives, under which an equation without its state has the terms of the balance itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +35,16 @@ class StructureLayout:
     parameter_index : mapping of (int, str) to int
         Index of the parameter of each unknown coefficient, given as (link, or -1 - mass; name of the coefficient).
     elements : tuple of Element
-        What acts in the equations: one element for each link, and those of measured states.
+        What acts in the equations: one element for each link, and those of states.
+    elimination : Elimination or None
+        The state that the equations do not contain.
     """
 
     structure: Structure
     names: tuple[str, ...]
     parameter_index: Mapping[tuple[int, str], int]
     elements: tuple[Element, ...]
+    elimination: Elimination | None = None
     _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], PatchLayout] = field(
         default_factory=dict, repr=False
     )
@@ -59,7 +64,45 @@ class StructureLayout:
     @cached_property
     def between_masses(self) -> bool:
         """Whether every element acts on the masses that it reads, with the weights by which it reads them."""
-        return not self.structure.hosts and not self.structure.topology.states
+        measured = self.structure.topology.states and self.elimination is None
+        return not self.structure.hosts and not measured
+
+    @cached_property
+    def relaxed(self) -> Mapping[str, int]:
+        """The parameters by the coefficients that are in the a of an eliminated state."""
+        if self.elimination is None:
+            return {}
+        slots = {name: (self.elimination.link, name) for name in self.elimination.relaxation.coefficients}
+        return {
+            name: self.parameter_index[slot] for name, slot in slots.items() if slot in self.parameter_index
+        }
+
+    def relaxation(self, values: Floats) -> tuple[float, dict[int, float]] | None:
+        """The a of the eliminated state.
+
+        Parameters
+        ----------
+        values : array of shape (p,)
+            The parameters.
+
+        Returns
+        -------
+        tuple or None
+            a in 1/s and its derivatives by number of the parameter; None where no state is eliminated.
+
+        Raises
+        ------
+        IdentificationError
+            If a coefficient in it has no start.
+        """
+        if self.elimination is None:
+            return None
+        unknown = {name: float(values[number]) for name, number in self.relaxed.items()}
+        value, by_name = self.elimination.relaxation_at(self.structure, unknown)
+        slopes = dict.fromkeys(self.relaxed.values(), 0.0)
+        for name, number in self.relaxed.items():
+            slopes[number] += by_name[name]
+        return value, slopes
 
     @cached_property
     def elements_at(self) -> tuple[tuple[int, ...], ...]:
@@ -71,12 +114,19 @@ class StructureLayout:
         return tuple(map(tuple, elements))
 
     @cached_property
+    def eliminating(self) -> frozenset[int]:
+        """Nodes on which the link acts whose state is eliminated."""
+        inner = (element for element in self.elements if element.inner)
+        return frozenset(node for element in inner for node, _ in element.action)
+
+    @cached_property
     def masses_with_parameters(self) -> frozenset[int]:
         """Nodes whose equation has a parameter."""
         unknown = {
             number
             for number, element in enumerate(self.elements)
             if any((element.link, name) in self.parameter_index for name in element.law.coefficients)
+            or (element.inner and self.relaxed)
         }
         return frozenset(
             node
@@ -97,7 +147,8 @@ class StructureLayout:
     def nonlinear(self) -> frozenset[int]:
         """Numbers of the parameters that enter an element nonlinearly."""
         slots = ((element.link, name) for element in self.elements for name in element.law.nonlinear)
-        return frozenset(self.parameter_index[slot] for slot in slots if slot in self.parameter_index)
+        of_laws = (self.parameter_index[slot] for slot in slots if slot in self.parameter_index)
+        return frozenset((*of_laws, *self.relaxed.values()))
 
     def values(self, given: Mapping[str, float]) -> Floats:
         """Values of the parameters.
@@ -192,18 +243,19 @@ class StructureLayout:
         WeakLawGroup
             Elements that share a law.
         """
-        by_law: dict[tuple[Law, frozenset[str]], list[int]] = {}
+        by_law: dict[tuple[Law, frozenset[str], bool], list[int]] = {}
         indices = np.array(elements, dtype=np.intp)
         for position, index in enumerate(indices.tolist()):
-            law, link = self.elements[index].law, self.elements[index].link
+            law, link, inner = (element := self.elements[index]).law, element.link, element.inner
             free = frozenset(name for name in law.nonlinear if (link, name) in self.parameter_index)
-            by_law.setdefault((law, free), []).append(position)
-        for (law, free), positions in by_law.items():
+            by_law.setdefault((law, free, inner), []).append(position)
+        for (law, free, inner), positions in by_law.items():
             which = [self.elements[index].link for index in indices[positions].tolist()]
             coefficients = {
                 name: self._numbers((index, name) for index in which) for name in law.coefficients
             }
-            yield WeakLawGroup(weak_law(law, free), np.array(positions), indices[positions], coefficients)
+            weak = weak_law(law, free, INNER if inner else PHI)
+            yield WeakLawGroup(weak, np.array(positions), indices[positions], coefficients)
 
     def layout(self, masses: Iterable[int], forced: Iterable[int]) -> PatchLayout:
         """Layout of the equations of some masses; computed once for equal arguments.
@@ -234,18 +286,30 @@ class StructureLayout:
                 start, stop = stop, stop + len(group.links)
                 parts.append(GroupTerms(part, index, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
+        states = [
+            (mass, number) for mass in masses if mass in self.eliminating for number in self.relaxed.values()
+        ]
+        relaxed = np.array(states, dtype=int).reshape(-1, 1, 2).repeat(_KERNELS, 1).reshape(-1, 2)
+        of_states = TermCoefficients(relaxed[:, 1], np.zeros(len(relaxed)))
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
-        sizes = [*(term.terms.stop - term.terms.start for term in parts), len(masses), len(forced)]
+        sizes = [
+            *(term.terms.stop - term.terms.start for term in parts),
+            len(relaxed),
+            len(masses),
+            len(forced),
+        ]
         chosen = [*(groups[term.group].links for term in parts), links]
         nodes, reading, acting = self._incidence(np.concatenate(chosen).tolist(), masses)
-        moved = np.searchsorted(nodes, masses)
+        moved, last = np.searchsorted(nodes, masses), stop + len(relaxed)
         signs = np.zeros((len(masses), sum(sizes)))
         signs[:, :stop] = acting[:, :stop]
-        signs[:, stop : stop + len(masses)] = np.eye(len(masses))
-        signs[:, stop + len(masses) :] = masses[:, None] == np.array(forced, dtype=int)
-        own = np.zeros((len(masses) + len(forced), len(nodes)))
-        own[np.arange(len(masses)), moved] = 1.0
+        signs[:, stop:last] = masses[:, None] == relaxed[:, 0]
+        signs[:, last : last + len(masses)] = np.eye(len(masses))
+        signs[:, last + len(masses) :] = masses[:, None] == np.array(forced, dtype=int)
+        own = np.zeros((len(relaxed) + len(masses) + len(forced), len(nodes)))
+        own[np.arange(len(relaxed)), np.searchsorted(nodes, relaxed[:, 0])] = 1.0
+        own[len(relaxed) + np.arange(len(masses)), moved] = 1.0
         return PatchLayout(
             masses=masses,
             links=links,
@@ -253,14 +317,22 @@ class StructureLayout:
             groups=groups,
             group_terms=tuple(parts),
             inertia=inertia,
-            kernel=np.repeat([*(term.part.kernel for term in parts), PHI_2, PHI], sizes),
+            kernel=np.concatenate(
+                [
+                    np.repeat([term.part.kernel for term in parts], sizes[: len(parts)]),
+                    np.tile(INNER + np.arange(_KERNELS), len(states)),
+                    np.repeat([PHI_2, PHI], sizes[-2:]),
+                ]
+            ).astype(int),
             signs=signs,
-            coefficients=TermCoefficients.joined([*numbers, inertia, forces]),
-            increment=np.repeat([*(term.part.increment for term in parts), False, False], sizes),
+            coefficients=TermCoefficients.joined([*numbers, of_states, inertia, forces]),
+            increment=np.repeat([*(term.part.increment for term in parts), True, False, False], sizes),
             nodes=nodes,
             incidence=np.concatenate([reading[:stop], own]),
             readings=reading[stop:],
             link_incidence=acting[:, stop:],
+            inner=np.array([self.elements[number].inner for number in links.tolist()], dtype=bool),
+            eliminating=slice(stop, last),
         )
 
     def _incidence(self, numbers: Sequence[int], masses: Indices) -> tuple[Indices, Floats, Floats]:
@@ -294,13 +366,15 @@ class StructureLayout:
 
 
 @lru_cache(maxsize=32)
-def structure_layout(structure: Structure) -> StructureLayout:
+def structure_layout(structure: Structure, elimination: Elimination | None = None) -> StructureLayout:
     """Layout of a structure; the same object for equal structures.
 
     Parameters
     ----------
     structure : Structure
         The structure.
+    elimination : Elimination, optional
+        The state that the equations do not contain.
 
     Returns
     -------
@@ -314,7 +388,8 @@ def structure_layout(structure: Structure) -> StructureLayout:
         parameter_index={
             slot: number for number, parameter in enumerate(parameters) for slot in parameter.members
         },
-        elements=elements_of(structure),
+        elements=elements_of(structure, elimination),
+        elimination=elimination,
     )
 
 

@@ -95,7 +95,7 @@ def likely_motion(
         If the covariance of the residuals is not positive definite.
     """
     window = equations.window
-    measured = _bridged(equations.motion)
+    measured = bridged(equations.motion)
     motion = smoothed_motion(measured, window)
     present = dict(values)
     for number in range(_ROUNDS[1]):
@@ -158,6 +158,28 @@ def columns_of(patch: Patch, numbers: Indices) -> Floats:
     return columns
 
 
+def bridged(motion: MeasuredDisplacements) -> Floats:
+    """Displacements with missing samples between their neighbours; windows with these have no equation.
+
+    Parameters
+    ----------
+    motion : MeasuredDisplacements
+        The displacements.
+
+    Returns
+    -------
+    array of shape (n + 2, N)
+        They without gaps, in m.
+    """
+    if motion.missing is None:
+        return motion.displacements
+    bridged, index = motion.displacements.copy(), np.arange(motion.displacements.shape[1])
+    for row, missing in zip(bridged, motion.missing, strict=False):
+        if missing.any() and not missing.all():
+            row[missing] = np.interp(index[missing], index[~missing], row[~missing])
+    return bridged
+
+
 def _priors(system: WeakEquations, own: Bools) -> tuple[Floats, Floats]:
     """Means (p,) of the priors, and the information (p,) in them: 0 without one and of those that are not `own`."""
     parameters = system.structure_layout.structure.parameters
@@ -210,14 +232,3 @@ def _at(motion: MeasuredDisplacements, displacements: Floats) -> MeasuredDisplac
         base=None if motion.base is None else displacements[-2],
         source_variance=np.zeros_like(motion.source_variance),
     )
-
-
-def _bridged(motion: MeasuredDisplacements) -> Floats:
-    """(n + 2, N) displacements with missing samples between their neighbours; windows with these have no equation."""
-    if motion.missing is None:
-        return motion.displacements
-    bridged, index = motion.displacements.copy(), np.arange(motion.displacements.shape[1])
-    for row, missing in zip(bridged, motion.missing, strict=False):
-        if missing.any() and not missing.all():
-            row[missing] = np.interp(index[missing], index[~missing], row[~missing])
-    return bridged

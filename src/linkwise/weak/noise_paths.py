@@ -14,6 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
 from linkwise.weak.patch_layout import NoiseCoupling
+from linkwise.weak.weak_form import INNER
 
 
 def noise_couplings(patch: Patch, system: WeakEquations) -> tuple[NoiseCoupling, ...]:
@@ -49,6 +50,34 @@ def own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Flo
     return np.asarray(signs * (incidence @ covariance[:, own] / covariance[own, own]).T)
 
 
+def own_kernels(patch: Patch, system: WeakEquations, slopes: Floats, masses: Floats) -> Floats:
+    """Weights of the kernels in the noise that the displacement of each mass or mode itself leaves in its equation.
+
+    Parameters
+    ----------
+    patch : Patch
+        The equations.
+    system : WeakEquations
+        All equations of the record.
+    slopes : array of shape (2, l, P)
+        Slopes of the links with respect to d and v.
+    masses : array of shape (m,)
+        The masses in kg.
+
+    Returns
+    -------
+    array of shape (K, m, P)
+        The weights.
+    """
+    own, inner = own_noise_of_links(patch, system), patch.layout.inner
+    stiffness, damping = (own * ~inner) @ slopes
+    kernels = [stiffness, -damping, np.broadcast_to(masses[:, None], stiffness.shape)]
+    if len(system.window.kernels) > INNER:
+        stiffness, damping = (own * inner) @ slopes
+        kernels += [stiffness, -damping, np.zeros_like(stiffness)]
+    return np.stack(kernels)
+
+
 def own_noise_of_links(patch: Patch, system: WeakEquations) -> Floats:
     """(m, l) `own_noise` through the elongations of the links."""
     return own_noise(patch, system, patch.layout.link_incidence, patch.layout.readings)
@@ -67,8 +96,8 @@ def source_sums(
         Its mass in kg.
     slopes : array of shape (2, k, P)
         Slopes of its links with respect to d and v.
-    kernels : array of shape (3, s, P)
-        Sums over windows under phi, phi' and phi''.
+    kernels : array of shape (K, s, P)
+        Sums over windows under the kernels.
     system : WeakEquations
         All equations of the record.
 
@@ -81,10 +110,13 @@ def source_sums(
     sums : array of shape (s, P)
         The sums.
     """
-    phi, phi_1, phi_2 = kernels
+    phi, phi_1, phi_2 = kernels[:INNER]
     stiffness, damping = slopes[:, :, None]
     from_links = damping * phi_1
     from_links -= stiffness * phi
+    if coupling.inner.any():
+        phi, phi_1, _ = kernels[INNER:]
+        from_links[coupling.inner] = damping[coupling.inner] * phi_1 - stiffness[coupling.inner] * phi
     for channel, inertia, passed in zip(
         coupling.sources.tolist(), coupling.inertia.tolist(), coupling.passed, strict=True
     ):

@@ -20,12 +20,13 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.weak.displacements import MeasuredDisplacements
+from linkwise.weak.eliminated import BalanceChange
 from linkwise.weak.layout import StructureLayout
 from linkwise.weak.noise_bias import noise_bias
 from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.rate_bias import rate_bias
 from linkwise.weak.terms import LawTerms, law_terms
-from linkwise.weak.weak_form import PHI_2, WeakPart, none_alone
+from linkwise.weak.weak_form import INNER, PHI_2, WeakPart, none_alone
 from linkwise.weak.window import Window
 
 
@@ -138,10 +139,10 @@ class PatchContext:
         The test functions.
     rate_window : Window
         What smooths the rates that laws act by.
-    filtered : array of shape (3, n + 2, R)
-        Displacements of masses, base and ground under the three kernels.
-    forces : mapping of int to array of shape (R,)
-        Negative applied forces under phi, by mass.
+    filtered : array of shape (K, n + 2, R)
+        Displacements of masses, base and ground under the kernels.
+    forces : mapping of int to array of shape (K', R)
+        Negative applied forces under phi, by mass, and under the phi behind that where a state is eliminated.
     slope_stride : int
         Stride in windows of `Patch.slopes`.
     alone : callable
@@ -184,17 +185,12 @@ class PatchContext:
             The equations.
         """
         layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
-        noise = self.motion.covariance(layout.nodes)
         evaluated, slope = self.evaluated(layout)
         rows = self._rows(layout, evaluated)
         if not valid.all():
             rows *= valid
         products = self._products(rows, layout)
-        curved = [terms for terms in evaluated if not isinstance(terms.slope, float)]
-        bias = noise_bias(layout, curved, slope, noise, self.window, valid, self.alone)
-        bias += rate_bias(
-            layout, evaluated, slope, noise, self.window, valid, self.rate_window.slope[0], self.alone
-        )
+        bias = self.bias(layout, evaluated, slope, valid)
         present = np.append(self.values, 0.0)[layout.coefficients.parameter]
         return Patch(
             layout=layout,
@@ -204,8 +200,51 @@ class PatchContext:
             products=products,
             moments=products - bias,
             valid=valid,
-            slopes=self._slopes(slope, curved),
+            slopes=self._slopes(layout, slope, evaluated),
         )
+
+    def bias(
+        self, layout: PatchLayout, evaluated: Sequence[LawTerms], slope: Floats, valid: Floats
+    ) -> Floats:
+        """Bias of the products of all terms due to noise.
+
+        Parameters
+        ----------
+        layout : PatchLayout
+            The q terms.
+        evaluated : sequence of LawTerms
+            Those of laws, at the samples under the windows.
+        slope : array of shape (q,)
+            Slopes of all terms where they are constant, 0 for others.
+        valid : array of shape (R,)
+            Weights of the windows.
+
+        Returns
+        -------
+        array of shape (q, q)
+            The bias.
+        """
+        change = self._change(layout)
+        whole, terms, slopes = layout, [*evaluated], slope
+        if change is not None:
+            whole, slopes = change.layout, np.append(slope, slope[change.twins])
+            terms += change.terms(evaluated)
+        noise = self.motion.covariance(layout.nodes)
+        curved = [of_law for of_law in terms if not isinstance(of_law.slope, float)]
+        bias = noise_bias(whole, curved, slopes, noise, self.window, valid, self.alone)
+        bias += rate_bias(
+            whole, terms, slopes, noise, self.window, valid, self.rate_window.slope[0], self.alone
+        )
+        return bias if change is None else change.joined(bias)
+
+    def _change(self, layout: PatchLayout) -> BalanceChange | None:
+        """What a change of the a of an eliminated state adds to equations; None where they have no such term."""
+        if layout.eliminating.start == layout.eliminating.stop:
+            return None
+        relaxation = self.structure_layout.relaxation(self.values)
+        numbers = layout.coefficients.at(self.values) if len(self.values) else layout.coefficients.known
+        numbers = np.where(layout.increment, 0.0, numbers)
+        return BalanceChange.of(layout, numbers, {} if relaxation is None else relaxation[1])
 
     def _products(self, rows: Floats, layout: PatchLayout) -> Floats:
         """(q, q) products of the rows (q, R); zero between different terms that are tested alone."""
@@ -259,9 +298,19 @@ class PatchContext:
 
     def _rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floats:
         """(q, R): the terms in all windows."""
-        rows = np.empty((len(layout.kernel), self.filtered.shape[2]))
+        rows, change = self._plain_rows(layout, evaluated), self._change(layout)
+        if change is not None:
+            under_phi = self._plain_rows(layout, evaluated, INNER)
+            rows[layout.eliminating] = change.sums @ under_phi[change.twins]
+        return rows
+
+    def _plain_rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms], behind: int = 0) -> Floats:
+        """(q, R): the terms under the kernels that stand `behind` those of the equations; 0 where there is none."""
+        rows = np.zeros((len(layout.kernel), self.filtered.shape[2]))
         for terms in evaluated:
-            kernel, sign, first = terms.part.kernel, terms.part.sign, terms.derivatives[0]
+            kernel, sign, first = terms.part.kernel + behind, terms.part.sign, terms.derivatives[0]
+            if kernel >= len(self.filtered):
+                continue
             if terms.part.plain:
                 rows[terms.terms] = self.structure_layout.elongations(self.filtered[kernel], terms.links)
                 rows[terms.terms] *= sign
@@ -272,19 +321,23 @@ class PatchContext:
                     first, sign * self.window.kernels[kernel : kernel + 1]
                 )[0]
         forces = len(rows) - len(layout.forced)
-        rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2, layout.masses]
+        rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2 + behind, layout.masses]
         for row, mass in enumerate(layout.forced, start=forces):
-            rows[row] = self.forces[mass]
+            rows[row] = self.forces[mass][behind // INNER]
         return rows
 
-    def _slopes(self, constant: Floats, curved: Sequence[LawTerms]) -> Floats:
+    def _slopes(self, layout: PatchLayout, constant: Floats, evaluated: Sequence[LawTerms]) -> Floats:
         """(q, K): slopes of the terms' functions at the centres of every `slope_stride`-th window."""
+        curved = [terms for terms in evaluated if not isinstance(terms.slope, float)]
         centres = (
             self.window.half + np.arange(0, self.filtered.shape[2], self.slope_stride) * self.window.stride
         )
         slopes = np.repeat(constant[:, None], len(centres), axis=1)
         for terms in curved:
             slopes[terms.terms] = terms.part.sign * np.asarray(terms.slope)[:, centres]
+        change = self._change(layout)
+        if change is not None:
+            slopes[layout.eliminating] = change.slopes(slopes)
         return slopes
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.weak.weak_form import WeakLaw, WeakPart
+from linkwise.weak.weak_form import PHI_2, WeakLaw, WeakPart
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +122,8 @@ class NoiseCoupling:
         Their weights in the displacement of the mass.
     passed : array of shape (s, k)
         Their weights in the elongations of the links, times those of the links in the equation.
+    inner : array of bool, shape (k,)
+        The links that act under phi in place of an eliminated state.
     """
 
     terms: Indices
@@ -131,6 +133,7 @@ class NoiseCoupling:
     sources: Indices
     inertia: Floats
     passed: Floats
+    inner: Bools
 
     def through(self, weights: Floats) -> NoiseCoupling:
         """The coupling of channels with these weights (n + 2, C) in the displacements of nodes."""
@@ -176,6 +179,10 @@ class PatchLayout:
         Weights of the nodes in the elongations of the links.
     link_incidence : array of shape (m, l)
         Weights of the links in the equations.
+    inner : array of bool, shape (l,)
+        The links that act under phi in place of an eliminated state.
+    eliminating : slice
+        The terms that a change of the a of an eliminated state adds: three kernels of each of its parameters.
     """
 
     masses: Indices
@@ -192,6 +199,8 @@ class PatchLayout:
     incidence: Floats
     readings: Floats
     link_incidence: Floats
+    inner: Bools
+    eliminating: slice
 
     @cached_property
     def free_terms(self) -> Indices:
@@ -205,8 +214,9 @@ class PatchLayout:
 
     @cached_property
     def free_terms_by_kernel(self) -> tuple[Indices, ...]:
-        """The terms with a parameter under each of the three kernels."""
-        return tuple(self.free_terms[self.kernel[self.free_terms] == kernel] for kernel in range(3))
+        """The terms with a parameter under each of the kernels."""
+        last = int(self.kernel.max(initial=PHI_2))
+        return tuple(self.free_terms[self.kernel[self.free_terms] == kernel] for kernel in range(last + 1))
 
     @cached_property
     def noise_couplings(self) -> tuple[NoiseCoupling, ...]:
@@ -228,6 +238,7 @@ class PatchLayout:
                     sources=self.nodes[near],
                     inertia=own[near].astype(float),
                     passed=(incident[links, None] * readings[:, near]).T,
+                    inner=self.inner[links],
                 )
             )
         return tuple(couplings)

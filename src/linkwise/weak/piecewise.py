@@ -13,9 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.fit import residual_power
-from linkwise.weak.noise_bias import noise_bias
 from linkwise.weak.patch import Patch
-from linkwise.weak.rate_bias import rate_bias
 from linkwise.weak.scatter import SlopeStatistics, quadratic_noise, residual_excess, score_blocks
 from linkwise.weak.stretches import Stretches
 from linkwise.weak.terms import LawTerms
@@ -114,16 +112,11 @@ def _products(
     """(q, q) products of the rows of a patch in each piece, and what noise adds to them."""
     window = equations.window
     evaluated, slope = equations.context.evaluated(patch.layout)
-    rate_filter = equations.context.rate_window.slope[0]
-    noise = equations.motion.covariance(patch.layout.nodes)
     for first, last in ranges:
         rows = patch.rows[:, first:last]
         samples = slice(first * window.stride, (last - 1) * window.stride + window.length)
         own, valid = [_within(terms, samples) for terms in evaluated], patch.valid[first:last]
-        curved = [terms for terms in own if not isinstance(terms.slope, float)]
-        added = noise_bias(patch.layout, curved, slope, noise, window, valid)
-        added += rate_bias(patch.layout, own, slope, noise, window, valid, rate_filter)
-        yield rows @ rows.T, added
+        yield rows @ rows.T, equations.context.bias(patch.layout, own, slope, valid)
 
 
 def _within(terms: LawTerms, samples: slice) -> LawTerms:

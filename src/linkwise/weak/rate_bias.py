@@ -15,7 +15,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.terms import LawTerms
-from linkwise.weak.weak_form import PHI, WeakPart, none_alone
+from linkwise.weak.weak_form import WeakPart, none_alone
 from linkwise.weak.window import Window
 
 
@@ -60,12 +60,20 @@ def rate_bias(
         return 0.0
     covariance = layout.incidence @ noise @ layout.incidence.T
     bias = np.zeros_like(covariance)
-    samples, phi = rated[0][1].shape[1], window.kernels[PHI]
-    with_rate = np.stack([_correlated(kernel, rate_filter) for kernel in window.kernels])
-    displaced = window.coverage(phi * with_rate, valid, samples)
-    both = window.coverage((phi * _correlated(with_rate[PHI], -rate_filter))[None], valid, samples)[0]
+    samples, kernels = rated[0][1].shape[1], window.kernels
+    with_rate = np.stack([_correlated(kernel, rate_filter) for kernel in kernels])
+    with_both = np.stack([_correlated(kernel, -rate_filter) for kernel in with_rate])
+    under = sorted({terms.part.kernel for terms, _ in rated})
+    coverage = {
+        kernel: window.coverage(
+            kernels[kernel] * np.concatenate([with_rate, with_both[under]]), valid, samples
+        )
+        for kernel in under
+    }
     for number, (first, by_rate) in enumerate(rated):
         rows = first.terms
+        displaced = coverage[first.part.kernel][: len(kernels)]
+        rates = dict(zip(under, coverage[first.part.kernel][len(kernels) :], strict=True))
         linear = covariance[rows] * (by_rate @ displaced.T)[:, layout.kernel] * slope
         bias[rows] += linear
         bias[:, rows] += linear.T
@@ -80,7 +88,8 @@ def rate_bias(
         for second, by_second in rated[number:]:
             if _apart(first, second, alone):
                 continue
-            mixed = covariance[rows, second.terms] * ((by_rate * both) @ by_second.T)
+            both = by_rate * rates[second.part.kernel]
+            mixed = covariance[rows, second.terms] * (both @ by_second.T)
             bias[rows, second.terms] += mixed
             if second is not first:
                 bias[second.terms, rows] += mixed.T

@@ -25,7 +25,7 @@ def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
         Residuals in N; NaN for masses without an equation and windows with missing samples.
     """
     residual = np.full(equations.acceleration.T.shape, np.nan)
-    area = equations.window.kernels[PHI].sum()
+    area = np.abs(equations.window.kernels[PHI]).sum()
     for patch in equations.patches:
         total = np.where(patch.valid > 0.0, patch.residual(values) / area, np.nan)
         residual[:, patch.masses] = total.T

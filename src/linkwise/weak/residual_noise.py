@@ -21,7 +21,7 @@ from linkwise.arrays import Floats
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
 from linkwise.weak.scatter import slopes_of_links
-from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
+from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2
 from linkwise.weak.window import Window
 
 _FLOOR = 1e-8  # of the mean variance: what rounding leaves of the smallest ones
@@ -91,12 +91,16 @@ class ResidualNoise:
             for node, own, passed in zip(
                 coupling.sources.tolist(), coupling.inertia, coupling.passed, strict=True
             ):
-                under = np.lib.stride_tricks.sliding_window_view(
-                    passed @ slopes[:, coupling.links], window.length, axis=1
-                )
-                stiffness, damping = under[:, :: window.stride][:, :count]
-                kernel = stiffness * window.kernels[PHI]
-                kernel -= damping * window.kernels[PHI_1]
+                kernel = np.zeros((count, window.length))
+                for first, chosen in ((0, ~coupling.inner), (INNER, coupling.inner)):
+                    if first and not chosen.any():
+                        continue
+                    under = np.lib.stride_tricks.sliding_window_view(
+                        passed[chosen] @ slopes[:, coupling.links[chosen]], window.length, axis=1
+                    )
+                    stiffness, damping = under[:, :: window.stride][:, :count]
+                    kernel += stiffness * window.kernels[first + PHI]
+                    kernel -= damping * window.kernels[first + PHI_1]
                 if own:
                     kernel += own * inertia[mass]
                 if not patch.valid.all():

@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -25,11 +26,11 @@ from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.weak.equations import WeakEquations
-from linkwise.weak.noise_paths import noise_couplings, own_noise, own_noise_of_links, source_sums
+from linkwise.weak.noise_paths import noise_couplings, own_kernels, own_noise, source_sums
 from linkwise.weak.patch import Patch
-from linkwise.weak.patch_layout import PatchLayout
+from linkwise.weak.patch_layout import NoiseCoupling, PatchLayout
 from linkwise.weak.stretches import Stretches
-from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
+from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
@@ -186,18 +187,31 @@ def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations
         Mean squares at the windows inside of the stretches of `statistics`.
     """
     gram = system.window.kernels @ system.window.kernels.T
-    by_slope, variance = gram[[PHI, PHI_1], [PHI, PHI_1]], system.motion.floored_variance
+    by_slope, variance = gram.diagonal()[[PHI, PHI_1]], system.motion.floored_variance
     mean, square = (array[..., statistics.stretches.inside] for array in (statistics.mean, statistics.square))
     passed, of_mean = (by_slope[0] * slopes[0] + by_slope[1] * slopes[1] for slopes in (square, mean**2))
     curved, expected = passed - of_mean, []
     for mass, coupling in zip(statistics.masses, noise_couplings(patch, system), strict=True):
         own, inertia = variance[coupling.sources], mass * coupling.inertia[:, None]
-        stiffness, damping = (coupling.passed @ slopes[coupling.links] for slopes in mean)
+        stiffness, damping = (coupling.passed * ~coupling.inner @ slopes[coupling.links] for slopes in mean)
         power = by_slope[0] * stiffness**2 + by_slope[1] * damping**2
         power += inertia * (inertia * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * stiffness)
+        if len(gram) > INNER:
+            power = _power_without_state(gram, coupling, mean, inertia)
         expected.append(own @ power + (own @ coupling.passed**2) @ curved[coupling.links])
     floor = FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
     return np.asarray(np.stack(expected) + floor)
+
+
+def _power_without_state(gram: Floats, coupling: NoiseCoupling, mean: Floats, inertia: Floats) -> Floats:
+    """(s, I) `noise_power` of channels of variance 1, by the mean slopes, where a state is eliminated."""
+    parts = []
+    for chosen in (~coupling.inner, coupling.inner):
+        stiffness, damping = (coupling.passed * chosen @ slopes[coupling.links] for slopes in mean)
+        parts += [stiffness, -damping, np.zeros_like(stiffness)]
+    parts[PHI_2] = np.broadcast_to(inertia, parts[PHI].shape)
+    weights = np.stack(parts)
+    return np.asarray(np.einsum("ksi,kl,lsi->si", weights, gram, weights, optimize=True))
 
 
 def score_blocks(
@@ -288,23 +302,20 @@ def quadratic_noise(
     inside = np.arange(len(stretches.windows))[stretches.inside]
     at = inside[stretches.windows[inside] % system.slope_stride == 0]
     parts = [slice(*np.searchsorted(at, [part.start, part.stop]).tolist()) for part in stretches.parts]
-    stiffness, damping = own_noise_of_links(patch, system) @ statistics.mean[:, :, at]
-    kernels = np.stack(
-        [stiffness, -damping, np.broadcast_to(statistics.masses[:, None], stiffness.shape)]
-    ).reshape(3, -1)
+    kernels = own_kernels(patch, system, statistics.mean[:, :, at], statistics.masses)
+    shape = kernels.shape[1:]
+    kernels = kernels.reshape(len(kernels), -1)
     slopes = patch.slopes[:, stretches.windows[at] // system.slope_stride]
     variance = system.motion.covariance(patch.masses, floored=True).diagonal()
     amount = system.slope_stride * (weight * variance) ** 2
     acting = own_noise(patch, system, patch.signs, patch.layout.incidence)
     total = np.zeros((len(parts), *patch.products.shape))
     layout, terms = patch.layout, patch.layout.free_terms_by_kernel
-    for row, column in _CORRELATED:
+    for row, column in _CORRELATED if len(kernels) == INNER else product(range(len(terms)), repeat=2):
         first, second = terms[row], terms[column]
         if len(first) and len(second):
             correlation = (
-                ((window.cross_correlations[row, column].T @ kernels) * kernels)
-                .sum(axis=0)
-                .reshape(stiffness.shape)
+                ((window.cross_correlations[row, column].T @ kernels) * kernels).sum(axis=0).reshape(shape)
             )
             acts = acting[:, first, None] * acting[:, None, second]
             acts *= amount[:, None, None]
@@ -354,15 +365,15 @@ def least_scatter(
     total = np.zeros(len(rows))
     for channel, of_channel in noise.items():
         total += variance[channel] * np.einsum("sp,sp->s", of_channel, of_channel)
-    stiffness, damping = own_noise_of_links(patch, system) @ mean
-    kernels = np.stack([stiffness, -damping, np.broadcast_to(masses[:, None], stiffness.shape)])
-    kernels = kernels.reshape(3, -1)
+    kernels = own_kernels(patch, system, mean, masses)
+    shape = kernels.shape[1:]
+    kernels = kernels.reshape(len(kernels), -1)
     of_masses = system.motion.covariance(patch.masses, floored=True).diagonal()
     amount = spacing * (weight * of_masses) ** 2
     acting = own_noise(patch, system, signs, patch.layout.incidence[rows]) ** 2
-    for kernel in (PHI, PHI_1, PHI_2):
+    for kernel in range(len(kernels)):
         own = np.flatnonzero(patch.layout.kernel[rows] == kernel)
         correlation = ((window.cross_correlations[kernel, kernel].T @ kernels) * kernels).sum(axis=0)
-        squares = correlation.reshape(stiffness.shape) @ (patch.slopes[rows[own]] ** 2).T
+        squares = correlation.reshape(shape) @ (patch.slopes[rows[own]] ** 2).T
         total[own] += amount @ (acting[:, own] * squares)
     return total

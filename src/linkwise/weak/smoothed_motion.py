@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.weak.weak_form import PHI
 from linkwise.weak.window import Window
 
 _DEGREE = 6  # of the polynomials, as of `Window.slope`
@@ -47,7 +46,7 @@ def _filters(window: Window) -> tuple[Floats, Floats]:
     powers = np.arange(_DEGREE + 1)
     values = u[:, None] ** powers
     rates = powers * u[:, None] ** np.maximum(powers - 1, 0) / (window.half * window.step)
-    weight = np.sqrt(np.maximum(window.kernels[PHI], 0.0))
+    weight = np.sqrt(np.maximum(window.kernels[window.smooth], 0.0))
     weighted, equal = np.linalg.pinv(weight[:, None] * values) * weight, np.linalg.pinv(values)
     centre = np.stack([values[window.half], rates[window.half]])
     return centre @ weighted, np.stack([values @ equal, rates @ equal])

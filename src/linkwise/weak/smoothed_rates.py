@@ -76,12 +76,13 @@ def with_smoothing(record: Record, structure: Structure, equations: WeakEquation
 def _change(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> Floats:
     """(p,) change of the parameters as rates are smoothed more, to first order, in windows that both smoothings leave."""
     window, count = equations.window, len(fit.values)
+    rate_window = equations.context.rate_window
     wide = weak_equations(
         record,
         structure,
         equations.motion,
         window=window,
-        rate_window=Window.of_deviation(_WIDER * window.half / sqrt(2 * ORDER + 3), window.step),
+        rate_window=Window.of_deviation(_WIDER * rate_window.half / sqrt(2 * ORDER + 3), window.step),
         values=dict(zip(equations.parameters, map(float, fit.values), strict=True)),
     )
     valid = {mass: patch.valid for patch in wide.patches for mass in patch.masses.tolist()}

@@ -66,7 +66,9 @@ class ScoreTests:
         parameter = local[layout.coefficients.parameter]
         order = np.argsort(parameter, kind="stable")
         firsts = order[np.searchsorted(parameter[order], len(estimated) + np.arange(len(tested)))]
-        single = np.array(list(_single_terms(layout, parameter < len(estimated))), dtype=int).reshape(-1, 2)
+        own = parameter < len(estimated)
+        own[layout.eliminating] = False
+        single = np.array(list(_single_terms(layout, own)), dtype=int).reshape(-1, 2)
         alone = np.zeros((len(layout.masses), len(single)))
         alone[single[:, 1], np.arange(len(single))] = 1.0
         return cls(

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from linkwise.arrays import Floats
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.expression import differentiate, kinks, symbols
@@ -19,6 +18,7 @@ from linkwise.model.structure import Structure
 from linkwise.weak.efficient_scores import EfficientScores
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.fit import WeakFit
+from linkwise.weak.link_forces import link_force
 
 _DAMPING = ("v*abs(v)", "sign(v)")
 _USUAL = ("d**3", "d**5", *_DAMPING)
@@ -117,5 +117,6 @@ def _beyond(
 def _force(identified: Structure, name: str, equations: WeakEquations) -> float:
     """Root mean square in N of the force of a link along the motion."""
     number = [link.name for link in identified.links].index(name)
-    force: Floats = identified.link(name).force(equations.d[number], equations.v[number])
-    return float(np.sqrt(np.mean(force**2))) or float(np.finfo(float).tiny)
+    force = link_force(identified, number, equations)
+    known = force[np.isfinite(force)]
+    return float(np.sqrt(known @ known / max(len(known), 1))) or float(np.finfo(float).tiny)

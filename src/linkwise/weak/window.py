@@ -14,14 +14,14 @@ from math import ceil, pi, sqrt
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.weak.strided_filter import strided_filter
+from linkwise.weak.weak_form import INNER, PHI, PHI_2
 
 ORDER = 8
 _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower phi exceeds noise at 40 dB
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
 _DISTANCE = 1.6  # standard deviations from one window to the next
-_AT_ONCE = 2**17  # samples that `strided_filter` processes together: they fit in the cache
-_BLOCK = 8  # outputs in one row of the blocked product in `strided_filter`
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,15 @@ class Window:
         Distance of neighbouring windows in samples.
     step : float
         Sampling interval in s.
+    relaxation : float, optional
+        The a of a state z' = a z + g that the equations do not contain, in 1/s: -phi' - a phi weights them in place of phi,
+        and integration by parts leaves phi times g of p z.
     """
 
     half: int
     stride: int
     step: float
+    relaxation: float | None = None
 
     @classmethod
     def of_deviation(cls, deviation: float, step: float) -> Window:
@@ -98,7 +102,7 @@ class Window:
             The wider window.
         """
         wider = Window.of_deviation(factor * self.half / sqrt(2 * ORDER + 3), self.step)
-        return _window(wider.half, max(1, wider.stride // 2), self.step)
+        return _window(wider.half, max(1, wider.stride // 2), self.step, self.relaxation)
 
     def spaced(self, distance: float) -> Window:
         """The same test functions with another distance of neighbours.
@@ -113,7 +117,28 @@ class Window:
         Window
             The windows.
         """
-        return _window(self.half, max(1, round(distance * self.half / sqrt(2 * ORDER + 3))), self.step)
+        stride = max(1, round(distance * self.half / sqrt(2 * ORDER + 3)))
+        return _window(self.half, stride, self.step, self.relaxation)
+
+    def without(self, relaxation: float | None) -> Window:
+        """The test functions that eliminate a state.
+
+        Parameters
+        ----------
+        relaxation : float or None
+            The a of the state in 1/s; None for no state.
+
+        Returns
+        -------
+        Window
+            The windows.
+        """
+        return _window(self.half, self.stride, self.step, relaxation)
+
+    @property
+    def smooth(self) -> int:
+        """The row of phi among the kernels: 0, or behind those of an eliminated state."""
+        return PHI if self.relaxation is None else INNER
 
     @property
     def overlap(self) -> float:
@@ -144,6 +169,9 @@ class Window:
     def kernels(self) -> Floats:
         """(3, length) phi, phi' and phi'' at the samples, divided by the norm of phi''.
 
+        Where a state is eliminated (6, length): psi = -phi' - a phi and its derivatives, by the norm of psi'', in the place of
+        these, which follow.
+
         phi' and phi'' contain a small multiple of phi, so that sums over samples satisfy integration by parts exactly for
         polynomials of degree five; without it their aliasing, of 1e-6, would be a spurious acceleration of slow motion.
         """
@@ -159,14 +187,18 @@ class Window:
         second += phi * (np.linalg.solve((even * phi) @ even.T, second_moments - even @ second) @ even)
         reach = self.half * self.step
         kernels: Floats = np.stack([phi, first / reach, second / reach**2])
-        return kernels / np.linalg.norm(kernels[2])
+        if self.relaxation is not None:
+            third = _third(u) / reach**3
+            outer = -np.stack([kernels[1], kernels[2], third]) - self.relaxation * kernels
+            kernels = np.concatenate([outer, kernels])
+        return kernels / np.linalg.norm(kernels[PHI_2])
 
     @cached_property
     def slope(self) -> Floats:
         """(1, length) filter for the derivative at the centre of a polynomial of degree six, fitted with the weight phi."""
         u = np.arange(-self.half, self.half + 1) / self.half
         odd = u ** np.array([[1], [3], [5]])
-        weighted = odd * self.kernels[0]
+        weighted = odd * self.kernels[self.smooth]
         first = np.linalg.solve(weighted @ odd.T, [1.0, 0.0, 0.0])
         return np.asarray(first @ weighted / (self.half * self.step))[None]
 
@@ -189,7 +221,7 @@ class Window:
 
     @cached_property
     def cross_correlations(self) -> Floats:
-        """(3, 3, 3, 3) sums over lags j of <a, b at j> <c, d at -j>, at [a, c, b, d], for kernels a, b, c, d.
+        """(K, K, K, K) sums over lags j of <a, b at j> <c, d at -j>, at [a, c, b, d], for kernels a, b, c, d.
 
         <a, b at j> is the sum over samples of kernel a times kernel b shifted by j windows.
         """
@@ -266,8 +298,8 @@ class Window:
 
         Returns
         -------
-        array of shape (S, 3, P)
-            The sums, multiplied by the root of the number of samples that a point represents.
+        array of shape (S, K, P)
+            The sums for each of the K kernels, multiplied by the root of the number of samples that a point represents.
         """
         taps = _taps(self, thinning)
         windows, reach, width = rows.shape[1], self.neighbours + 1, taps.shape[1]
@@ -275,10 +307,10 @@ class Window:
         padded[:, reach : reach + windows] = rows
         neighbours = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: 2 * thinning]
         neighbours = np.ascontiguousarray(neighbours.transpose(2, 0, 1))
-        sums = (taps @ neighbours.reshape(width, -1)).reshape(2, 3, *neighbours.shape[1:])
+        sums = (taps @ neighbours.reshape(width, -1)).reshape(2, len(taps) // 2, *neighbours.shape[1:])
         thinned = np.arange(0, windows, thinning)
         split, inside = len(thinned[::2]), len(thinned)
-        result = np.empty((3, len(rows), inside + 2 * self.half))
+        result = np.empty((sums.shape[1], len(rows), inside + 2 * self.half))
         result[:, :, :split] = sums[0, :, :, :split]
         result[:, :, split:inside] = sums[1, :, :, : inside - split]
         result[:, :, inside:] = self._edges(rows)
@@ -298,10 +330,10 @@ class Window:
 
         Returns
         -------
-        array of shape (S, 3, P)
+        array of shape (S, K, P)
             The sums.
         """
-        taps = _taps(self, thinning)[:3]
+        taps = _taps(self, thinning)[: len(self.kernels)]
         reach, width = self.neighbours + 1, taps.shape[1]
         padded = np.zeros((len(rows), rows.shape[1] + width - 1))
         padded[:, reach : reach + rows.shape[1]] = rows
@@ -309,9 +341,9 @@ class Window:
         return np.asarray((neighbours @ taps.T).transpose(0, 2, 1))
 
     def _edges(self, rows: Floats) -> Floats:
-        """(3, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
+        """(K, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
         count = min(self.neighbours + 1, rows.shape[1])
-        taps = np.zeros((2, 3, count, self.half))
+        taps = np.zeros((2, len(self.kernels), count, self.half))
         for lag in range(count):
             shift = lag * self.stride
             taps[0, :, lag, shift:] = self.kernels[:, : self.half - shift]
@@ -320,58 +352,27 @@ class Window:
 
 
 @lru_cache(maxsize=64)
-def _window(half: int, stride: int, step: float) -> Window:
+def _window(half: int, stride: int, step: float, relaxation: float | None = None) -> Window:
     """One object for equal windows, which keeps its kernels."""
-    return Window(half, stride, step)
+    return Window(half, stride, step, relaxation)
+
+
+def _third(u: Floats) -> Floats:
+    """The third derivative of phi at u; with odd multiples of phi, sums are exact for polynomials of degree five."""
+    inside, p = 1.0 - u * u, ORDER
+    third = u * inside ** (p - 3) * (12.0 * p * (p - 1) * inside - 8.0 * p * (p - 1) * (p - 2) * u * u)
+    odd, phi = u ** np.array([[1], [3], [5]]), inside**p
+    moments = np.append(0.0, -np.array([6.0, 60.0]) * (u ** np.array([[0], [2]]) @ phi))
+    return np.asarray(third + phi * (np.linalg.solve((odd * phi) @ odd.T, moments - odd @ third) @ odd))
 
 
 @lru_cache(maxsize=64)
 def _taps(window: Window, thinning: int) -> Floats:
-    """(6, width): kernels at the windows around two points of `adjoint`, times the root of the samples per point."""
+    """(2 K, width): kernels at the windows around two points of `adjoint`, times the root of the samples per point."""
     reach = window.neighbours + 1
     windows = np.arange(thinning + 2 * reach + 1) - reach
     centres = window.half + np.array([[0], [thinning * window.stride + window.stride // 2]])
     at = centres - window.stride * windows
     inside = (at >= 0) & (at < window.length)
     taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
-    return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(6, -1))
-
-
-def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
-    """Correlate signals with kernels at every stride-th sample.
-
-    Each block of outputs is one product with a banded Toeplitz matrix.
-
-    Parameters
-    ----------
-    signals : array of shape (S, N)
-        The signals.
-    kernels : array of shape (Q, T)
-        The kernels.
-    stride : int
-        Distance of the outputs in samples.
-
-    Returns
-    -------
-    array of shape (Q, S, (N - T) // stride + 1)
-        The correlations.
-    """
-    (count, samples), (filters, length) = signals.shape, kernels.shape
-    rows = (samples - length) // stride + 1
-    per_block = max(1, min(rows, _BLOCK))
-    blocks = -(-rows // per_block)
-    span = (per_block - 1) * stride + length
-    needed = (blocks - 1) * per_block * stride + span
-    if needed > samples:
-        signals = np.concatenate([signals, np.zeros((count, needed - samples))], axis=1)
-    toeplitz = np.zeros((filters, span, per_block))
-    for row in range(per_block):
-        toeplitz[:, row * stride : row * stride + length, row] = kernels
-    pieces = np.lib.stride_tricks.sliding_window_view(signals, span, axis=1)[:, :: per_block * stride]
-    result = np.empty((filters, count, blocks, per_block))
-    group = max(1, _AT_ONCE // (blocks * span))
-    for first in range(0, count, group):
-        part = np.ascontiguousarray(pieces[first : first + group, :blocks])
-        for kernel in range(filters):
-            np.matmul(part, toeplitz[kernel], out=result[kernel, first : first + group])
-    return result.reshape(filters, count, -1)[:, :, :rows]
+    return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(2 * len(taps), -1))

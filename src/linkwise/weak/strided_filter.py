@@ -1,0 +1,50 @@
+"""Correlation of signals with kernels at every so many samples, by blocked matrix products."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from linkwise.arrays import Floats
+
+_AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
+_BLOCK = 8  # outputs in one row of the blocked product
+
+
+def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
+    """Correlate signals with kernels at every stride-th sample.
+
+    Each block of outputs is one product with a banded Toeplitz matrix.
+
+    Parameters
+    ----------
+    signals : array of shape (S, N)
+        The signals.
+    kernels : array of shape (Q, T)
+        The kernels.
+    stride : int
+        Distance of the outputs in samples.
+
+    Returns
+    -------
+    array of shape (Q, S, (N - T) // stride + 1)
+        The correlations.
+    """
+    (count, samples), (filters, length) = signals.shape, kernels.shape
+    rows = (samples - length) // stride + 1
+    per_block = max(1, min(rows, _BLOCK))
+    blocks = -(-rows // per_block)
+    span = (per_block - 1) * stride + length
+    needed = (blocks - 1) * per_block * stride + span
+    if needed > samples:
+        signals = np.concatenate([signals, np.zeros((count, needed - samples))], axis=1)
+    toeplitz = np.zeros((filters, span, per_block))
+    for row in range(per_block):
+        toeplitz[:, row * stride : row * stride + length, row] = kernels
+    pieces = np.lib.stride_tricks.sliding_window_view(signals, span, axis=1)[:, :: per_block * stride]
+    result = np.empty((filters, count, blocks, per_block))
+    group = max(1, _AT_ONCE // (blocks * span))
+    for first in range(0, count, group):
+        part = np.ascontiguousarray(pieces[first : first + group, :blocks])
+        for kernel in range(filters):
+            np.matmul(part, toeplitz[kernel], out=result[kernel, first : first + group])
+    return result.reshape(filters, count, -1)[:, :, :rows]

@@ -1,0 +1,205 @@
+"""The weak form of links with a state that is not measured: D - a, applied to the equations, eliminates it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from structures import harvester, hysteretic_oscillator, link, named, structure
+
+import linkwise as lw
+from linkwise.weak.displacements import read_displacements
+from linkwise.weak.equations import WeakEquations, weak_equations
+from linkwise.weak.residual import weak_residual
+
+START = lw.Coefficient.unknown
+SPRING = {"k": 400.0, "k3": 4e4, "c": 0.5}
+BRANCH = {"k": 300.0, "c": 20.0}
+PIEZO = {"alpha": -40.0, "beta": 9e4, "c": 0.1, "theta": 8e-3, "C": 5e-6, "R": 1e4}
+FORCE = "6*sin(14*t) + 6*sin(23*t + 1) + 5*sin(31*t + 2) + 4*sin(47*t)"
+BASE = "0.004*sin(40*t) + 0.003*sin(57*t + 1) + 0.002*sin(33*t + 2)"
+SEEDS = range(4800, 4824)
+
+
+def mount(
+    spring: Mapping[str, float], branch: Mapping[str, lw.Coefficient | float], extra: str = ""
+) -> lw.Structure:
+    """A mass of 1 kg on a cubic spring beside a spring in series with a damper."""
+    law = "k*d + k3*d**3 + c*v" + extra
+    return structure(
+        {"m1": 1.0},
+        link("spring", "m1-ground", law, **spring),
+        named("branch", "m1-ground", "maxwell", **branch),
+    )
+
+
+def asked_mount(extra: str = "") -> lw.Structure:
+    """The mount with all unknown, and starts that are 20 % off."""
+    return mount({}, {"k": START(1.2 * BRANCH["k"]), "c": START(BRANCH["c"] / 1.2)}, extra)
+
+
+@lru_cache(maxsize=8)
+def shaken(extra: str = "", size: float = 0.0) -> lw.Record:
+    """The motion of the mount, perhaps with a further term in its spring."""
+    spring = SPRING | ({"e": size} if extra else {})
+    return lw.simulate(
+        mount(spring, BRANCH, extra), forces={"m1": FORCE}, duration=10.0, rate=500.0, sensors=["x:m1"]
+    )
+
+
+@lru_cache(maxsize=1)
+def harvesting() -> lw.Record:
+    return lw.simulate(
+        harvester(0.02, **PIEZO), duration=8.0, rate=500.0, base=BASE, sensors=["x:m1", "x:base"]
+    )
+
+
+def noisy(clean: lw.Record, snr_db: float, seed: int) -> lw.Record:
+    """The record with noise on x:m1 alone."""
+    noise = clean.with_noise(snr_db, seed=seed)
+    own = np.array(clean.channels) == "x:m1"
+    return replace(clean, values=np.where(own, noise.values, clean.values), simulated=None)
+
+
+def scores(fit: lw.Estimate, true: Mapping[str, float]) -> np.ndarray:
+    expected = [true[parameter.name] for parameter in fit.parameters]
+    return np.asarray((fit.values - expected) / np.sqrt(fit.covariance.diagonal()))
+
+
+def equations_of(record: lw.Record, asked: lw.Structure, values: dict[str, float]) -> WeakEquations:
+    exact = replace(record, noise=dict.fromkeys(record.channels, 1e-12))
+    return weak_equations(exact, asked, read_displacements(exact, asked, eliminate=True), values=values)
+
+
+MOUNT = {f"spring.{name}": value for name, value in SPRING.items()} | {
+    f"branch.{name}": value for name, value in BRANCH.items()
+}
+
+
+def test_an_exact_motion_leaves_nothing() -> None:
+    equations = equations_of(shaken(), asked_mount(), MOUNT)
+    left = weak_residual(equations, np.array([MOUNT[name] for name in equations.parameters]))
+    assert np.nanmax(np.abs(left)) < 1e-5 * np.abs(equations.acceleration).max()
+    assert equations.window.relaxation == pytest.approx(-BRANCH["k"] / BRANCH["c"])
+
+
+@pytest.mark.parametrize("name", sorted(MOUNT))
+def test_columns_are_derivatives_of_the_residuals(name: str) -> None:
+    """Also those by what the test functions depend on: to the second order of a step of 1e-4."""
+    values = {**MOUNT, "spring.k3": 6e4, "branch.c": 17.0}
+    centre = equations_of(shaken(), asked_mount(), values)
+    number, step = centre.parameters.index(name), 1e-4 * values[name]
+    moved = [
+        equations_of(shaken(), asked_mount(), values | {name: values[name] + sign * step})
+        for sign in (1.0, -1.0)
+    ]
+    one, other = (
+        equations.patches[0].residual(
+            np.array([(values | {name: values[name] + sign * step})[key] for key in equations.parameters])
+        )
+        / equations.window.kernels[3].sum()
+        for equations, sign in zip(moved, (1.0, -1.0), strict=True)
+    )
+    patch = centre.patches[0]
+    own = patch.layout.free_terms[patch.layout.free_parameters == number]
+    column = (patch.signs[:, own] @ patch.rows[own]) / centre.window.kernels[3].sum()
+    assert (one - other) / (2.0 * step) == pytest.approx(column, abs=1e-6 * np.abs(column).max())
+
+
+@pytest.mark.parametrize("snr_db", [30.0, 40.0])
+def test_intervals_of_a_mount(snr_db: float) -> None:
+    """24 records: the mean square of each of five scores is within the central 99.8 % of chi-square."""
+    fits = [lw.identify(noisy(shaken(), snr_db, seed), asked_mount(), method="weak") for seed in SEEDS]
+    assert sum(fit.trusted for fit in fits) >= len(fits) - 1
+    squares = np.sum([scores(fit, MOUNT) ** 2 for fit in fits], axis=0)
+    low, high = chi2.ppf([0.001, 0.999], len(fits))
+    assert squares.min() > low and squares.max() < high
+
+
+@pytest.mark.parametrize("snr_db", [30.0, 40.0])
+def test_intervals_of_a_harvester_whose_voltage_is_not_measured(snr_db: float) -> None:
+    """The resistance is known. Its five scores follow the wells together, so their squares are of one number at least."""
+    asked = harvester(0.02, theta=START(1.2 * PIEZO["theta"]), C=START(0.8 * PIEZO["C"]), R=PIEZO["R"])
+    fits = [lw.identify(noisy(harvesting(), snr_db, seed), asked, method="weak") for seed in SEEDS[:12]]
+    assert sum(fit.trusted for fit in fits) >= len(fits) - 1
+    true = {f"piezo.{name}": value for name, value in PIEZO.items()}
+    squares = np.sum([scores(fit, true) ** 2 for fit in fits], axis=0)
+    low, high = chi2.ppf([0.001, 0.999], len(fits))
+    assert squares.min() > low and squares.max() < high
+
+
+def test_a_branch_between_two_masses() -> None:
+    """The force of the branch is in both equations, and drawn once its state has forgotten where it began."""
+
+    def chain(branch: Mapping[str, lw.Coefficient | float], **values: float) -> lw.Structure:
+        return structure(
+            {"m1": 1.0, "m2": 0.5},
+            link("spring", "m1-ground", "k*d + c*v", **values),
+            link("upper", "m2-m1", "k*d", **({"k": 250.0} if values else {})),
+            named("branch", "m2-m1", "maxwell", **branch),
+        )
+
+    true = chain(BRANCH, k=400.0, c=0.5)
+    clean = lw.simulate(true, forces={"m1": FORCE}, duration=10.0, rate=500.0, sensors=["x", "state"])
+    record = clean.select(["x:m1", "x:m2", "force:m1"]).with_noise(50.0, seed=4850)
+    fit = lw.identify(record, chain({"k": START(350.0), "c": START(17.0)}), method="weak")
+    assert fit.trusted
+    expected = {"spring.k": 400.0, "spring.c": 0.5, "upper.k": 250.0, "branch.k": 300.0, "branch.c": 20.0}
+    assert np.abs(scores(fit, expected)).max() < 4.0
+    force = fit.motion.identified_force
+    assert force is not None
+    known = np.isfinite(force[:, 2])
+    state = np.interp(fit.motion.time, clean.time, clean.channel("state:branch.q"))
+    assert known.mean() > 0.9
+    assert np.std((force[:, 2] - state)[known]) < 0.02 * np.std(state)
+
+
+@pytest.mark.parametrize(
+    ("extra", "size"), [(" + e*v*abs(v)", 0.5), (" + e*d**5", 1e7), (" + e*sign(v)", 0.1)]
+)
+def test_a_law_that_lacks_a_term_is_not_trusted(extra: str, size: float) -> None:
+    record = noisy(shaken(extra, size), 40.0, SEEDS[0])
+    assert not lw.identify(record, asked_mount(), method="weak").trusted
+    assert lw.identify(record, asked_mount(extra), method="weak").trusted
+
+
+def test_what_displacements_do_not_tell_is_said() -> None:
+    """Coupling, capacitance and resistance are in the equations as theta**2/C and 1/(R C)."""
+    asked = harvester(0.02, **{name: START(PIEZO[name]) for name in ("theta", "C", "R")})
+    with pytest.raises(lw.IdentificationError, match=r"cannot distinguish piezo.theta, piezo.R, piezo.C"):
+        lw.identify(noisy(harvesting(), 40.0, SEEDS[0]), asked, method="weak")
+
+
+def test_states_that_cannot_be_eliminated_are_refused() -> None:
+    joint = hysteretic_oscillator(k=400.0, c=1.5, F=12.0, x0=0.02, s=0.7)
+    record = lw.simulate(joint, release={"v:m1": 0.3}, duration=1.0, rate=200.0)
+    with pytest.raises(
+        lw.IdentificationError,
+        match=r"has no state:joint.z, and .* cannot eliminate .* its rate linearly.*\"ml\"",
+    ):
+        lw.identify(record, joint.unknown("joint"), method="weak")
+    two = structure(
+        {"m1": 1.0}, *(named(name, "m1-ground", "maxwell", **BRANCH) for name in ("one", "other"))
+    )
+    with pytest.raises(lw.IdentificationError, match=r"eliminates the single state .* this one has 2"):
+        lw.identify(record, two.unknown("one"), method="weak")
+
+
+def test_coefficients_of_the_rate_need_starts() -> None:
+    with pytest.raises(
+        lw.IdentificationError, match=r"k enters the rate of q, which is not measured, and needs a start"
+    ):
+        lw.identify(noisy(shaken(), 40.0, SEEDS[0]), mount({}, {}), method="weak")
+
+
+def test_a_link_whose_end_is_not_recorded() -> None:
+    free = structure({"m1": 1.0, "m2": 1.0}, *asked_mount().links, link("upper", "m2-m1", "k*d"))
+    far = replace(
+        free, links=(*free.links[:1], replace(free.links[1], between=("m2", "ground")), free.links[2])
+    )
+    with pytest.raises(lw.IdentificationError, match=r"no information on spring.k.*missing x:m2\."):
+        lw.identify(noisy(shaken(), 40.0, SEEDS[0]), far, method="weak")
