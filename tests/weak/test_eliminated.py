@@ -158,6 +158,30 @@ def test_a_branch_between_two_masses() -> None:
     assert np.std((force[:, 2] - state)[known]) < 0.02 * np.std(state)
 
 
+def test_a_branch_on_a_host() -> None:
+    """Its force is in the equations of both modes, and on the mass that it carries."""
+    modes = (
+        lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62}),
+        lw.HostMode(9.0, 0.012, {"tip": -0.9, "joint": 0.5}),
+    )
+
+    def carrying(**values: lw.Coefficient | float) -> lw.Structure:
+        return structure(
+            {"store": 0.5},
+            named("branch", "store-wing.tip", "zener", **values),
+            hosts=[lw.Host("wing", modes)],
+        )
+
+    solid = {"k": 500.0, "k1": 300.0, "c1": 12.0}
+    taps = {"wing.joint": "6*sin(14*t) + 6*sin(33*t + 1) + 5*sin(45*t + 2) + 4*sin(57*t)"}
+    clean = lw.simulate(carrying(**solid), forces=taps, duration=20.0, rate=400.0, sensors=["x"])
+    fit = lw.identify(
+        clean.with_noise(40.0, seed=4860), carrying(k1=START(360.0), c1=START(10.0)), method="weak"
+    )
+    assert fit.trusted
+    assert np.abs(scores(fit, {f"branch.{name}": value for name, value in solid.items()})).max() < 4.0
+
+
 @pytest.mark.parametrize(
     ("extra", "size"), [(" + e*v*abs(v)", 0.5), (" + e*d**5", 1e7), (" + e*sign(v)", 0.1)]
 )

@@ -251,7 +251,8 @@ def _patches(context: PatchContext, applied: dict[int, Floats], max_masses: int)
     measured = [*context.motion.measured.tolist(), context.motion.base is not None]
     whole = np.ones(context.filtered.shape[2])
     by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-    for mass, nodes in enumerate(layout.neighbourhoods):
+    hidden = layout.equations if layout.elimination is None else layout.structure.size
+    for mass, nodes in enumerate(layout.neighbourhoods[:hidden]):
         if all(measured[node] for node in nodes):
             missing = _missing(
                 context.motion, [node for node in nodes if node < layout.equations], applied.get(mass)
