@@ -22,12 +22,11 @@ TRUE = oscillator(LAW, k=987.0, c=6.0, k3=4e5)
 CHANCE = 3.3  # standard errors that a normal estimate is off once in 1000
 
 
-def cut(values: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (J + 1, 2, 1, K) and middles (J, 2, 1, K) of segments of so many steps, of (2, N) at ends and middles in turn."""
+def cut(values: np.ndarray, steps: int) -> np.ndarray:
+    """(2 J + 1, 2, 1, K) in segments of so many steps, of (2, N) at ends and middles in turn."""
     count = (values.shape[1] - 1) // (2 * steps)
     pieces = [values[:, 2 * steps * k : 2 * steps * (k + 1) + 1] for k in range(count)]
-    segments = np.stack(pieces, axis=-1).transpose(1, 0, 2)[:, :, None]
-    return segments[::2], segments[1::2]
+    return np.stack(pieces, axis=-1).transpose(1, 0, 2)[:, :, None]
 
 
 TIME = np.linspace(0.0, 6.0, 6001)
@@ -48,9 +47,9 @@ DEVIATION, RATE_DEVIATION = MOTION.std(axis=1)
 def test_a_force_with_memory_follows_its_differential_equation(
     force: MemoryForce, rate: Callable[[float, float], float]
 ) -> None:
-    ends, middles = cut(MOTION, 5)
-    links = np.ones(ends.shape[-1] - 1, dtype=bool)
-    starts, between = force.along(ends, middles, np.full(len(links) + 1, 2e-3), links)
+    motion = cut(MOTION, 5)
+    links = np.ones(motion.shape[-1] - 1, dtype=bool)
+    along = force.along(motion, np.full(len(links) + 1, 2e-3), links)
     exact = solve_ivp(
         lambda t, z: rate(float(np.interp(t, TIME, MOTION[1])), z),
         (0.0, 6.0),
@@ -62,18 +61,17 @@ def test_a_force_with_memory_follows_its_differential_equation(
     wanted = cut(exact, 5)
     # ends of segments count twice in the deviation, by a thousandth; a reversal between two values turns by 1e-5 of it
     allowed = 2e-3 * np.max(np.abs(exact))
-    assert np.max(np.abs(starts - wanted[0][:, 0])) < allowed
-    assert np.max(np.abs(between - wanted[1][:, 0])) < allowed
+    assert np.max(np.abs(along - wanted[:, 0])) < allowed
 
 
 @pytest.mark.parametrize("force", MEMORY_FORCES, ids=[force.text for force in MEMORY_FORCES])
 def test_a_force_with_memory_starts_anew_in_each_record(force: MemoryForce) -> None:
-    ends, middles = cut(MOTION, 5)
-    step, links = np.full(ends.shape[-1], 2e-3), np.ones(ends.shape[-1] - 1, dtype=bool)
+    motion = cut(MOTION, 5)
+    step, links = np.full(motion.shape[-1], 2e-3), np.ones(motion.shape[-1] - 1, dtype=bool)
     links[19] = False
-    starts, _ = force.along(ends, middles, step, links)
-    assert starts[0, 0, 20] == 0.0 and starts[0, 0, 19] != 0.0
-    assert not force.along(0.0 * ends, 0.0 * middles, step, links)[0].any()
+    along = force.along(motion, step, links)
+    assert along[0, 0, 20] == 0.0 and along[0, 0, 19] != 0.0
+    assert not force.along(0.0 * motion, step, links).any()
 
 
 def record(joint: lw.Link, seed: int) -> lw.Record:

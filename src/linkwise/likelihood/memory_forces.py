@@ -37,15 +37,13 @@ class MemoryForce(ABC):
             The standard deviations of the elongation in m and of its rate in m/s.
         """
 
-    def along(self, ends: Floats, middles: Floats, step: Floats, linked: Bools) -> tuple[Floats, Floats]:
+    def along(self, motion: Floats, step: Floats, linked: Bools) -> Floats:
         """The force along elongations of some links.
 
         Parameters
         ----------
-        ends : array of shape (J + 1, 2, L, K)
-            Elongations in m and their rates in m/s at the ends of the J steps of K segments.
-        middles : array of shape (J, 2, L, K)
-            The same in the middles of the steps.
+        motion : array of shape (2 J + 1, 2, L, K)
+            Elongations in m and their rates in m/s, at the ends of the J steps of K segments and in their middles, in turn.
         step : array of shape (K,)
             Duration of a step in s.
         linked : array of bool, shape (K - 1,)
@@ -53,19 +51,22 @@ class MemoryForce(ABC):
 
         Returns
         -------
-        starts, between : array of shape (J + 1, L, K), (J, L, K)
-            The force at the ends of the steps and in their middles; zero where there is no motion.
+        array of shape (2 J + 1, L, K)
+            The force there; zero where there is no motion.
         """
-        path = np.empty((len(ends) + len(middles), *ends.shape[2:]))
-        path[::2], path[1::2] = ends[:, 0], middles[:, 0]
-        motion = np.std(path, axis=(0, 2)), np.std(ends[:, 1], axis=(0, 2))
-        moves = np.isfinite(motion).all(axis=0) & (np.min(motion, axis=0) > 0.0)
-        change = np.diff(path, axis=0, prepend=path[:1])
-        change[0, :, 1:] = path[0, :, 1:] - path[-1, :, :-1]  # where a segment starts, that before it ends
-        d, v = (np.where(moves, deviation, 1.0)[:, None] for deviation in motion)
+        path = motion[:, 0]
+        spread = np.std(path, axis=(0, 2)), np.std(motion[::2, 1], axis=(0, 2))
+        moves = np.isfinite(spread).all(axis=0) & (np.min(spread, axis=0) > 0.0)
+        change = np.empty(path.shape)
+        np.subtract(path[1:], path[:-1], out=change[1:])
+        change[0, :, :1] = 0.0
+        np.subtract(
+            path[0, :, 1:], path[-1, :, :-1], out=change[0, :, 1:]
+        )  # where a segment starts, that before it ends
+        d, v = (np.where(moves, deviation, 1.0)[:, None] for deviation in spread)
         force = _states(*self.pieces(change, 0.5 * step, (d, v)), linked)
         force[:, ~moves] = 0.0
-        return force[::2], force[1::2]
+        return force
 
 
 def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
@@ -75,9 +76,13 @@ def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
     """
     states, follows = added, np.append(False, linked)
     first, states[0] = np.where(follows, added[0], 0.0), 0.0
-    fades = np.multiply.accumulate(np.concatenate([np.ones_like(left[:1]), left[1:]]))
-    for j in range(1, len(states)):
-        states[j] += left[j] * states[j - 1]
+    fades, carried = np.empty_like(left), np.empty_like(first)
+    fades[0] = 1.0
+    for before, part, own, faded, fading in zip(
+        states[:-1], left[1:], states[1:], fades[:-1], fades[1:], strict=True
+    ):
+        own += np.multiply(part, before, out=carried)
+        np.multiply(part, faded, out=fading)
     first[:, 1:] += (linked * left[0, :, 1:]) * states[-1, :, :-1]
     # of a segment by that of the one before it: a system of equations with two diagonals
     by_start = np.zeros_like(first)

@@ -7,13 +7,12 @@ cost of one step of the fit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.arrays import Floats
-from linkwise.expression import Program
+from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.memory_forces import MemoryForce
 from linkwise.likelihood.shooting.block_information import FactoredModel
@@ -28,7 +27,7 @@ from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.model.law import Law
-from linkwise.model.law_text import VARIABLES
+from linkwise.model.law_programs import forces_program
 from linkwise.runtime import one_blas_thread
 
 _AT_ONCE = 6_000_000  # numbers in the forces of one batch
@@ -169,40 +168,48 @@ def candidates_along(
         segments.system.base_error,
     )
     points = segments.system.at(misfit.point.theta).points
-    ends, middles = (_with_points(motion, points) for motion in (ends, middles))
-    numbers_of_pairs = {
-        pair: number for number, pair in enumerate(dict.fromkeys((f.first, f.second) for f in forces))
-    }
-    firsts, seconds = np.array(list(numbers_of_pairs), dtype=int).reshape(-1, 2).T
-    elongations = [motion[:, :, firsts] - motion[:, :, seconds] for motion in (ends, middles)]
-    starts, between = (
-        np.empty((len(motion), len(forces), segments.count), np.float32) for motion in elongations
-    )
-    units, by_law = np.ones(len(forces)), dict[Law | MemoryForce, list[int]]()
+    pairs = {pair: number for number, pair in enumerate(dict.fromkeys((f.first, f.second) for f in forces))}
+    places = np.array(list(pairs), dtype=int).reshape(-1, 2).T % (ends.shape[2] + len(points))
+    firsts, seconds = map(as_slice, places)
+    elongations = np.empty((len(ends) + len(middles), 2, len(pairs), segments.count))
+    for own, motion in ((elongations[::2], ends), (elongations[1::2], middles)):
+        of_places = _with_points(motion, points)
+        np.subtract(of_places[:, :, firsts], of_places[:, :, seconds], out=own)
+    both = np.empty((len(elongations), len(forces), segments.count), np.float32)
+    units = np.ones(len(forces))
+    for laws, numbers in _of_equal_pairs(forces):
+        size = max(1, _AT_ONCE // (len(laws) * len(elongations) * segments.count))
+        for begin in range(0, numbers.shape[1], size):
+            some = numbers[:, begin : begin + size]
+            among = as_slice(np.array([pairs[forces[k].first, forces[k].second] for k in some[0]]))
+            for own, values in zip(some, _along(laws, segments, elongations[:, :, among]), strict=True):
+                power = np.einsum("jlk,jlk->l", values[::2], values[::2]) / max(values[::2, 0].size, 1)
+                units[own] = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
+                both[:, as_slice(own)] = values * units[own, None]
+    ends_of_pairs = np.array([[force.first, force.second] for force in forces], dtype=int).reshape(-1, 2)
+    return CandidateForces(ends_of_pairs[:, 0], ends_of_pairs[:, 1], both[::2], both[1::2]), units
+
+
+def _of_equal_pairs(forces: Sequence[CandidateForce]) -> Iterator[tuple[list[Law | MemoryForce], Indices]]:
+    """The laws that act between the same L pairs of places, evaluated together, and the numbers (l, L) of their forces."""
+    by_law: dict[Law | MemoryForce, list[int]] = {}
     for number, force in enumerate(forces):
         by_law.setdefault(force.law, []).append(number)
-    size = max(1, _AT_ONCE // (len(starts) * segments.count))
+    groups: dict[tuple[object, ...], list[Law | MemoryForce]] = {}
     for law, numbers in by_law.items():
-        for begin in range(0, len(numbers), size):
-            some = numbers[begin : begin + size]
-            pairs = as_slice(np.array([numbers_of_pairs[forces[k].first, forces[k].second] for k in some]))
-            at_ends, in_middles = _along(law, segments, *(motion[:, :, pairs] for motion in elongations))
-            power = np.mean(np.square(at_ends), axis=(0, 2))
-            units[some] = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
-            own, unit = as_slice(np.array(some)), units[some, None]
-            starts[:, own], between[:, own] = at_ends * unit, in_middles * unit
-    pair = np.array([[force.first, force.second] for force in forces], dtype=int).reshape(-1, 2)
-    return CandidateForces(pair[:, 0], pair[:, 1], starts, between), units
+        pairs = tuple((forces[number].first, forces[number].second) for number in numbers)
+        groups.setdefault((isinstance(law, MemoryForce) and law, pairs), []).append(law)
+    for laws in groups.values():
+        yield laws, np.array([by_law[law] for law in laws])
 
 
-def _along(
-    law: Law | MemoryForce, segments: Segments, ends: Floats, middles: Floats
-) -> tuple[Floats, Floats]:
-    """Forces (J + 1, L, K) and (J, L, K) by d and v (.., 2, L, K) at ends and middles of the steps of tangents."""
-    if isinstance(law, MemoryForce):
-        return law.along(ends, middles, segments.step * segments.flow_steps_per_tangent, segments.linked)
-    program = Program([law.expression], VARIABLES, wide=VARIABLES)
-    return program(ends[:, 0], ends[:, 1])[0], program(middles[:, 0], middles[:, 1])[0]
+def _along(laws: Sequence[Law | MemoryForce], segments: Segments, motion: Floats) -> Iterable[Floats]:
+    """Forces (2 J + 1, L, K) by d and v (2 J + 1, 2, L, K) at the ends and in the middles of the steps of tangents."""
+    step = segments.step * segments.flow_steps_per_tangent
+    plain = tuple(law.expression for law in laws if isinstance(law, Law))
+    if plain:
+        return forces_program(plain)(motion[:, 0], motion[:, 1])
+    return [law.along(motion, step, segments.linked) for law in laws if isinstance(law, MemoryForce)]
 
 
 def states_at_ends_and_middles(

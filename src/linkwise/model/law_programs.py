@@ -33,6 +33,12 @@ def force_program(expression: Expression, names: tuple[str, ...]) -> Program:
 
 
 @lru_cache(maxsize=1024)
+def forces_program(expressions: tuple[Expression, ...]) -> Program:
+    """Several forces without coefficients, from d and v."""
+    return Program(expressions, VARIABLES)
+
+
+@lru_cache(maxsize=1024)
 def partials_program(expression: Expression, names: tuple[str, ...], by: tuple[str, ...]) -> Program:
     """The force from d, v and `names`, then its derivative by d, by v and by each of `by`."""
     slopes = (differentiate(expression, name) for name in (*VARIABLES, *by))
