@@ -40,8 +40,8 @@ def test_coefficients_of_a_chaotic_motion_are_as_far_off_as_their_covariance_say
         likely = likeliest(chain_record(2).with_noise(snr_db, seed=60 + seed), chain.unknown("all"))
         truth = [float(chain.coefficient(name).value or 0.0) for name in likely.system.parameters]
         columns = columns_of(likely.system.patches[0], np.arange(len(truth)))
-        weighted = likely.noises[0].weighted(columns)
-        normal = np.einsum("irm,jrm->ij", columns, weighted)
+        whitened = likely.noises[0].whitened(columns)
+        normal = whitened @ whitened.T
         off = likely.values - truth
         squares.append(off @ normal @ off / len(off))
         windows = 2 * len(likely.residuals[0])

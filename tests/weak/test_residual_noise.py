@@ -49,7 +49,7 @@ def test_the_factor_is_that_of_the_covariance_of_what_samples_add() -> None:
         lower[np.arange(below, size), np.arange(size - below)] = band[: size - below]
     np.testing.assert_allclose(lower @ lower.T, covariance, rtol=0.0, atol=1e-6 * covariance.max())
     some = np.random.default_rng(5).standard_normal((3, system.windows, 2))
-    weighted = noise.weighted(some).reshape(3, -1)
+    weighted = noise.weighted(noise.whitened(some)).reshape(3, -1)
     np.testing.assert_allclose(weighted @ (lower @ lower.T), some.reshape(3, -1), rtol=1e-6, atol=1e-6)
     likeliest = noise.likeliest(some[0], SAMPLES)
     expected = (variance * (some[0].ravel() @ acting)).reshape(2, SAMPLES)

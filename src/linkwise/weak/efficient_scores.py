@@ -181,7 +181,8 @@ def _sums(
         columns = columns_of(patch, numbers)
         columns = np.where(np.isfinite(columns).all(axis=(1, 2), keepdims=True), columns, 0.0)
         flat = columns.reshape(len(columns), -1)
-        normal += flat @ noise.weighted(columns).reshape(flat.shape).T
+        whitened = noise.whitened(columns)
+        normal += whitened @ whitened.T
         slope += flat @ residual.ravel()
         by_mass = np.array([weights[mass] for mass in patch.masses.tolist()])
         plain += flat @ (columns * by_mass).reshape(flat.shape).T

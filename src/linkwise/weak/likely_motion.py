@@ -204,11 +204,10 @@ def _step(
     normal, slope = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
     for patch, of_patch in zip(system.patches, noises, strict=True):
         residual = (patch.residual(theta).T + of_patch.passed(noise)) * patch.valid[:, None]
-        columns = columns_of(patch, numbers)
-        weighted = of_patch.weighted(np.concatenate([columns, residual[None]]))
-        normal += np.einsum("irm,jrm->ij", columns, weighted[:-1])
-        slope += np.einsum("irm,rm->i", columns, weighted[-1])
-        parts.append((residual, weighted))
+        whitened = of_patch.whitened(np.concatenate([columns_of(patch, numbers), residual[None]]))
+        normal += whitened[:-1] @ whitened[:-1].T
+        slope += whitened[:-1] @ whitened[-1]
+        parts.append((of_patch, whitened))
     means, information = known
     normal += np.diag(information[own])
     scale = 1.0 / np.sqrt(np.maximum(normal.diagonal(), np.finfo(float).tiny))
@@ -217,8 +216,11 @@ def _step(
     size = float(np.max(np.abs(scaled) / np.sqrt(inverse.diagonal()), initial=0.0))
     step = np.zeros(len(own))
     step[numbers] = scale * scaled
-    residuals = tuple(weighted[-1] + np.tensordot(step[numbers], weighted[:-1], 1) for _, weighted in parts)
-    cost = sum(np.sum(residual * weighted[-1]) for residual, weighted in parts)
+    residuals = tuple(
+        of_patch.weighted(whitened[-1:] + step[None, numbers] @ whitened[:-1])[0]
+        for of_patch, whitened in parts
+    )
+    cost = sum(np.sum(whitened[-1] ** 2) for _, whitened in parts)
     cost += (slope - (information * (theta + step - means))[own]) @ step[numbers]
     count = sum(patch.windows * len(patch.masses) for patch in system.patches) - len(numbers)
     return step, size, residuals, float(cost) / max(count, 1.0)

@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
+from linkwise.weak.banded_triangle import BandedTriangle
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
 from linkwise.weak.scatter import slopes_of_links
@@ -37,16 +38,19 @@ class ResidualNoise:
         The test functions.
     variance : array of shape (c,)
         Variances of the noise of the nodes in m^2.
-    kernels : mapping of (int, int) to array of shape (R, T)
+    kernels : mapping of (int, int) to array of shape (T, R)
         By position of the mass in the patch and node, what the samples of the node under each window are multiplied by.
     factor : array of shape (b, m R)
-        Lower Cholesky factor in bands; the m equations of a window stand together. Windows with missing samples are apart.
+        Lower Cholesky factor L in bands; the m equations of a window stand together. Windows with missing samples are apart.
+    triangle : BandedTriangle
+        The same in blocks.
     """
 
     window: Window
     variance: Floats
     kernels: Mapping[tuple[int, int], Floats]
     factor: Floats
+    triangle: BandedTriangle
 
     @classmethod
     def of(
@@ -91,20 +95,20 @@ class ResidualNoise:
             for node, own, passed in zip(
                 coupling.sources.tolist(), coupling.inertia, coupling.passed, strict=True
             ):
-                kernel = np.zeros((count, window.length))
+                kernel = np.zeros((window.length, count))
                 for first, chosen in ((0, ~coupling.inner), (INNER, coupling.inner)):
                     if first and not chosen.any():
                         continue
                     under = np.lib.stride_tricks.sliding_window_view(
                         passed[chosen] @ slopes[:, coupling.links[chosen]], window.length, axis=1
                     )
-                    stiffness, damping = under[:, :: window.stride][:, :count]
-                    kernel += stiffness * window.kernels[first + PHI]
-                    kernel -= damping * window.kernels[first + PHI_1]
+                    stiffness, damping = under[:, :: window.stride][:, :count].transpose(0, 2, 1)
+                    kernel += stiffness * window.kernels[first + PHI][:, None]
+                    kernel -= damping * window.kernels[first + PHI_1][:, None]
                 if own:
-                    kernel += own * inertia[mass]
+                    kernel += own * inertia[mass][:, None]
                 if not patch.valid.all():
-                    kernel *= patch.valid[:, None]
+                    kernel *= patch.valid
                 kernels[mass, node] = kernel
         reach = 1 + (window.length - 1) // window.stride
         band = np.zeros((reach * len(layout.masses), count * len(layout.masses)))
@@ -114,10 +118,10 @@ class ResidualNoise:
         apart = np.where(patch.valid > 0.0, _FLOOR, 1.0)
         band[0] += (apart[:, None] * mean).ravel()
         factor = scipy.linalg.cholesky_banded(band, lower=True, overwrite_ab=True)
-        return cls(window, variance, kernels, factor)
+        return cls(window, variance, kernels, factor, BandedTriangle.of(factor))
 
-    def weighted(self, columns: Floats) -> Floats:
-        """Columns multiplied by the inverse of the covariance.
+    def whitened(self, columns: Floats) -> Floats:
+        """Columns as white noise of variance 1 would have them: sums of their products have the weight of the covariance.
 
         Parameters
         ----------
@@ -126,11 +130,26 @@ class ResidualNoise:
 
         Returns
         -------
+        array of shape (s, m R)
+            The columns multiplied by the inverse of L.
+        """
+        return np.asarray(self.triangle.forward(columns.reshape(len(columns), -1).T).T)
+
+    def weighted(self, whitened: Floats) -> Floats:
+        """What `whitened` columns are multiplied by the inverse of the covariance.
+
+        Parameters
+        ----------
+        whitened : array of shape (s, m R)
+            The columns, whitened.
+
+        Returns
+        -------
         array of shape (s, R, m)
             The products.
         """
-        flat = columns.reshape(len(columns), -1).T
-        return np.asarray(scipy.linalg.cho_solve_banded((self.factor, True), flat).T.reshape(columns.shape))
+        masses = 1 + max(mass for mass, _ in self.kernels)
+        return np.asarray(self.triangle.backward(whitened.T).T.reshape(len(whitened), -1, masses))
 
     def passed(self, displacements: Floats) -> Floats:
         """What small changes of displacements add to the residuals.
@@ -150,7 +169,7 @@ class ResidualNoise:
         masses = 1 + max(mass for mass, _ in self.kernels)
         total = np.zeros((under.shape[1], masses))
         for (mass, node), kernel in self.kernels.items():
-            total[:, mass] += np.einsum("rt,rt->r", kernel, under[node])
+            total[:, mass] += np.einsum("tr,rt->r", kernel, under[node])
         return total
 
     def likeliest(self, weighted: Floats, samples: int) -> Floats:
@@ -171,7 +190,7 @@ class ResidualNoise:
         noise, stride = np.zeros((len(self.variance), samples)), self.window.stride
         for (mass, node), kernel in self.kernels.items():
             acting = self.variance[node] * weighted[:, mass]
-            for sample, of_sample in enumerate(kernel.T):
+            for sample, of_sample in enumerate(kernel):
                 noise[node, sample : sample + stride * len(acting) : stride][: len(acting)] += (
                     acting * of_sample
                 )
@@ -189,7 +208,7 @@ def _products(
             if node_of_late != node or variance[node] <= 0.0:
                 continue
             for lag in range(0 if second >= first else 1, reach):
-                rows = len(early) - lag
-                overlap = early[:rows, lag * stride :], late[lag:, : length - lag * stride]
-                products = variance[node] * np.einsum("rt,rt->r", *overlap)
+                rows = early.shape[1] - lag
+                overlap = early[lag * stride :, :rows], late[: length - lag * stride, lag:]
+                products = variance[node] * np.einsum("tr,tr->r", *overlap)
                 yield lag * masses + second - first, slice(first, rows * masses, masses), products
