@@ -47,6 +47,12 @@ _HINT = 2.5
 """A normal score, on either side, beyond which intervals of exact laws hold a usual term: one in 80 by chance, so that nearly
 all stay as they are. To hold what terms with a smaller score may do, all would have to be several times as wide."""
 
+_POWERS = ("d**3", "d**5")
+_HINT_OF_POWER = 2.0
+"""The same of a power of the elongation: one in 22 by chance. What the coefficients make up for it depends on the amplitude:
+those of 10 s of random motion differ from those of an endless record by about as many standard errors as the score says, and
+beside missing damping by a third of that. Of several powers each has a higher limit, as chance gives more of them."""
+
 
 @dataclass(frozen=True, eq=False)
 class MissingTerms:
@@ -139,8 +145,10 @@ def for_usual_terms(
     if not (usual or between):
         return None
     links = max(len({tested.hypotheses[number].where for number in usual}), 1)
-    least = min(_LIKELY**2 + 2.0 * np.log(links), _HINT**2) if doubted else _HINT**2
     among = _among(tested, usual + between, len(fit.values))
+    least = _hints(among[0])
+    if doubted:
+        least = np.minimum(_LIKELY**2 + 2.0 * np.log(links), least)
     limits = least + _prices(among[0])
     return _counted(fit, *among, [(limits, _MOST_USUAL if doubted else _MOST)])
 
@@ -195,6 +203,13 @@ def _rounds(hypotheses: Sequence[Hypothesis], identified: Structure) -> list[tup
     usual = which_usual(hypotheses, identified)
     likely[usual] = _LIKELY**2 + _prices(hypotheses)[usual]
     return [(significant, _MOST), (likely, _MOST_USUAL)]
+
+
+def _hints(hypotheses: Sequence[Hypothesis]) -> Floats:
+    """(h,) what each gains at least where the residuals of exact laws hint at it."""
+    powers = np.array([hypothesis.term in _POWERS for hypothesis in hypotheses])
+    of_power = _HINT_OF_POWER**2 + 2.0 * np.log(max(int(np.count_nonzero(powers)), 1))
+    return np.asarray(np.where(powers, min(of_power, _HINT**2), _HINT**2))
 
 
 def _prices(hypotheses: Sequence[Hypothesis]) -> Floats:
