@@ -271,6 +271,7 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
         ),
         ([*MASSES, "--terms", "d**"], "Something is missing after '**'."),
         ([*MASSES, "--with", "nowhere.csv"], "nowhere.csv: there is no such file"),
+        ([*MASSES, "second.csv"], "argument (second.csv). State each further record with --with."),
         ([*MASSES, "--truth", "nowhere.toml"], "nowhere.toml: there is no such file"),
         ([*MASSES, "--channel", "x:m1[N]=x:m1"], "x:m1"),
     ],

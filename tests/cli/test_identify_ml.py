@@ -317,6 +317,7 @@ def test_classical_choices_reach_the_fit(files: Path) -> None:
         (["--exact", "--method", "weak"], "--exact is for --method ml, not for weak."),
         (["--robust", "brave"], "'brave' is not one of"),
         (["--with", "nowhere.csv"], "nowhere.csv"),
+        (["second.csv"], "argument (second.csv). State each further record with --with."),
         (["--noise-of", "x:m1"], "--noise-of 'x:m1' is not NAME=VALUE"),
         (["--noise-of", "x:m1=loud"], "--noise-of x:m1=loud: 'loud' cannot be read as a quantity"),
         (["--offset", "x:m1=plenty"], "--offset x:m1=plenty: 'plenty' cannot be read as a quantity"),

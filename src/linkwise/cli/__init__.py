@@ -72,7 +72,7 @@ def run(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "linkwise"
-        message = error.format_message().rstrip(".")
+        message = _explained(error).rstrip(".")
         stop = "" if message.endswith("?") else "."
         return _report(error, f"{message}{stop} Try: {path} --help", USAGE, debug)
     except click.ClickException as error:
@@ -101,6 +101,15 @@ def run(arguments: Sequence[str]) -> int:
             debug,
         )
     return status if isinstance(status, int) else 0
+
+
+def _explained(error: click.UsageError) -> str:
+    """The message of click, and for arguments too many how to state several records, if the command takes them."""
+    message = error.format_message()
+    several = error.ctx and any("--with" in parameter.opts for parameter in error.ctx.command.params)
+    if several and message.startswith("Got unexpected extra argument"):
+        return f"{message}. State each further record with --with"
+    return message
 
 
 def _report(error: Exception, message: str, code: int, debug: bool) -> int:
