@@ -57,10 +57,17 @@ def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
 @pytest.mark.parametrize("kind", ["x", "v"])
 def test_starts_are_near_where_the_motion_is_measured_well(kind: str) -> None:
     unknown = wing().unknown("payload")
-    best, *_ = host_memory_starts(shaken(kind, 67), unknown, {})
+    best, *_ = host_memory_starts([shaken(kind, 67)], unknown, {})
     found = {p.name: value for p, value in zip(unknown.parameters, best.values, strict=True)}
     for name in ("F", "s", "x0"):  # a search from there converges
         assert found[f"payload.{name}"] == pytest.approx(HYSTERETIC[name], rel=0.5)
+
+
+def test_starts_come_from_the_record_that_moves_most() -> None:
+    loud, unknown = shaken("x", 67), wing().unknown("payload")
+    quiet = lw.Record(0.0, 400.0, loud.channels, 0.01 * loud.values)
+    alone, both = (host_memory_starts(records, unknown, {})[0] for records in ([loud], [quiet, loud]))
+    np.testing.assert_array_equal(both.values, alone.values)
 
 
 def test_a_second_record_of_a_host_with_memory_is_predicted() -> None:

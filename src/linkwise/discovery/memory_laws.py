@@ -94,7 +94,7 @@ class _Hypothesis:
         """With rough starting values, or with all that smoothed forces give beside hosts; with none where there are none."""
         try:
             if self.structure.hosts:
-                return replace(self, valleys=host_memory_starts(records[0], self.structure, {}))
+                return replace(self, valleys=host_memory_starts(records, self.structure, {}))
             return replace(self, valleys=(rough_memory_start(records, self.structure),))
         except IdentificationError:
             return self

@@ -309,7 +309,7 @@ class MaximumLikelihood(Estimator):
         if all(p.name in known for p in structure.parameters):
             return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
         if structure.hosts:
-            return fit(lambda: host_memory_starts(framed_ones[0], structure, given))
+            return fit(lambda: host_memory_starts(framed_ones, structure, given))
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
         if not (knows_masses and needs_integration(framed_ones[0], structure)):
             return fit(lambda: memory_starts(framed_ones, structure, given))

@@ -1,12 +1,13 @@
 """Starting values of structures with hosts whose links have memory.
 
 The smoother of `hosts` gives the elongation and the force of every link whose law is not known. Along these the links are
-identified as if they stood on a rig (`memory`), together.
+identified as if they stood on a rig (`memory`), together. Of several records the one that moves most is used: at a low level a
+joint hardly slips.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,14 +27,14 @@ from linkwise.signals.integrate import smoothed
 
 
 def host_memory_starts(
-    record: Record, structure: Structure, given: Mapping[str, float]
+    records: Sequence[Record], structure: Structure, given: Mapping[str, float]
 ) -> tuple[Valley, ...]:
     """Starting values of all parameters of a structure with hosts.
 
     Parameters
     ----------
-    record : Record
-        The record.
+    records : sequence of Record
+        The records, with the same channels.
     structure : Structure
         The structure.
     given : mapping of str to float
@@ -49,6 +50,7 @@ def host_memory_starts(
     IdentificationError
         If the record does not determine the motion.
     """
+    record = _liveliest(records)
     require_supported(record, structure)
     record, sigma = record[:MOST_SAMPLES], channel_noise(record)
     structure = with_starts(structure, dict(given))
@@ -61,6 +63,14 @@ def host_memory_starts(
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
     return min(by_motion, key=lambda valleys: valleys[0].misfit)
+
+
+def _liveliest(records: Sequence[Record]) -> Record:
+    """The record that moves most: by the power of its responses, each relative to that in all records."""
+    powers = np.array([[np.nanvar(each.channel(name)) for name in each.responses] for each in records])
+    return records[
+        int(np.argmax((powers / np.maximum(powers.max(axis=0), np.finfo(float).tiny)).sum(axis=1)))
+    ]
 
 
 def _valleys(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.model.law import Law
 from linkwise.model.law_programs import rates_program
 from linkwise.model.structure import Structure
@@ -17,6 +17,7 @@ from linkwise.signals.integrate import smoothed
 _HIDDEN = 0.1  # of its own size: the scale of a defect of a state that no channel shows, at q = 1
 _PERIODS = 4.0  # of the motion after which a state has forgotten where it started
 _SHORTEST = 32  # samples of a piece
+_NUDGE, _GROWN = 1e-6, 10.0  # change of a state at the start, and by which factor it may have grown
 
 
 def link_states(
@@ -56,13 +57,19 @@ def link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> t
 
 @np.errstate(all="ignore")  # states may run away where values are far off
 def follow_states(
-    law: Law, values: Mapping[str, float | Floats], d: Floats, v: Floats, step: float, batch: int = 1
+    law: Law,
+    values: Mapping[str, float | Floats],
+    d: Floats,
+    v: Floats,
+    step: float,
+    batch: int = 1,
+    start: float = 0.0,
 ) -> Floats:
     """States (r, B, N) of a link along its elongation and rate (N,), by the Runge-Kutta method of order 4.
 
     `values` are numbers, or (B, 1) for a `batch` of B links.
 
-    The record is cut into pieces that run side by side; each starts at 0 some periods before the samples it gives.
+    The record is cut into pieces that run side by side; each begins at `start` some periods before the samples it gives.
     """
     if not law.states:
         return np.empty((0, batch, len(d)))
@@ -77,7 +84,7 @@ def follow_states(
     along_d, along_v = (sliding_window_view(run, 2 * piece)[::piece].T.copy() for run in (run_d, run_v))
     middle_d, middle_v = (0.5 * (along[:-1] + along[1:]) for along in (along_d, along_v))
     out = np.empty((len(law.states), batch, count, piece))
-    states = np.zeros((len(law.states), batch, count))
+    states = np.full((len(law.states), batch, count), start)
     rates = _Rates(law, values, states)
     first, second, third, fourth = np.empty((4, *states.shape))
     for number in range(2 * piece - 1):
@@ -96,6 +103,21 @@ def follow_states(
         np.add(states, first, states)
     out[..., piece - 1] = states
     return out.reshape(len(law.states), batch, -1)[..., : len(d)]
+
+
+@np.errstate(all="ignore")  # states may run away where values are far off
+def forget_start(
+    law: Law, values: Mapping[str, float | Floats], d: Floats, v: Floats, step: float, batch: int
+) -> Bools:
+    """Whether each of B links forgets where its states began (B,): a small change has not grown some periods later.
+
+    Arguments are those of `follow_states`. A law that amplifies it, such as one that slips over a negative length, explains no
+    motion beyond a few periods, however well it fits one.
+    """
+    if not law.states:
+        return np.ones(batch, dtype=bool)
+    nudged, plain = (follow_states(law, values, d, v, step, batch, start) for start in (_NUDGE, 0.0))
+    return np.asarray(np.abs(nudged - plain).mean(axis=(0, 2)) <= _GROWN * _NUDGE)
 
 
 class _Rates:

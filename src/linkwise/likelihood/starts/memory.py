@@ -14,9 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.starts.link_states import follow_states, link_motion
+from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
 from linkwise.likelihood.starts.trials import trial_values, unit_sizes
 from linkwise.model.parameters import Parameter
@@ -128,6 +128,8 @@ class MemorySearch:
         if not self.curved:
             return (Valley(*self.solved(np.zeros(0))),)
         refined = self.refined(self._trials(_TRIALS)[:_REFINED])
+        lasting = self._forget_start(refined)
+        refined = refined[lasting] if lasting.any() else refined
         valleys = [Valley(*self.solved(curved)) for curved in refined]
         return _distinct(sorted(valleys, key=lambda valley: valley.misfit))
 
@@ -138,11 +140,20 @@ class MemorySearch:
         return Valley(*self.solved(self._trials(_ROUGH_TRIALS)[0]))
 
     def _trials(self, count: int) -> Floats:
-        """Starts (B, q) of the curved parameters, those that leave least first."""
+        """Starts (B, q) of the curved parameters, those that leave least first, last those whose states amplify their start."""
         rng = np.random.default_rng(_SEED)
         trials = np.stack([self.trial(rng, first=number == 0) for number in range(count)])
         costs = [float(np.mean(left**2)) for _, left in self.regressed(trials)]
-        return np.asarray(trials[np.argsort(costs, kind="stable")])
+        return np.asarray(trials[np.lexsort((costs, ~self._forget_start(trials)))])
+
+    def _forget_start(self, curved: Floats) -> Bools:
+        """Whether the states of all links forget where they began, for each of B values (B, q)."""
+        forget = np.ones(len(curved), dtype=bool)
+        for number, link in enumerate(self.structure.links):
+            values = {key: value[:, None] for key, value in self._numbers(number, curved).items()}
+            d, v = self.d[:, number], self.v[:, number]
+            forget &= forget_start(link.law, values, d, v, self.step, len(curved))
+        return forget
 
     @cached_property
     def project(self) -> Callable[[Floats, int], Floats]:
