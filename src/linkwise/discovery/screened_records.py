@@ -21,7 +21,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.common_samples import common_samples
 from linkwise.records.record import Record
 from linkwise.signals.short_gaps import short_gaps_bridged
-from linkwise.weak.displacements import MeasuredDisplacements, read_displacements
+from linkwise.weak.displacements import MeasuredDisplacements, read_densely
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.integrated_displacements import with_displacements
 
@@ -66,12 +66,13 @@ class ScreenedRecords:
     def _of_masses(cls, records: Sequence[Record], candidates: Candidates) -> ScreenedRecords:
         """The screen without hosts, of records at one rate."""
         displaced = [with_displacements(record, candidates.masses) for record in records]
-        motions = [read_displacements(record, candidates.full_structure) for record in displaced]
+        integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
+        read = [read_densely(record, candidates.full_structure) for record in displaced]
+        displaced, motions = [record for record, _ in read], [motion for _, motion in read]
         rates = [record.rate for record in displaced]
         candidates = first_values(motions, rates, candidates)
         inactive = inactive_terms(motions, rates, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
-        integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
         result = screen(displaced, motions, candidates)
         first = result.significant
         if integrated:

@@ -66,7 +66,8 @@ class WeakRegression:
     def squares(self) -> QuadraticModel:
         """The sum of squared residuals on about the scale of -2 log likelihood, to compare subsets."""
         h, g = _normal_equations(self.patches, self.weights, self.numbers, 0.0)
-        return QuadraticModel(self.names, h / _OVERLAP, g / _OVERLAP)
+        overlap = _OVERLAP * max(equations.motion.density for _, equations in self.patches)
+        return QuadraticModel(self.names, h / overlap, g / overlap)
 
     @property
     def rows(self) -> int:
@@ -92,7 +93,7 @@ def _scatter(
     for (some, equations), weight in zip(patches, weights, strict=True):
         slopes = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in some]
         blocks = ((which, block[0]) for which, block in score_blocks(slopes, weight, equations))
-        total += _dense(assemble_blocks(blocks, len(values)), numbers)
+        total += equations.motion.density * _dense(assemble_blocks(blocks, len(values)), numbers)
     return total
 
 

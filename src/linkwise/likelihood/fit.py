@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import searched
-from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.sensors import SAMPLES, SensorModel
 from linkwise.likelihood.shooting.anneal import (
     Annealer,
     AnnealingFit,
@@ -37,6 +39,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed
+from linkwise.signals.sparse_samples import is_sparse
 
 _MOST_WORKERS = 8
 
@@ -201,6 +204,57 @@ def likelihood_fit(
     frames = tuple(framed(record, structure, integrated=True) for record in records)
     sensing = sensor_model(frames, options)
     records = [frame.record for frame in frames]
+    if options.random:
+        sparse = False
+    elif options.nodes is None:
+        sparse = is_sparse(records)
+    else:
+        sparse = options.nodes.shape[-1] == sum(map(len, records))
+    if not sparse:
+        return _fit(records, structure, theta, spread, sensing, options)
+    fitted = partial(_fit, records, structure)
+    return _fit_of_sparse(fitted, [len(record) for record in records], theta, spread, sensing, options)
+
+
+def _fit_of_sparse(
+    fitted: Callable[..., LikelihoodFit],
+    lengths: Sequence[int],
+    theta: Floats,
+    spread: Floats | None,
+    sensing: SensorModel,
+    options: LikelihoodOptions,
+) -> LikelihoodFit:
+    """The fit of exact laws to sparse samples of records of some `lengths`, or one with a model error if it leaves more.
+
+    The latter has segments of several samples: a model error of every single one could hardly be told from noise.
+    """
+    start = theta, spread, options.nodes
+    if options.relaxation is None:
+        strict = replace(options, model_error=False)
+        exact = fitted(theta, spread, replace(sensing, sparse=True), strict)
+        converged = exact.status is AnnealingStatus.CONVERGED
+        stopped = exact.status is AnnealingStatus.INTERRUPTED
+        if not options.model_error or stopped or (converged and not exact.chi_square_off):
+            return exact
+        if converged:
+            start = exact.values, spread, exact.optimum.point.nodes
+    theta, spread, nodes = start
+    if nodes is not None:
+        ends = np.cumsum([0, *lengths])
+        firsts = [np.arange(first, last, SAMPLES) for first, last in pairwise(ends)]
+        nodes = nodes[..., np.concatenate(firsts)]
+    return fitted(theta, spread, sensing, replace(options, nodes=nodes))
+
+
+def _fit(
+    records: Sequence[Record],
+    structure: Structure,
+    theta: Floats,
+    spread: Floats | None,
+    sensing: SensorModel,
+    options: LikelihoodOptions,
+) -> LikelihoodFit:
+    """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
         # small products run on threads of our own, chunk by chunk
         annealer = Annealer(executor, options.loss, options.progress)

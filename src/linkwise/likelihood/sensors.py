@@ -51,6 +51,8 @@ class SensorModel:
         Random forces on masses.
     disturbances : tuple of Disturbance
         Drifts and hums of channels.
+    sparse : bool
+        Whether the records have so few samples a period that a flow over several is far from linear in its start.
     """
 
     offsets: tuple[str, ...]
@@ -63,6 +65,7 @@ class SensorModel:
     frames: tuple[FramedRecord, ...] = ()
     random: tuple[RandomForce, ...] = ()
     disturbances: tuple[Disturbance, ...] = ()
+    sparse: bool = False
 
     @classmethod
     def of(
@@ -121,8 +124,8 @@ class SensorModel:
 
     @property
     def samples(self) -> int:
-        """Samples in a segment: one with random forces, each of which is constant in a segment."""
-        return 1 if self.random else SAMPLES
+        """Samples in a segment: one with random forces, each of which is constant in a segment, and of sparse samples."""
+        return 1 if self.random or self.sparse else SAMPLES
 
     @property
     def sigma(self) -> Floats:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import RecordError
 from linkwise.records.common_samples import sampled_every
+from linkwise.signals.full_band import noise_beside_motion
 
 _ORDER = (
     4  # order of the differences taken before the window, which keep slow motion from leaking into high bins
@@ -193,6 +194,8 @@ def _sigma(channels: Floats, computed: BlockSpectra | None) -> Floats:
             sigma[channel] = _sigma(channels[channel : channel + 1, np.argmax(present) :: every], None)[0]
         elif present.sum() >= _FEWEST_DIFFERENCES + _GAP_ORDER:
             sigma[channel] = _across_gaps(channels[channel])
+    for channel in np.flatnonzero(~gapped & np.isfinite(sigma)):
+        sigma[channel] = np.sqrt(noise_beside_motion(channels[channel], sigma[channel] ** 2))
     return sigma
 
 

@@ -12,6 +12,7 @@ from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth, noise_and_bandwidth
+from linkwise.signals.sparse_samples import denser, highest_frequency
 from linkwise.weak.elements import Elimination, elimination_of
 from linkwise.weak.measured_modes import measured_modes
 
@@ -49,6 +50,8 @@ class MeasuredDisplacements:
         no host has more channels than modes.
     elimination : Elimination or None
         The state of a link that is not measured and is eliminated.
+    density : int
+        How many samples there are for each that was measured: interpolated ones share the noise of their neighbours.
     """
 
     displacements: Floats
@@ -63,6 +66,7 @@ class MeasuredDisplacements:
     bandwidth: float
     surplus: float = 1.0
     elimination: Elimination | None = None
+    density: int = 1
 
     @property
     def x_or_nan(self) -> Floats:
@@ -201,6 +205,35 @@ def read_displacements(
         elimination=elimination,
     )
     return _of_modes(shown, structure) if structure.hosts else shown
+
+
+def read_densely(record: Record, structure: Structure) -> tuple[Record, MeasuredDisplacements]:
+    """Displacements of masses, with samples between those of a record that has few in a period of the fastest motion.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    record : Record
+        The record, made denser where it must be.
+    motion : MeasuredDisplacements
+        Its displacements and their noise.
+
+    Raises
+    ------
+    IdentificationError
+        As `read_displacements`.
+    """
+    dense, density = denser(record)
+    motion = read_displacements(dense, structure)
+    if density == 1:
+        return record, motion
+    return dense, replace(motion, bandwidth=highest_frequency(record), density=density)
 
 
 def _of_modes(shown: MeasuredDisplacements, structure: Structure) -> MeasuredDisplacements:

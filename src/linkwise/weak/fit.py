@@ -102,7 +102,8 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     excess = float(residual_excess(noisy, values, system)[0])
     blocks = ((which, block[0]) for which, block in score_blocks(noisy, weights, system))
     scatter = assemble_blocks(blocks, len(values))
-    covariance = max(excess, 1.0) * _covariance(normal, scatter, free, system)
+    noise = system.motion.density * max(excess, 1.0)
+    covariance = noise * _covariance(normal, scatter, free, system)
     biased, _ = normal_equations(patches, weights, len(lower), bias=1.0)
     return WeakFit(values, covariance, free, excess, _significances(normal, biased, free, system.windows))
 

@@ -21,7 +21,7 @@ from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.signals.short_gaps import short_gaps_bridged
-from linkwise.weak.displacements import read_displacements
+from linkwise.weak.displacements import read_densely
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.fit import WeakFit
 from linkwise.weak.integrated_displacements import with_displacements
@@ -207,7 +207,8 @@ def _weak_fits(
     fits, failures = [], []
     for record in records:
         try:
-            fits.append(weak_search(record, structure, read_displacements(record, structure), known)[1])
+            dense, motion = read_densely(record, structure)
+            fits.append(weak_search(dense, structure, motion, known)[1])
         except IdentificationError as error:
             failures.append(error)
     return fits, failures
