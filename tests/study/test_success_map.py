@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,20 @@ def test_a_case_without_an_answer_is_not_exact_and_a_missing_one_is_no_case() ->
     assert (success.cases == [[0, 4, 4], [0, 4, 4]]).all()
     assert (success.exact[:, 2] == 0).all() and (success.exact_share[:, 2] == 0.0).all()
     assert np.isnan(success.exact_share[:, 0]).all()
+
+
+def test_a_method_without_any_answer_is_never_exact() -> None:
+    study = reach_study()
+    rows = [
+        replace(row, status=FAILED, links={}, terms={}, reason="too short")
+        if row.method == "discover"
+        else row
+        for row in reach_rows(study)
+    ]
+    maps = maps_of(study, StudyTable.of(study, rows))
+    assert [success.method for success in maps] == ["discover", "sindy, links"] * 2
+    assert (maps[0].cases == 4).all() and (maps[0].exact_share == 0.0).all()
+    assert (maps[0].wrong_trusted == 0).all()
 
 
 def test_methods_that_are_told_the_terms_have_no_map() -> None:

@@ -16,6 +16,7 @@ from linkwise.study.success_map import SuccessMap
 
 _DARKEST = 1.6  # share that would have the darkest colour, so that black numbers are read on all
 _NUMBER_SIZE, _SMALL_SIZE = 6.5, 5.5  # points
+_NUMBERS = "per cent that have all true\nterms and no other; below it\nthe per cent trusted but wrong"
 _CELL, _ROW = 0.26, 0.4  # inches that a line of cells takes, and what stands around those of a panel
 
 
@@ -113,6 +114,8 @@ def success_figure(results: Sequence[SuccessMap]) -> Figure:
             axes.set_title(literal(name if row else f"{result.method}\n{name}"))
             if row < len(lines) - 1:
                 axes.set_xlabel("")
+            elif not column:
+                axes.set_xlabel(f"{axes.get_xlabel()}\n{_NUMBERS}")
             if column:
                 axes.set_ylabel("")
                 axes.tick_params(labelleft=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, final
+from typing import Any, ClassVar, Literal, final
 
 import msgspec
 import numpy as np
@@ -67,6 +67,8 @@ class StudyMethod(ABC):
     ----------
     name : str
         Its name in the study.
+    looks_for_terms : bool
+        Whether it is not told the terms, and its answers are judged by them.
 
     Examples
     --------
@@ -77,6 +79,7 @@ class StudyMethod(ABC):
     """
 
     name: str
+    looks_for_terms: ClassVar[bool] = False
 
     answer = DeprecatedAttribute(Deprecated("evaluate", since="0.2.0", until="0.4.0"))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import Any, ClassVar, Literal, final
 
 from linkwise.discovery.discover import discover
 from linkwise.discovery.options import DiscoveryOptions
@@ -23,6 +23,8 @@ class DiscoveryMethod(StudyMethod):
     It is told the masses and nothing of links; what is `unknown` of a structure does not matter. Coefficients of its rows are
     those of the discovered structure, by its own names. Raises IdentificationError for terms that are no candidates.
     """
+
+    looks_for_terms: ClassVar[bool] = True
 
     name: str
     terms: str = DEFAULT

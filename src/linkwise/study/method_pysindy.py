@@ -6,7 +6,7 @@ import warnings
 from dataclasses import dataclass
 from importlib import import_module
 from time import perf_counter
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Any, ClassVar, Literal, final
 
 import msgspec
 import numpy as np
@@ -33,6 +33,8 @@ class PySindyMethod(StudyMethod):
     of 1 and columns and accelerations to a norm of 1, so that its `threshold` is a share of the right-hand side, which is how
     its users make a threshold mean the same in every equation. Threshold and window are by default those of PySINDy.
     """
+
+    looks_for_terms: ClassVar[bool] = True
 
     name: str
     order: int = 3

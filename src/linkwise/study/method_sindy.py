@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Any, ClassVar, Literal, final
 
 import msgspec
 import numpy as np
@@ -40,6 +40,8 @@ class SindyMethod(StudyMethod):
     rows held out. Raises IdentificationError for an unknown regressor, a threshold of one that has none, and terms that are no
     candidates.
     """
+
+    looks_for_terms: ClassVar[bool] = True
 
     name: str
     library: Library = "links"

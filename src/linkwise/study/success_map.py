@@ -107,8 +107,14 @@ def success_maps(folder: str | Path) -> tuple[SuccessMap, ...]:
 
 
 def maps_of(study: Study, table: StudyTable) -> tuple[SuccessMap, ...]:
-    """The maps of all methods of `study` that look for terms, structure by structure, from its `table`."""
+    """The maps of all methods of `study` that look for terms, structure by structure, from its `table`.
+
+    A method without any answer is never exact.
+    """
     judged = {cell.method for cell in table.cells if cell.exact is not None}
+    answered = {cell.method for cell in table.cells if cell.answers}
+    run = {cell.method for cell in table.cells if cell.done}
+    judged |= {method.name for method in study.methods if method.looks_for_terms} & (run - answered)
     return tuple(
         _map(subjects, method.name, table)
         for subjects in _alike(study.subjects)
