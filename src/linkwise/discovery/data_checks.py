@@ -34,8 +34,8 @@ _LEAST_ACTIVE = (
 _NAMED = 6  # terms that a remark names
 _NO_MOTION = (
     "there is no motion above the noise in any channel, so no structure can be found; excite the structure more strongly, or "
-    "check the range and the units of the sensors. In a record of about three samples a period motion looks like noise: sample "
-    "faster, or state the noise of the sensors"
+    "check the range and the units of the sensors. In a record of about three samples a period motion looks like noise: "
+    "sample faster, or state the noise of the sensors"
 )
 
 
