@@ -319,7 +319,7 @@ def test_longer_segments_have_the_same_optimum(
     assert np.max(np.abs(np.sqrt(np.diag(fit.covariance)) / errors - 1.0)) < 10.0 * TOLERANCE
 
 
-@pytest.mark.parametrize(("beta", "attempts"), [(1.0, 1), (1.5, 1), (4.0, 0)])
+@pytest.mark.parametrize(("beta", "attempts"), [(1.0, 1), (1.5, 0), (4.0, 0)])
 def test_wrong_laws_stay_in_short_segments(
     chain_of_14: tuple[lw.Record, lw.Structure], monkeypatch: pytest.MonkeyPatch, beta: float, attempts: int
 ) -> None:

@@ -46,6 +46,7 @@ _STRAIGHT = (
 _CONTINUOUS = (
     0.02  # relaxation from which longer segments may take over: defects are a few percent of the noise
 )
+_CONTINUOUS_FOR_LONG = 0.002  # the same of segments of more than two, along which the motion bends more
 
 
 def searched(
@@ -122,14 +123,15 @@ def _annealed(
     if longer is None or limited:
         return annealer(segments, start, scales, schedule)
     trusted = schedule.trust_per_sample * int(segments.observed.sum())
-    near = annealer(segments, start, scales, replace(schedule, final_q=_CONTINUOUS, tolerance=trusted))
+    continuous = _CONTINUOUS if longer.parts.shape[1] <= 2 else _CONTINUOUS_FOR_LONG
+    near = annealer(segments, start, scales, replace(schedule, final_q=continuous, tolerance=trusted))
     if near.status is not AnnealingStatus.CONVERGED:
         return near
     sufficient = (1.0 + limit) * near.samples
-    if near.q <= _CONTINUOUS and near.misfit.cost(near.q) - near.path[-1].remaining < sufficient:
+    if near.q <= continuous and near.misfit.cost(near.q) - near.path[-1].remaining < sufficient:
         further = replace(
             schedule,
-            initial_q=max(schedule.final_q, _CONTINUOUS * schedule.smallest_factor),
+            initial_q=max(schedule.final_q, continuous * schedule.smallest_factor),
             max_steps=_STRAIGHT,
             sufficient_cost=sufficient,
         )
