@@ -57,6 +57,16 @@ def test_prediction_is_that_of_fits_without_each_block(chosen: list[int]) -> Non
     assert prediction.scatter == pytest.approx(np.sqrt(BLOCKS) * excess.std(ddof=1), rel=1e-9, abs=1e-9)
 
 
+def test_other_values_are_compared_with_fits_without_each_block() -> None:
+    columns, samples, _ = regression()
+    other = np.array([2.1, -0.2])
+    paid = np.sum((samples - columns[:, :, :2] @ other) ** 2, axis=1)
+    excess = paid - left_out([0, 1])
+    prediction = parabolas().prediction_of(other)
+    assert prediction.excess == pytest.approx(excess.sum(), rel=1e-9)
+    assert prediction.scatter == pytest.approx(np.sqrt(BLOCKS) * excess.std(ddof=1), rel=1e-9)
+
+
 @pytest.mark.parametrize("chosen", [[0], [1], [0, 2], [0, 1, 2]])
 def test_what_is_known_beforehand_is_in_every_fit_and_paid_once(chosen: list[int]) -> None:
     columns, samples, _ = regression()
@@ -147,7 +157,7 @@ def test_the_path_tells_prediction_and_share_of_force() -> None:
 def test_shares_of_force_are_told_in_plain_numbers(share: float, told: str) -> None:
     """A term that makes all of the force of its link was told as 1e+02 %."""
     point = lw.PathPoint(4, 0.0, 9.0, "- a.k", chosen=False, prediction=8.0, scatter=1.0, share=share)
-    _, row = path_rows(cast("lw.Discovery", SimpleNamespace(path=(point,))))
+    _, row = path_rows(cast("lw.Discovery", SimpleNamespace(path=(point,), terms=())))
     assert row[-1] == told
 
 

@@ -14,7 +14,7 @@ from linkwise.argument_types import checked
 from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.coloured_noise import fit_beyond_white_noise, select_coloured
 from linkwise.discovery.data_checks import DataChecks, check_data
-from linkwise.discovery.inexact_laws import select_inexact
+from linkwise.discovery.free_run_laws import select_nearly_right
 from linkwise.discovery.judgement import judged_discovery
 from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.memory_laws import no_memory_remark, select_memory
@@ -256,7 +256,7 @@ def _select(
     exact_laws = selection
     if not selection.is_exact:
         follows_motion = coloured is None and beyond is not None and beyond.optimum.coloured is None
-        selection = select_inexact(search, selection, known=beyond if follows_motion else None)
+        selection = select_nearly_right(search, selection, known=beyond if follows_motion else None)
     frequencies = rival_frequencies(search, selection) if candidates.hosts else ()
     discovery = judged_discovery(
         records, checks, screened, selection, selection.fit.delays, frequencies=frequencies
@@ -266,7 +266,7 @@ def _select(
         if remembering is not None:
             return remembering
     if selection.is_exact and _lacks_a_term(discovery):
-        simpler = select_inexact(search, selection, screened.first)
+        simpler = select_nearly_right(search, selection, screened.first)
         reduced = judged_discovery(records, checks, screened, simpler, simpler.fit.delays)
         follows = Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
         if (follows and reduced.trusted) or simpler.has_fewer_links(selection):

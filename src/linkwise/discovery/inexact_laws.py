@@ -37,6 +37,7 @@ from linkwise.progress import Progress, ProgressReport
 _ROUNDS = 8
 _MOST_STEPS = 1000  # of all fits; a search that takes more creeps from one poor model to the next
 _TIGHT = 1e-4  # model error from which it is looked for where a fit may do without
+_LOOSER = 9.0  # times the relaxation by which motion is held: where such a fit starts
 
 
 def select_inexact(
@@ -53,13 +54,21 @@ def select_inexact(
     model error may be `known`. `settled` is False where a fit does not converge with a model error, where the records are too
     short for blocks, and where rounds or steps run out.
     """
-    return _simplified(search, _search(search, selection, chosen, known))
+    return simplified(search, select_by_evidence(search, selection, chosen, known=known))
 
 
-def _search(
-    search: TermSearch, selection: Selection, chosen: frozenset[str] | None, known: LikelihoodFit | None
+def select_by_evidence(
+    search: TermSearch,
+    selection: Selection,
+    chosen: frozenset[str] | None = None,
+    *,
+    known: LikelihoodFit | None = None,
+    tight: float | None = None,
 ) -> Selection:
-    """The selection by evidence, as `select_inexact` describes it."""
+    """The selection by evidence alone, as `select_inexact` describes it.
+
+    With a `tight` relaxation the motion is held to the laws by it, and no model error is fitted.
+    """
     steps = 0
 
     def counted(report: ProgressReport, /) -> None:
@@ -77,14 +86,14 @@ def _search(
     visited, reducing = {chosen}, False
     values, nodes = fit.values, fit.optimum.point.nodes
     for number in range(selection.rounds + 1, selection.rounds + 1 + _ROUNDS):
-        options = _options(search, counted, number, nodes, relaxation)
+        options = inexact_options(search, counted, number, nodes, relaxation, tight=tight)
         try:
             fit = known or likelihood_fit(search.records, structure, values, options=options)
             known = None
         except IdentificationError:  # the motion runs away from where the last round led
             return replace(current, settled=False)
         try:
-            quadratic, penalty = _cautious_model(search, fit, structure, chosen)
+            quadratic, penalty = cautious_model(search, fit, structure, chosen)
             inside = list(range(len(structure.parameters)))
             after = inside if reducing else best_subset(replace(quadratic, by_blocks=()), penalty, inside)
             reducing = reducing or after == inside
@@ -105,26 +114,37 @@ def _search(
     return current
 
 
-def _options(
-    search: TermSearch, progress: Progress, number: int, nodes: Floats | None, relaxation: float | None
+def inexact_options(
+    search: TermSearch,
+    progress: Progress,
+    number: int,
+    nodes: Floats | None,
+    relaxation: float | None,
+    *,
+    tight: float | None = None,
 ) -> LikelihoodOptions:
-    """Those of the fit of a round, from the `nodes` and the `relaxation` of the one before."""
-    return replace(
+    """Those of the fit of a round, from the `nodes` and the `relaxation` of the one before, or at a `tight` one."""
+    options = replace(
         search.sensors,
         progress=round_progress(progress, number),
         nodes=nodes,
         relaxation=relaxation,
         coloured_noise=False,
     )
+    if tight is None:
+        return options
+    return replace(options, relaxation=_LOOSER * tight, tightest=tight, model_error=False)
 
 
-def _simplified(search: TermSearch, selection: Selection) -> Selection:
+def simplified(search: TermSearch, selection: Selection, *, tight: float | None = None) -> Selection:
     """The simplest model that predicts as well as a settled selection with a model error, fitted; that selection if none does.
 
-    Nor where a fit without the terms does not converge, or asks for them after all.
+    Nor where a fit without the terms does not converge, or asks for them after all. At a `tight` relaxation no model error is
+    fitted.
     """
     fit = selection.fit
-    if not (selection.settled and fit.status is AnnealingStatus.CONVERGED and fit.model_error > 0.0):
+    inexact = fit.model_error > 0.0 or tight is not None
+    if not (selection.settled and fit.status is AnnealingStatus.CONVERGED and inexact):
         return selection
     inside = list(range(len(selection.structure.parameters)))
     try:
@@ -139,9 +159,9 @@ def _simplified(search: TermSearch, selection: Selection) -> Selection:
         structure = search.candidates.structure(chosen)
         values, _ = starts_of(selection.quadratic, simplest, structure, fit)
         number, nodes = selection.rounds + 1, fit.optimum.point.nodes
-        options = _options(search, search.progress, number, nodes, fit.model_error)
+        options = inexact_options(search, search.progress, number, nodes, fit.model_error, tight=tight)
         fit = likelihood_fit(search.records, structure, values, options=options)
-        quadratic, penalty = _cautious_model(search, fit, structure, chosen)
+        quadratic, penalty = cautious_model(search, fit, structure, chosen)
         needless = tuple(sorted(selection.chosen - chosen))
         simpler = Selection(chosen, structure, fit, quadratic, penalty, True, number, needless)
         asked_for = terms_asked_for(simpler, search.candidates)
@@ -166,7 +186,7 @@ def _without_uneven(quadratic: QuadraticModel, penalty: Penalty, inside: list[in
     return inside if worth[least] > penalty.term else [*inside[:least], *inside[least + 1 :]]
 
 
-def _cautious_model(
+def cautious_model(
     search: TermSearch, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]
 ) -> tuple[QuadraticModel, Penalty]:
     """The local model of the cost over the overdispersion of the blocks, in which no score varies less than they do.

@@ -20,6 +20,7 @@ from linkwise.discovery.evidence import (
     selection_path,
     term_evidence,
 )
+from linkwise.discovery.free_run_laws import free_run_remarks
 from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
 from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import model_average
@@ -123,6 +124,7 @@ def judged_discovery(
         remarks=(
             *(remark for _, remark in search),
             *rival_form_remarks(forms, selection),
+            *free_run_remarks(selection),
             *simplest_model_remarks(selection),
             *(term.remark(names) for term in needless),
             *rival_remarks((*rivals, *offsets), names),

@@ -34,6 +34,11 @@ class PredictionExcess:
     excess: float
     scatter: float
 
+    @classmethod
+    def of(cls, excesses: Floats) -> PredictionExcess:
+        """That of the `excesses` (B,) of blocks."""
+        return cls(float(excesses.sum()), float(np.sqrt(len(excesses)) * np.std(excesses, ddof=1)))
+
 
 @dataclass(frozen=True, eq=False)
 class BlockParabolas:
@@ -41,7 +46,8 @@ class BlockParabolas:
 
     The first of them belong to coefficients, in the places that `numbers` gives, and the first `selected` to those of the fit;
     the others are errors of sensors, which every model finds. `shares` are those of the force of its link that each term
-    makes, by number. `prior` is the slope (u,) and the curvature (u, u) of what is known beforehand, which are in no block.
+    makes, by number. `prior` is the slope (u,) and the curvature (u, u) of what is known beforehand, which are in no block;
+    `cost` is that of the fit.
     """
 
     slopes: Floats
@@ -51,6 +57,7 @@ class BlockParabolas:
     selected: int
     shares: dict[int, float]
     prior: tuple[Floats, Floats] | None = None
+    cost: float = 0.0
 
     def prediction(self, chosen: Collection[int], than: Collection[int] | None = None) -> PredictionExcess:
         """That of the model with the coefficients `chosen`, by number; NaN where it is not determined without a block.
@@ -61,7 +68,15 @@ class BlockParabolas:
             excess = self._paid(chosen) - self._paid(range(self.selected) if than is None else than)
         except np.linalg.LinAlgError:
             return PredictionExcess(np.nan, np.nan)
-        return PredictionExcess(float(excess.sum()), float(np.sqrt(len(excess)) * np.std(excess, ddof=1)))
+        return PredictionExcess.of(excess)
+
+    def prediction_of(self, values: Floats) -> PredictionExcess:
+        """That of other `values` (p,) of the coefficients of the fit, scaled, over the selected model."""
+        move = np.zeros(len(self.values))
+        move[: self.selected] = values - self.values[: self.selected]
+        move[self.selected : len(self.numbers)] = -self.values[self.selected : len(self.numbers)]
+        paid = self.curvatures @ move @ move - 2.0 * self.slopes @ move
+        return PredictionExcess.of(paid - self._paid(range(self.selected)))
 
     def _paid(self, chosen: Collection[int]) -> Floats:
         """(B,) what the model pays for each block, fitted to the others."""
@@ -166,7 +181,8 @@ def block_parabolas(
         for parts, known in ((scores.scores, slope), (scores.information, curvature))
     )
     prior = slope / scale, curvature / scale
-    return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, shares, prior)
+    cost = misfit.cost(optimum.q) / scale
+    return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, shares, prior, cost)
 
 
 def _shares(

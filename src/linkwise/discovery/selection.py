@@ -40,7 +40,8 @@ class Selection:
     """The `structure` of the `chosen` candidates, its `fit`, and a local model of the cost in all candidates tested.
 
     `settled` is False if the search ended without a subset that no move improves, after `rounds` rounds. `needless` are the
-    names of terms that the criterion would have and prediction has no need of.
+    names of terms that the criterion would have and prediction has no need of, `of_departures` those, with their functions,
+    that it would have only where the motion may depart from the laws.
     """
 
     chosen: frozenset[str]
@@ -51,6 +52,7 @@ class Selection:
     settled: bool
     rounds: int
     needless: tuple[str, ...] = ()
+    of_departures: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:

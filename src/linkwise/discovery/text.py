@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import inf, isfinite, isnan
 
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
@@ -195,7 +196,11 @@ def _term_row(
 def doubtful_title(discovery: Discovery) -> str:
     """The title of the table of doubtful terms."""
     ambiguous = discovery.trusted and any(not term.unambiguous for term in discovery.doubtful)
-    reasons = ", masses moved together, or another term would fit as well" if ambiguous else ""
+    reasons = (
+        ", the interval contains zero, masses moved together, or another term would fit as well"
+        if ambiguous
+        else ""
+    )
     if discovery.trusted and any(term.may_matter for term in discovery.doubtful):
         reasons += ", or the record would not show a term that matters"
     return f"in doubt: the margin is {CERTAIN:g} or less{reasons}"
@@ -217,7 +222,11 @@ def doubtful_rows(discovery: Discovery) -> Rows:
 
 def runner_up_rows(discovery: Discovery) -> Rows:
     """The runners-up, best first."""
-    return [RUNNER_UP_HEAD, *((model.change, rough(model.margin)) for model in discovery.runners_up)]
+    functions = _functions_of_dropped(discovery)
+    return [
+        RUNNER_UP_HEAD,
+        *((_with_functions(model.change, functions), rough(model.margin)) for model in discovery.runners_up),
+    ]
 
 
 def path_rows(discovery: Discovery) -> Rows:
@@ -227,15 +236,24 @@ def path_rows(discovery: Discovery) -> Rows:
     rows: Rows = [PATH_HEAD]
     if all(isnan(point.prediction) for point in near):
         return rows
+    functions = _functions_of_dropped(discovery)
     for point in near:
         share = _share(100.0 * point.share) if isfinite(point.share) else ""
-        judged = (
-            ("selected", "", "", "", "")
-            if point.chosen
-            else (point.step, rough(point.criterion), rough(point.prediction), rough(point.scatter), share)
-        )
+        step = _with_functions(point.step, functions)
+        figures = rough(point.criterion), rough(point.prediction), rough(point.scatter), share
+        judged = ("selected", "", "", "", "") if point.chosen else (step, *figures)
         rows.append((str(point.terms), *judged))
     return rows
+
+
+def _functions_of_dropped(discovery: Discovery) -> dict[str, str]:
+    """The functions of d and v of terms that no printed law has, by name."""
+    return {term.name: term.term for term in discovery.terms if not term.kept}
+
+
+def _with_functions(change: str, functions: Mapping[str, str]) -> str:
+    """A change of a model in words, with the functions of the terms that it names."""
+    return " ".join(f"{word} ({functions[word]})" if word in functions else word for word in change.split())
 
 
 def _share(percent: float) -> str:
