@@ -12,7 +12,7 @@ from linkwise.discovery import inexact_laws
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.prediction import BlockParabolas
 from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.simplest_model import simplest_model
+from linkwise.discovery.simplest_model import larger_model_remarks, simplest_model
 
 BLOCKS = 10
 RATE, DURATION = 200.0, 8.0
@@ -122,3 +122,25 @@ def test_exact_laws_are_left_to_the_criterion(monkeypatch: pytest.MonkeyPatch) -
     assert not asked
     lw.discover(friction_record(0.2), {"m1": 1.0}, terms=TERMS)
     assert asked
+
+
+@pytest.mark.parametrize(
+    ("criterion", "prediction", "inexact", "why"),
+    [
+        (19.0, -33.0, True, "its criterion is 19 higher"),
+        (-6.0, -33.0, True, "disagree on its terms"),
+        (19.0, -8.0, True, None),
+        (19.0, -33.0, False, None),
+    ],
+)
+def test_why_a_larger_model_that_predicts_better_was_not_selected(
+    criterion: float, prediction: float, why: str | None, *, inexact: bool
+) -> None:
+    """The scatter is 10."""
+    path = (
+        lw.PathPoint(4, 0.0, 0.0, "", chosen=True, prediction=0.0, scatter=0.0),
+        lw.PathPoint(5, 0.0, criterion, "+ a.k", chosen=False, prediction=prediction, scatter=10.0),
+    )
+    remarks = larger_model_remarks(path, inexact=inexact)
+    assert len(remarks) == (why is not None)
+    assert all(why in remark and "by 33 with a scatter of 10" in remark for remark in remarks if why)

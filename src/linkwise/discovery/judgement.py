@@ -24,6 +24,7 @@ from linkwise.discovery.free_run_laws import free_run_remarks
 from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
 from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import model_average
+from linkwise.discovery.other_models import PathPoint
 from linkwise.discovery.power import unit_shares
 from linkwise.discovery.prediction import terms_without_gain
 from linkwise.discovery.result import Discovery, TermEvidence
@@ -32,7 +33,7 @@ from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_r
 from linkwise.discovery.rival_offsets import rival_offsets
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection
-from linkwise.discovery.simplest_model import simplest_model_remarks
+from linkwise.discovery.simplest_model import larger_model_remarks, simplest_model_remarks
 from linkwise.discovery.term_parameters import without_values
 from linkwise.discovery.unmeasured_origins import origin_remarks, unknown_origins
 from linkwise.estimates.estimate import Estimate
@@ -108,6 +109,7 @@ def judged_discovery(
     memory = tuple(replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory)
     search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
     trusted = is_trusted(verdicts := (*estimate.verdicts, *(verdict for verdict, _ in search)))
+    path = selection_path(selection, parabolas)
     discovery = Discovery(
         estimate=estimate,
         terms=_evidence(
@@ -118,14 +120,13 @@ def judged_discovery(
             trusted=trusted,
             replaceable=_replaceable(selection, estimate, alone, others),
         ),
-        path=selection_path(selection, parabolas),
+        path=path,
         runners_up=runners_up(selection),
         average=model_average(selection, candidates, alone),
         remarks=(
             *(remark for _, remark in search),
             *rival_form_remarks(forms, selection),
-            *free_run_remarks(selection),
-            *simplest_model_remarks(selection),
+            *_of_choice(selection, path),
             *(term.remark(names) for term in needless),
             *rival_remarks((*rivals, *offsets), names),
             *link_exchange_remarks(moved),
@@ -140,6 +141,15 @@ def judged_discovery(
         memory=memory,
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+def _of_choice(selection: Selection, path: Sequence[PathPoint]) -> tuple[str, ...]:
+    """Sentences on why beside a model error these terms were selected, and neither fewer nor more of them."""
+    return (
+        *free_run_remarks(selection),
+        *simplest_model_remarks(selection),
+        *larger_model_remarks(path, inexact=selection.fit.model_error > 0.0),
+    )
 
 
 def _evidence(

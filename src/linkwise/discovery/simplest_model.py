@@ -9,10 +9,13 @@ between blocks is no measure of its evidence.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
+from linkwise.discovery.other_models import PathPoint
 from linkwise.discovery.prediction import BlockParabolas, block_parabolas
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN
@@ -94,4 +97,25 @@ def simplest_model_remarks(selection: Selection) -> tuple[str, ...]:
         f"Pieces of the record that were left out are predicted as well without {terms}, with which the criterion "
         f"would be {abs(change):.3g} {'lower' if change < 0.0 else 'higher'}: the simplest law that predicts as "
         "well was selected.",
+    )
+
+
+def larger_model_remarks(path: Sequence[PathPoint], *, inexact: bool) -> tuple[str, ...]:
+    """A sentence where a larger model on the path predicts measurably better beside laws that are `inexact`: why it stays out.
+
+    Its terms were taken from all that were offered by the same records, which the criterion counts and the scatter does not.
+    """
+    chosen = next(number for number, point in enumerate(path) if point.chosen)
+    better = [point for point in path[chosen + 1 :] if point.prediction < -point.scatter]
+    if not (inexact and better):
+        return ()
+    first = min(better, key=lambda point: point.criterion)
+    if first.criterion > 0.0:
+        why = f"its criterion is {first.criterion:.3g} higher, which counts from how many candidates its terms were taken"
+    else:
+        why = "blocks of the record disagree on its terms by more than they are worth"
+    return (
+        f"A model of {first.terms} terms predicts pieces of the record that were left out better, by {-first.prediction:.3g} "
+        f"with a scatter of {first.scatter:.3g}; it was not selected because {why}. Its terms may stand in for one that was "
+        "not offered.",
     )
