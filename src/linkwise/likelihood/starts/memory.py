@@ -140,11 +140,11 @@ class MemorySearch:
         return Valley(*self.solved(self._trials(_ROUGH_TRIALS)[0]))
 
     def _trials(self, count: int) -> Floats:
-        """Starts (B, q) of the curved parameters, those that leave least first, last those whose states amplify their start."""
+        """Starts (B, q) of the curved parameters, the best first, last those whose states amplify their start."""
         rng = np.random.default_rng(_SEED)
         trials = np.stack([self.trial(rng, first=number == 0) for number in range(count)])
         costs = [float(np.mean(left**2)) for _, left in self.regressed(trials)]
-        return np.asarray(trials[np.lexsort((costs, ~self._forget_start(trials)))])
+        return np.asarray(trials[np.lexsort(np.stack([costs, ~self._forget_start(trials)]))])
 
     def _forget_start(self, curved: Floats) -> Bools:
         """Whether the states of all links forget where they began, for each of B values (B, q)."""
