@@ -328,6 +328,12 @@ def test_classical_choices_reach_the_fit(files: Path) -> None:
         (["--gain", "x:m1="], "--gain 'x:m1=' is not CHANNEL or CHANNEL=SIZE"),
         (["--gain", "x:m1", "--gain", "x:m1=2"], "--gain is given twice for 'x:m1'"),
         (["--noise-of", "x:m7=1e-4"], "x:m7"),
+        (["--calibration", "x:m7=1%"], "no calibration of x:m7 can be stated"),
+        (["--drift", "x:m7"], "no drift or hum of x:m7 can be estimated"),
+        (["--drift", "x:m1=1us"], "the pieces of the drift of x:m1 must be"),
+        (["--hum", "x:m7=50"], "no drift or hum of x:m7 can be estimated"),
+        (["--ambient", "m7"], "no ambient force can act on m7"),
+        (["--input-noise", "force:m7"], "no noise of an input can be estimated"),
     ],
 )
 def test_wrong_usage_is_one_paragraph_and_exit_code_2(

@@ -2,10 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
 import click
 
 import linkwise as lw
 from linkwise.cli.options import quantity, split
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.likelihood.shooting import waveforms
+else:
+    waveforms = lazy_module("linkwise.likelihood.shooting.waveforms")  # for those who state a drift or a hum
+
+
+def refuse_foreign_disturbances(
+    drifts: Mapping[str, float | None], hums: Mapping[str, tuple[float, ...]], records: Sequence[lw.Record]
+) -> None:
+    """Raise UsageError for a drift or a hum of a channel that no record has, or that none can have."""
+    if not drifts and not hums:
+        return
+    try:
+        waveforms.Disturbance.of(drifts, hums, records)
+    except lw.IdentificationError as error:
+        raise click.UsageError(f"{error}.") from error
 
 
 def _drifts(

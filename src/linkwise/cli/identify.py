@@ -11,7 +11,7 @@ import click
 import linkwise as lw
 from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
-from linkwise.cli.disturbance_options import DISTURBANCE_OPTIONS
+from linkwise.cli.disturbance_options import DISTURBANCE_OPTIONS, refuse_foreign_disturbances
 from linkwise.cli.options import (
     FILE,
     RegisteredChoice,
@@ -22,7 +22,7 @@ from linkwise.cli.options import (
     option_name,
     truth_option,
 )
-from linkwise.cli.random_force_options import random_force_options
+from linkwise.cli.random_force_options import random_force_options, refuse_foreign_forces
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.cli.sensor_options import refuse_foreign_calibration, sensor_options
 from linkwise.cli.structure_file import read_told
@@ -166,6 +166,8 @@ def identify(
     with progress("reading") as step:
         records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
         refuse_foreign_calibration(ml.get("calibration", {}), records[0])
+        refuse_foreign_disturbances(ml.get("drifts", {}), ml.get("hums", {}), records)
+        refuse_foreign_forces(ml.get("ambient", {}), ml.get("input_noise", {}), records[0], subject)
         step(lw.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,

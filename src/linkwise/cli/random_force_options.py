@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import linkwise as lw
 from linkwise.cli.options import split
+from linkwise.lazy import lazy_module
 from linkwise.records.channel import Channel
+
+if TYPE_CHECKING:
+    from linkwise.likelihood import random_forces
+else:
+    random_forces = lazy_module("linkwise.likelihood.random_forces")  # for those who state one
+
+
+def refuse_foreign_forces(
+    ambient: Mapping[str, float | None],
+    input_noise: Mapping[str, float | None],
+    record: lw.Record,
+    structure: lw.Structure,
+) -> None:
+    """Raise UsageError for a random force on a mass, or noise of an input, that there is not."""
+    if not ambient and not input_noise:
+        return
+    try:
+        random_forces.random_forces(ambient, input_noise, record, structure)
+    except lw.IdentificationError as error:
+        raise click.UsageError(f"{error}.") from error
 
 
 def _random_forces(
