@@ -142,33 +142,26 @@ def elimination_of(structure: Structure, hidden: Sequence[str]) -> Elimination |
 
     Raises
     ------
+    StructureError
+        If a state does not enter its law and the rates linearly.
     IdentificationError
-        If there are several, or the state is not linear with constant coefficients.
+        If there are several.
     """
     if not hidden:
         return None
+    elements_of(structure)  # refuses states that are not linear, which measuring them would not change
     states = structure.topology.states
-    links = structure.links
-    advice = 'measure it, or use method "ml", which finds states'
-    if len(hidden) > 1 or len(states) > 1:
+    if len(states) > 1:
         raise IdentificationError(
             f"the record has no {', '.join(hidden)}: the weak form eliminates the single state of a structure, and this one "
             f'has {len(states)}; measure all of them, or use method "ml", which finds states',
             arguments=("channels",),
         )
     [(number, name)] = states
-    link = links[number]
+    link = structure.links[number]
     rate = dict(link.law.named_rates)[name]
-    force, own = differentiate(link.law.expression, name), differentiate(rate, name)
-    for place, slope in (("its law", force), ("its rate", own)):
-        if set(symbols(slope)) & {*VARIABLES, name}:
-            raise IdentificationError(
-                f"the record has no {hidden[0]}, and the weak form cannot eliminate a state that does not enter {place} "
-                f"linearly, with constant coefficients: {advice}",
-                arguments=("channels",),
-            )
     drive = substitute(rate, {name: Number(0.0)})
-    return Elimination(number, name, _law(link, own), _law(link, drive))
+    return Elimination(number, name, _law(link, differentiate(rate, name)), _law(link, drive))
 
 
 def elements_of(structure: Structure, elimination: Elimination | None = None) -> tuple[Element, ...]:
