@@ -202,8 +202,7 @@ def test_states_that_cannot_be_eliminated_are_refused() -> None:
     joint = hysteretic_oscillator(k=400.0, c=1.5, F=12.0, x0=0.02, s=0.7)
     record = lw.simulate(joint, release={"v:m1": 0.3}, duration=1.0, rate=200.0)
     with pytest.raises(
-        lw.IdentificationError,
-        match=r"has no state:joint.z, and .* cannot eliminate .* its rate linearly.*\"ml\"",
+        lw.StructureError, match=r"memory \(state z\).*does not enter its law and the rates linearly"
     ):
         lw.identify(record, joint.unknown("joint"), method="weak")
     two = structure(
