@@ -67,7 +67,7 @@ def host_memory_starts(
 
 def _liveliest(records: Sequence[Record]) -> Record:
     """The record that moves most: by the power of its responses, each relative to that in all records."""
-    powers = np.array([[np.nanvar(each.channel(name)) for name in each.responses] for each in records])
+    powers = np.array([[np.nanvar(record.channel(name)) for name in record.responses] for record in records])
     return records[
         int(np.argmax((powers / np.maximum(powers.max(axis=0), np.finfo(float).tiny)).sum(axis=1)))
     ]
