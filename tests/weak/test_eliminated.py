@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from structures import harvester, hysteretic_oscillator, link, named, structure
+from structures import harvester, host, hysteretic_oscillator, link, named, structure
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -160,16 +160,13 @@ def test_a_branch_between_two_masses() -> None:
 
 def test_a_branch_on_a_host() -> None:
     """Its force is in the equations of both modes, and on the mass that it carries."""
-    modes = (
-        lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62}),
-        lw.HostMode(9.0, 0.012, {"tip": -0.9, "joint": 0.5}),
-    )
+    wing = host("wing", (5.2, 9.0), (0.01, 0.012), {"tip": (1.0, -0.9), "joint": (0.62, 0.5)})
 
     def carrying(**values: lw.Coefficient | float) -> lw.Structure:
         return structure(
             {"store": 0.5},
             named("branch", "store-wing.tip", "zener", **values),
-            hosts=[lw.Host("wing", modes)],
+            hosts=[wing],
         )
 
     solid = {"k": 500.0, "k1": 300.0, "c1": 12.0}
