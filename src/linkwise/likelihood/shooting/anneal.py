@@ -233,9 +233,10 @@ class _SearchState:
             return self._onward(step, schedule, samples)
         if self.stride == 1.0 and step.gain_ratio > _LOWEST_GAIN:
             return replace(self, stride=step.best_length)
-        if self.q < self.settled:
+        overshot = step.gain_ratio < _LOWEST_GAIN and self.growth == 2.0  # for the first time since a gain
+        if self.q < self.settled and not overshot:
             back = float(np.sqrt(self.q * self.settled)) if self.q < 0.9 * self.settled else self.settled
-            return replace(self, q=back, stride=1.0)
+            return replace(self, q=back, growth=2.0, stride=1.0)
         return replace(
             self, damping=max(self.growth * self.damping, 0.01), growth=2.0 * self.growth, stride=1.0
         )
