@@ -51,6 +51,8 @@ def test_the_legend_of_many_modes_lies_beside_the_lines() -> None:
     figure = lw.plot.shapes_figure(many)
     figure.draw_without_rendering()
     (axes,) = figure.axes
-    legend = axes.get_legend().get_window_extent()
-    assert legend.x0 >= axes.get_window_extent().x1
-    assert legend.x1 <= figure.bbox.x1
+    legend = axes.get_legend()
+    assert legend is not None
+    box = legend.get_window_extent()
+    assert box.x0 >= axes.get_window_extent().x1
+    assert box.x1 <= figure.bbox.x1
