@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import chain_record
 
 import linkwise as lw
+from linkwise.arrays import Floats
 from linkwise.likelihood import diagnosis
 from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit, Optimum, likelihood_fit
-from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting import halved_samples
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.single_tests import SingleTests, single_tests
 from linkwise.likelihood.starts.values import starting_values
@@ -46,6 +51,22 @@ class Tests:
         size = len(self.fit.values)
         return tested, single_tests(tested.curvature, tested.slope, tested.scatter, size)
 
+    def scores(self) -> Floats:
+        """(h,) normal scores of the causes."""
+        _, tests = self()
+        return np.asarray(np.sign(tests.sizes) * np.sqrt(tests.gains) / self.fit.optimum.noise)
+
+    def in_finer_steps(self, refine: int) -> Tests:
+        """These with the motion and its tangents in so many steps a sample."""
+        optimum, other = self.fit.optimum, copy(self)
+        segments = optimum.segments
+        assert segments.refine == 1
+        segments = replace(segments, refine=refine, tangent_refine=refine, step=segments.step / refine)
+        misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
+        optimum = replace(optimum, segments=segments)
+        other.fit = replace(self.fit, segments=segments, misfit=misfit, optimum=optimum)
+        return other
+
 
 @pytest.mark.parametrize(
     ("masses", "duration", "joined"), [(2, 2.0, 4), (4, 2.0, 4), (2, 3.0, 6), (4, 1.5, 8)]
@@ -73,7 +94,8 @@ def test_score_tests_are_those_of_short_segments(
 def test_score_tests_in_half_the_samples_are_those_in_all(
     monkeypatch: pytest.MonkeyPatch, masses: int
 ) -> None:
-    """In standard deviations to a twentieth, of the filter, whose column is the roughest, to a tenth."""
+    """In standard deviations to a twentieth, of the filter, whose column is the roughest, to a tenth; both marched."""
+    monkeypatch.setattr(halved_samples, "_linear_in_masses", lambda segments: False)
     tests = Tests(masses, 3.0)
     half, of_half = tests()
     monkeypatch.setattr(diagnosis, "in_half_the_samples", in_all_samples)
@@ -86,6 +108,19 @@ def test_score_tests_in_half_the_samples_are_those_in_all(
     assert np.max(np.abs(scores[0] - scores[1])[~is_filter]) < 0.05
     assert np.max(np.abs(scores[0] - scores[1])[is_filter]) < 0.1
     assert np.max(np.abs(of_half.deviations / of_all.deviations - 1.0)) < 0.01
+
+
+@pytest.mark.parametrize("masses", [2, 4])
+def test_transitions_are_as_good_as_a_march(monkeypatch: pytest.MonkeyPatch, masses: int) -> None:
+    """Beside tests in steps a quarter as long, which hardly err, both err alike: steps of a sample are long for a sink."""
+    tests = Tests(masses, 3.0)
+    scores = {}
+    scores["transitions"] = tests.scores()
+    monkeypatch.setattr(halved_samples, "_linear_in_masses", lambda segments: False)
+    scores["march"] = tests.scores()
+    exact = tests.in_finer_steps(4).scores()
+    errors = {name: np.sqrt(np.mean((own - exact) ** 2)) for name, own in scores.items()}
+    assert 0.0 < errors["transitions"] < 1.2 * errors["march"] < 0.1
 
 
 def test_segments_are_shorter_where_states_grow_fast(monkeypatch: pytest.MonkeyPatch) -> None:

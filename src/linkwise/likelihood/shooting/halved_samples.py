@@ -16,6 +16,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Scales, Segments, V, X
 
@@ -93,15 +94,25 @@ def halved(
         return None
     np.divide(residuals, counts, out=residuals, where=known)
     unit = scales.sigma[:, None] * (1.0 if segments.relative_noise is None else segments.relative_noise)
+    by_transitions = _linear_in_masses(segments)
     return replace(
         segments,
         samples=segments.samples[::2] + (residuals - misfit.residuals[::2]) * unit,
         observed=known,
         counts=counts,
         refine=2 * segments.refine,
-        tangent_refine=2 * segments.tangent_refine,
+        tangent_refine=segments.tangent_refine if by_transitions else 2 * segments.tangent_refine,
+        by_transitions=by_transitions,
         carried=None if segments.carried is None else segments.carried[:, ::2],
     ), replace(misfit, residuals=residuals)
+
+
+def _linear_in_masses(segments: Segments) -> bool:
+    """Whether displacements of few masses are all that sensors show, and their motion all that sensitivities consist of."""
+    system, sensors = segments.system, segments.sensors
+    others = system.states or system.shapes is not None or sensors.shapes is not None
+    plain = not others and segments.inputs.uncertain is None
+    return plain and len(system.incidence) < MANY and bool(np.all(sensors.kind == X))
 
 
 def _chains(segments: Segments) -> Iterator[tuple[slice, int]]:

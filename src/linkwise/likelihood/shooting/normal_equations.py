@@ -33,7 +33,8 @@ from linkwise.likelihood.shooting.sensor_columns import (
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.shown_tangents import shown_tangents
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
-from linkwise.likelihood.shooting.tangents import tangents
+from linkwise.likelihood.shooting.tangents import tangent_forces, tangents
+from linkwise.likelihood.shooting.transitions import carried
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
@@ -45,6 +46,8 @@ def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
     """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
     m, K = segments.system.dimension, segments.count
     p = segments.parameters if parameters is None else parameters
+    if segments.by_transitions:  # with two arrays of them in place of a dozen
+        return [slice(*pair) for pair in pairwise(block_ends(K, -(-K * m * (m + p) // (2 * CHUNK))))]
     size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
@@ -217,19 +220,43 @@ def whitened_jacobian(
     errors: SensorErrors | None = None,
 ) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
-    step = segments.step[part] * segments.flow_steps_per_tangent
-    mechanics = segments.system.at(misfit.point.theta)
-    sensors = segments.sensors.at(mechanics)
     M, C, K = segments.samples[..., part].shape
-    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    m = segments.system.dimension
-    P = m + segments.parameters + _extra_columns(candidates, errors)
-    moving = m + p + (0 if candidates is None else len(candidates.first))
-    width = moving + (0 if errors is None else len(errors.channel))
-    columns = (moving, (width + columns_of_forces(segments)).tolist())
+    P = segments.system.dimension + segments.parameters + _extra_columns(candidates, errors)
+    width = P - segments.sensors.unknowns
+    moving = width - (0 if errors is None else len(errors.channel))
     root, whiten = _weights(segments, misfit, scales, loss, part)
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * misfit.residuals[..., part]).transpose(2, 0, 1)
+    columns = (moving, (width + columns_of_forces(segments)).tolist())
+    put = _put_carried if segments.by_transitions else _put_marched
+    ends = put(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
+    if segments.random is not None and segments.random.shown is not None:
+        add_shown_forces(jacobian, segments.random, scales, whiten)
+    if errors is not None:
+        for number, channel in enumerate(errors.channel):
+            jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
+    add_offsets(jacobian[..., width:], segments, scales, whiten, part)
+    calibrate_gains(jacobian, segments, misfit, scales, root, part)
+    add_delays(jacobian, segments, misfit, scales, whiten, part)
+    ends /= scales.state[:, None]
+    return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _put_marched(
+    jacobian: NDArray[Any],
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    part: slice,
+    whiten: Single,
+    candidates: CandidateForces | None,
+    columns: tuple[int, list[int]],
+) -> Floats:
+    """Put what sensors show of the sensitivities, step by step; gives those at the ends (k, 2 n + S, P)."""
+    step = segments.step[part] * segments.flow_steps_per_tangent
+    mechanics = segments.system.at(misfit.point.theta)
+    sensors = segments.sensors.at(mechanics)
+    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
     rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
     shown = [
         (kind, channels, as_slice(channels), (whiten[:, channels] * rates[kind]).astype(np.float32))
@@ -249,20 +276,43 @@ def whitened_jacobian(
             rows = tangents_of_channels(motions, kind, channels, sensors, misfit.point, rates[V])
             whitened = (rows * factors[sample, :, None]).transpose(2, 0, 1)
             _put(jacobian, (slice(None), sample, places), whitened, columns)
-    if segments.random is not None and segments.random.shown is not None:
-        add_shown_forces(jacobian, segments.random, scales, whiten)
-    if errors is not None:
-        for number, channel in enumerate(errors.channel):
-            jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
-    add_offsets(jacobian[..., width:], segments, scales, whiten, part)
-    calibrate_gains(jacobian, segments, misfit, scales, root, part)
-    add_delays(jacobian, segments, misfit, scales, whiten, part)
-    ends = np.zeros((K, m, P))
+    ends = np.zeros((len(jacobian), segments.system.dimension, jacobian.shape[-1] - 1))
     moved = (tangent.state[0], tangent.state[1] * rates[V], tangent.memory)
     for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
         _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
-    ends /= scales.state[:, None]
-    return jacobian.reshape(K, M * C, P + 1), ends
+    return ends
+
+
+def _put_carried(
+    jacobian: NDArray[Any],
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    part: slice,
+    whiten: Single,
+    candidates: CandidateForces | None,
+    columns: tuple[int, list[int]],
+) -> Floats:
+    """As `_put_marched`, by transitions over half steps; all that sensors show are displacements of masses."""
+    stride = segments.flow_steps_per_tangent
+    step = segments.step[part] * stride
+    mechanics, sensors = segments.system.at(misfit.point.theta), segments.sensors
+    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
+    rate, moving = (1.0 / step)[:, None, None].astype(np.float32), columns[0]
+    orbit = misfit.trajectories.part(part)
+    unit, inputs = scales.theta[:p], segments.inputs.part(part)
+    forces = tangent_forces(
+        mechanics, orbit.thinned(stride), step, unit, candidates and candidates.part(part), inputs=inputs
+    )
+    shown, factors = as_slice(sensors.mass), whiten.transpose(0, 2, 1)[..., None]
+    orbit = orbit.thinned(stride // 2)
+    for number, motion in enumerate(carried(mechanics, orbit, step, scales.state, forces, moving)):
+        sample, between = divmod(number, segments.tangent_refine)
+        if sample < len(factors) and not between:
+            np.multiply(motion[:, shown], factors[sample], out=jacobian[:, sample, :, :moving])
+    ends = np.zeros((len(jacobian), 2 * n, jacobian.shape[-1] - 1))
+    ends[:, :n, :moving], ends[:, n:, :moving] = motion[:, :n], motion[:, n:] * rate
+    return ends
 
 
 def _acting(

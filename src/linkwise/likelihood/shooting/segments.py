@@ -131,7 +131,8 @@ class Segments:
     None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
     `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `waveforms` what
-    sensors add over time, None without any; `counts` (M, C, K) is how many samples of the record each stands for, None for 1.
+    sensors add over time, None without any; `counts` (M, C, K) is how many samples of the record each stands for, None for 1;
+    `by_transitions` says whether tangents follow from transitions over half steps.
     """
 
     system: System
@@ -150,6 +151,7 @@ class Segments:
     random: RandomStates | None = None
     waveforms: Waveforms | None = None
     counts: Floats | None = None
+    by_transitions: bool = False
 
     @property
     def count(self) -> int:

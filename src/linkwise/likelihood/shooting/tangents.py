@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -122,8 +123,19 @@ class Transfer:
         return replace(self, by_state=(system.base_error, -system.base[:, None, None].astype(np.float32)))
 
 
+class ForcesAlong(Protocol):
+    """What `march` asks of tangent forces, as `TangentForces` has it."""
+
+    @property
+    def steps(self) -> int: ...
+
+    def __call__(self, j: int, motion: Single, inner: Single, out: Single, rates: Single) -> None: ...
+
+    def inertia(self, j: int, out: Single) -> None: ...
+
+
 def march(
-    transfer: Transfer, starts: TangentForces, middles: TangentForces, state: Single, inner: Single
+    transfer: Transfer, starts: ForcesAlong, middles: ForcesAlong, state: Single, inner: Single
 ) -> Iterator[TangentStep]:
     """Carry sensitivities from the nodes on.
 
@@ -131,7 +143,7 @@ def march(
     ----------
     transfer : Transfer
         The structure.
-    starts, middles : TangentForces
+    starts, middles : ForcesAlong
         Tangent forces at the ends of J steps and in their middles.
     state, inner : array of shape (2, n, P, K) and (S, P, K)
         Sensitivities at the nodes, of masses and of states of links; overwritten.
