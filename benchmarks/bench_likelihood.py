@@ -158,7 +158,7 @@ def test_the_cost_of_one_fit(unit: float) -> None:
 
 @pytest.mark.parametrize("n", [2, 6, 10])
 def test_the_cost_of_a_diagnosis(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fits with a diagnosis and without one, in turn; the aim is 15 % more, which six and ten masses come near, and two do not.
+    """Fits with a diagnosis and without one, in turn; 15 % more is the aim, which two masses do not come near.
 
     Of two masses what is left is shared by many small steps, of which none is a quarter.
 

@@ -9,6 +9,7 @@ from linkwise.likelihood.clipped_samples import clipped_samples
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.judgement import Judgement, assess
 from linkwise.likelihood.recording_errors import recording_errors
+from linkwise.likelihood.understated_noise import with_understated_noise
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
@@ -29,6 +30,9 @@ def judge(
     it, so that no answer with it is trusted, and no other cause is likelier.
     """
     judgement = assess(fit, identified, records[0].channels, searched=searched)
+    understated = with_understated_noise(judgement, fit, records)
+    if understated is not None:
+        return understated
     if fit.random_forces or not (judgement.verdict.forbids or judgement.diagnosis):
         return judgement
     clipped = tuple(clipped_samples(fit, records))

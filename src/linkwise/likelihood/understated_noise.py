@@ -1,0 +1,53 @@
+"""Noise that is stated smaller than it is: residuals that are white, and larger than it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.judgement import Judgement
+from linkwise.likelihood.whiteness import is_white
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+from linkwise.verdict import Verdict
+
+_EXCEEDED = (
+    1.2  # times the noise: 1.44 in chi-square, which no number of samples that a fit has gives by chance
+)
+_DOUBTED = (Verdict.NOT_CONVERGED, Verdict.NOISE_MISMATCH)
+
+
+def with_understated_noise(
+    judgement: Judgement, fit: LikelihoodFit, records: Sequence[Record]
+) -> Judgement | None:
+    """The judgement that says that the noise of channels is stated too small, where that alone is wrong; else None.
+
+    What laws lack leaves residuals that follow the motion, from one sample to the next; those of noise are white.
+    """
+    if judgement.verdict not in _DOUBTED or fit.random_forces or not np.isfinite(fit.chi_square):
+        return None
+    stated = {name for record in records for name in record.noise}
+    exceeded = []
+    for name, residuals in zip(fit.noise, fit.misfit.residuals.transpose(1, 2, 0), strict=True):
+        counted = residuals[residuals != 0.0]
+        ratio = float(np.sqrt(np.mean(counted**2))) if len(counted) else 0.0
+        if ratio <= _EXCEEDED:
+            continue
+        if name not in stated or not is_white(residuals.ravel()):
+            return None
+        exceeded.append(f"{ratio:.2g} times in {name}, {fit.noise[name]:.2g} {Channel.parse(name).unit}")
+    if not exceeded:
+        return None
+    which = " and ".join(exceeded)
+    unsettled = judgement.verdict is Verdict.NOT_CONVERGED
+    return replace(
+        judgement,
+        message=(
+            f"The residuals exceed the noise that is stated ({which}), and are white, as noise is and what laws lack is not: "
+            f"it is stated too small, and no interval is given.{' The search did not converge with it.' if unsettled else ''} "
+            "State what it is, or leave it out, so that it is found with the laws."
+        ),
+    )
