@@ -125,7 +125,7 @@ def test_a_wrong_host_is_told(old: str, new: str, message: str) -> None:
         ("frequency[Hz],tip\n5,x\n", "expected a number in the column tip, got 'x'"),
         ("frequency[Hz],tip,tip\n5,1,1\n", "the column tip is listed twice"),
         ("frequency[rpm],tip\n5,1\n", "a frequency is given in Hz, not in rpm"),
-        ("frequency[Hz];tip\n5;1\n", "separated by commas"),
+        ("frequency[Hz];tip\n5,2;1,0,0\n", "expected a number in the column tip, got '1.0.0'"),
         ("frequency[Hz],tip[mm]\n5,1\n", "the unit of tip must be 1/sqrt(kg)"),
         ("frequency[Hz],\n5,1\n", "a column has no name"),
     ],
@@ -136,6 +136,15 @@ def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, message: str
         lw.read_modes(tmp_path / "modes.csv")
     assert message in str(error.value)
     assert "modes.csv" in str(error.value)
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_modes_of_a_spreadsheet_may_have_decimal_commas(tmp_path: Path, delimiter: str) -> None:
+    """As records may; the same table with commas and decimal points is the same modes."""
+    plain = "frequency[Hz],damping[%],tip\n5.2,1.5,1.25\n33.1,2,-0.5\n"
+    (tmp_path / "plain.csv").write_text(plain)
+    (tmp_path / "local.csv").write_text(plain.replace(",", delimiter).replace(".", ","))
+    assert lw.read_modes(tmp_path / "local.csv") == lw.read_modes(tmp_path / "plain.csv")
 
 
 def test_equilibria_and_modes_of_a_structure_with_a_host() -> None:

@@ -219,8 +219,8 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     ----------
     path : str or Path
         A CSV file with the columns ``frequency[Hz]``, ``damping`` (0 without it) and one for the shape at each point, in
-        1/sqrt(kg); or a universal file (.uff, .unv) with data sets of type 55 in SI units, whose points are named by node
-        and direction, such as ``"12z"``.
+        1/sqrt(kg), separated by commas, or by semicolons or tabs, where numbers may have decimal commas; or a universal file
+        (.uff, .unv) with data sets of type 55 in SI units, whose points are named by node and direction, such as ``"12z"``.
 
     Returns
     -------
@@ -247,8 +247,10 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     if Path(path).suffix.lower() in (".uff", ".unv"):
         return modes_of_uff(path)
     text = read_toml_text(path, StructureError)
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    delimiter = next((mark for mark in ";\t" if mark in first), ",")  # names of points have neither
     try:
-        lines = list(csv.reader(text.splitlines()))
+        lines = list(csv.reader(text.splitlines(), delimiter=delimiter))
     except csv.Error as error:
         raise StructureError(f"cannot be read as a CSV file: {error}", source) from None
     rows = [(number, cells) for number, cells in enumerate(lines, start=1) if any(c.strip() for c in cells)]
@@ -258,11 +260,9 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
             source,
         )
     (_, header), *modes = rows
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise StructureError(
-            "the columns are separated by commas, not by semicolons or tabs", f"{source}, line 1"
-        )
     names, units = _columns([name.strip() for name in header], source)
+    if delimiter != ",":  # numbers may have decimal commas
+        modes = [(number, [cell.replace(",", ".") for cell in cells]) for number, cells in modes]
     return tuple(_mode_of_line(names, units, cells, f"{source}, line {number}") for number, cells in modes)
 
 
