@@ -10,6 +10,7 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.judgement import Judgement, assess
 from linkwise.likelihood.recording_errors import recording_errors
 from linkwise.likelihood.understated_noise import with_understated_noise
+from linkwise.likelihood.uneven_samples import before_other_causes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
@@ -40,7 +41,7 @@ def judge(
     of_channels = (recording_errors(records, structure) for structure in structures if unexplained)
     errors = (*clipped, *next(filter(None, of_channels), ()))
     if not errors:
-        return judgement
+        return before_other_causes(judgement, records)
     unsettled = judgement.verdict is Verdict.NOT_CONVERGED
     return Judgement(
         Verdict.NOT_CONVERGED if unsettled else Verdict.MEASUREMENT_ERROR,
