@@ -23,9 +23,9 @@ from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.room import fit_bytes, require_room
 from linkwise.likelihood.score_test import CandidateForce, candidates_along
 from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule
-from linkwise.likelihood.shooting.block_information import block_information
+from linkwise.likelihood.shooting.block_information import FactoredModel, block_information
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
-from linkwise.likelihood.shooting.linear_model import column_origins, linear_model
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, column_origins, linear_model
 from linkwise.likelihood.shooting.linearised_defects import change_of_defects, pull_of_defects
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.local_products import local_linearization
@@ -254,6 +254,30 @@ def test_candidates_and_errors_of_sensors(name: str) -> None:
     assert np.max(np.abs(of_local.reduced - of_dense.reduced) / scale) < 10.0 * TOLERANCE * np.max(
         np.abs(of_dense.reduced) / scale
     )
+
+
+def test_blocks_without_candidates_are_in_those_with_them() -> None:
+    """The states are eliminated alike, whatever else is in the border: to the rounding of single precision."""
+    shooting, misfit = problem("chain")
+    candidates, _ = candidates_along(shooting.segments, misfit, [CandidateForce(2, 1, Law.parse("d**2"))])
+    errors = SensorErrors.of(shooting.segments, misfit)
+    q, blocks, p = 1e-2, 6, shooting.segments.parameters
+    parameters = shooting.segments.system.parameters.size
+    alone = present(block_information(both("chain", whole=False, blocks=blocks)[0], q))
+    scale = np.sqrt(alone[1].sum(axis=0).diagonal())
+    models: tuple[GaussNewtonModel, ...] = both(
+        "chain", whole=False, candidates=candidates, errors=errors, blocks=blocks
+    )
+    for linear in models:
+        factor = linear.factor(q)
+        assert factor is not None
+        border = np.delete(np.arange(len(factor.schur)), parameters + np.arange(len(factor.schur) - p))
+        model = FactoredModel.within(linear, factor, border, q)
+        scores, information = present(block_information(model, q))
+        tolerance = 1e-5 if isinstance(linear, LocalLinearization) else 10.0 * TOLERANCE
+        assert np.max(np.abs(information - alone[1]) / np.outer(scale, scale)) < tolerance
+        assert np.max(np.abs(scores - alone[0]) / scale) < tolerance * np.max(np.abs(alone[0]) / scale)
+        assert np.allclose(model.factor.schur, information.sum(axis=0), atol=1e-5 * np.max(scale**2))
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -66,9 +66,12 @@ class BlockScores:
         moved = np.einsum("bij,bj->bi", inverses, self.scores[:, chosen]) / noise
         squares = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
         of_whole, out = np.linalg.inv(parts.sum(axis=0)), np.ones(len(free))
+        all_followed = parts @ inverses.transpose(0, 2, 1)  # (B, c, c): last the unknown
         for number, unknown in enumerate(chosen.tolist()):
-            pulls = inverses[:, number]  # (B, c): how the estimate follows the score of each block
-            followed = np.einsum("bij,bj->bi", parts, pulls)
+            pulls, followed = (
+                inverses[:, number],
+                all_followed[..., number],
+            )  # (B, c): the estimate by the scores
             covariance = np.diag(np.sum(pulls * followed, axis=1))
             covariance -= followed @ of_whole @ followed.T
             covariance -= covariance.mean(axis=0)

@@ -16,7 +16,6 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.memory_forces import MemoryForce
 from linkwise.likelihood.shooting.block_information import FactoredModel
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import linear_model
@@ -60,8 +59,8 @@ class AugmentedQuadratic:
     """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
 
     The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
-    it was asked for in blocks and the equations are dense; `growth` is that of the largest sensitivity of the states over a
-    segment, in their units, 1 where the equations are local.
+    it was asked for in blocks; `growth` is that of the largest sensitivity of the states over a segment, in their units, 1
+    where the equations are local.
     """
 
     curvature: Floats
@@ -121,12 +120,11 @@ def augmented_quadratic(
     model, growth = None, 1.0
     if isinstance(linear, Linearization):
         growth = float(np.max(np.abs(linear.state_ends), initial=1.0))
-    if blocks > 1 and isinstance(linear, Linearization) and isinstance(factor, BorderedFactor):
+    if blocks > 1 and not factor.damped:
         estimated = np.delete(
             np.arange(len(factor.schur)), segments.system.parameters.size + np.arange(added)
         )
-        if not factor.damped:
-            model = FactoredModel(linear.within(estimated), factor.within(estimated))
+        model = FactoredModel.within(linear, factor, estimated, optimum.q)
     own = slice(0, segments.system.parameters.size + added)
     nuisance = slice(own.stop, None)
     curvature, slope = factor.schur[own, own], factor.reduced[own]

@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import lapack
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
-from linkwise.likelihood.shooting.linear_model import GaussNewtonModel
-from linkwise.likelihood.shooting.local_equations import LocalLinearization, LocalSystem
+from linkwise.likelihood.shooting.linear_model import Factor, GaussNewtonModel
+from linkwise.likelihood.shooting.local_equations import LocalFactor, LocalLinearization, LocalSystem
 from linkwise.likelihood.shooting.normal_equations import Linearization, block_ends
 
 _AT_ONCE = 64  # unknowns whose states are held together, of many masses
@@ -27,8 +27,18 @@ _AT_ONCE = 64  # unknowns whose states are held together, of many masses
 class FactoredModel:
     """Gauss-Newton blocks at a point, and the `factor` of their equations at a relaxation, without damping."""
 
-    linear: Linearization
-    factor: BorderedFactor
+    linear: GaussNewtonModel
+    factor: Factor
+
+    @classmethod
+    def within(cls, linear: GaussNewtonModel, factor: Factor, border: Indices, q: float) -> FactoredModel:
+        """That of these unknowns of the border alone, in arrays of its own, from a linearization with more of them."""
+        own = linear.within(border)
+        if isinstance(own, LocalLinearization):
+            assert isinstance(factor, LocalFactor)
+            return cls(own, own.equations(q).with_nodes_of(factor, border))
+        assert isinstance(factor, BorderedFactor)
+        return cls(own, factor.within(border))
 
 
 def block_information(linear: GaussNewtonModel | FactoredModel, q: float) -> tuple[Floats, Floats] | None:
@@ -36,12 +46,18 @@ def block_information(linear: GaussNewtonModel | FactoredModel, q: float) -> tup
 
     None where the equations are singular.
     """
-    if isinstance(linear, LocalLinearization):
-        return _local(linear, q)
     if isinstance(linear, FactoredModel):
-        return _dense(linear.linear, linear.factor, q)
-    factor = linear.equations(q).factor()
-    return None if factor is None else _dense(linear, factor, q)
+        factor, linear = linear.factor, linear.linear
+    else:
+        own = linear.equations(q).factor()
+        if own is None:
+            return None
+        factor = own
+    if isinstance(linear, LocalLinearization):
+        assert isinstance(factor, LocalFactor)
+        return _local(linear, factor, q)
+    assert isinstance(factor, BorderedFactor)
+    return _dense(linear, factor, q)
 
 
 def _dense(linear: Linearization, factor: BorderedFactor, q: float) -> tuple[Floats, Floats]:
@@ -86,11 +102,8 @@ def _transmit(corner: Floats, block: int, passed: Floats) -> None:
     corner[block + 1] -= passed
 
 
-def _local(linear: LocalLinearization, q: float) -> tuple[Floats, Floats] | None:
+def _local(linear: LocalLinearization, factor: LocalFactor, q: float) -> tuple[Floats, Floats]:
     equations = linear.equations(q)
-    factor = equations.factor()
-    if factor is None:
-        return None
     weight, border = 1.0 / q**2, equations.order.border
     gradient, corner = _corners(linear, weight)
     gradient, corner = gradient[:, border], corner[:, border[:, None], border]
@@ -102,9 +115,8 @@ def _local(linear: LocalLinearization, q: float) -> tuple[Floats, Floats] | None
         some = slice(first, min(first + _AT_ONCE, p))
         right = np.empty((K, some.stop - first, m))
         for begin in range(0, K, _AT_ONCE):
-            right[begin : begin + _AT_ONCE] = equations.blocks(begin, min(begin + _AT_ONCE, K), None).right[
-                :, some
-            ]
+            end = min(begin + _AT_ONCE, K)
+            right[begin:end] = equations.rights(begin, end)[:, some]
         follow = factor.blocks.nodes(right)
         _subtract_products(equations, follow, some, gradient, corner)
         at_nodes[:, some] = follow[nodes]

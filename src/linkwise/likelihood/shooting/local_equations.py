@@ -1,10 +1,9 @@
-"""Gauss-Newton normal equations of structures of many masses: blocks of groups of columns that meet in a row, no others."""
+"""Gauss-Newton normal equations of structures of many masses, assembled node by node from the blocks that are not zero."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,96 +12,9 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.block_factor import BlockEquations, BlockFactor, NodeBlocks
 from linkwise.likelihood.shooting.bordered_system import Damping
+from linkwise.likelihood.shooting.local_blocks import LocalQuadraticForm, MeetingGroups, Order, below
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import NEGLIGIBLE
-
-
-@dataclass(frozen=True, eq=False)
-class MeetingGroups:
-    """Two groups of columns, by number, whose columns meet in some rows: the places of these rows in each of them."""
-
-    first: int
-    second: int
-    channels: tuple[Indices, Indices]
-    rows: tuple[Indices, Indices]
-
-    @property
-    def groups(self) -> tuple[int, int]:
-        """The two."""
-        return self.first, self.second
-
-
-@dataclass(frozen=True, eq=False)
-class PairBlocks:
-    """What two groups of columns contribute: states (K, a, P') of the first with columns of the second, and the border of the
-    first with the states (K, q, b) of the second; the latter none where both are the same group, as it is in the former.
-    """
-
-    upper: NDArray[Any]
-    lower: NDArray[Any]
-
-    @classmethod
-    def empty(
-        cls, K: int, groups: tuple[Neighbourhood, Neighbourhood], sizes: tuple[int, int], kind: type
-    ) -> PairBlocks:
-        """Room for K segments and as many columns of each group."""
-        first, second = groups
-        below = 0 if first is second else sizes[0] - len(first.states)
-        return cls(
-            np.empty((K, len(first.states), sizes[1]), kind),
-            np.empty((K, below, len(second.states)), kind),
-        )
-
-    def put(self, part: slice, product: NDArray[Any], pieces: Sequence[slice]) -> Floats:
-        """Store the product (k, P, P') of a chunk; returns the corners (b, q, q') of its pieces."""
-        (_, a, _), (_, below, b) = self.upper.shape, self.lower.shape
-        self.upper[part] = product[:, :a]
-        if below:
-            self.lower[part] = product[:, a:, :b]
-        return sums_over(product[:, a:, b:], pieces)
-
-
-@dataclass(frozen=True, eq=False)
-class LocalQuadraticForm:
-    """One quadratic form over scaled unknowns: `pairs` of blocks, `gradient` (K, m) of the nodes, and by blocks of segments
-    the border's `corners` (B, p, p) and `corner_gradients` (B, p).
-    """
-
-    pairs: Sequence[PairBlocks]
-    gradient: Floats
-    corners: Floats
-    corner_gradients: Floats
-
-    @property
-    def corner(self) -> Floats:
-        """(p, p) of all segments."""
-        return np.asarray(self.corners.sum(axis=0))
-
-    @property
-    def corner_gradient(self) -> Floats:
-        """(p,) of all segments."""
-        return np.asarray(self.corner_gradients.sum(axis=0))
-
-
-def sums_over(values: NDArray[Any], pieces: Sequence[slice]) -> Floats:
-    """(b, ...) sums of values (k, ...) of segments over pieces of these."""
-    return np.stack([values[piece].sum(axis=0, dtype=float) for piece in pieces])
-
-
-class Order:
-    """The order of the unknowns, group by group, in the blocks: `states` (m,) and `border` (p,) by their numbers."""
-
-    def __init__(self, groups: Sequence[Neighbourhood]) -> None:
-        self.states = np.concatenate([group.states for group in groups])
-        self.border = np.concatenate([group.border for group in groups])
-        self.places = np.argsort(self.states)
-        self.of_states = _slices([len(group.states) for group in groups])
-        self.of_border = _slices([len(group.border) for group in groups])
-
-
-def _slices(sizes: Sequence[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(a, b) for a, b in pairwise(ends)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +47,21 @@ class LocalLinearization:
     missed: Floats
     joined: Floats
     unconstrained: Floats
+
+    def within(self, border: Indices) -> LocalLinearization:
+        """That of these unknowns of the border alone, in arrays of its own."""
+        ends = []
+        for group, own in zip(self.groups, self.ends, strict=True):
+            a = len(group.states)
+            moving = a + below(group.places_of(border), group.moving - a)
+            ends.append(np.concatenate([own[..., :a], own[..., moving]], axis=2))
+        return replace(
+            self,
+            groups=[group.within(border) for group in self.groups],
+            data=self.data.within(self.pairs, self.groups, border),
+            defects=self.defects.within(self.pairs, self.groups, border),
+            ends=ends,
+        )
 
     def equations(self, q: float) -> LocalSystem:
         """Normal equations with squared defects weighted by 1 / q^2."""
@@ -183,11 +110,26 @@ class LocalSystem:
 
     def factor(self, damping: Damping | None = None) -> LocalFactor | None:
         """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite."""
+        factor = self._of_blocks(damping).factor()
+        return None if factor is None else LocalFactor(factor, self.order, damping is not None)
+
+    def with_nodes_of(self, factor: LocalFactor, border: Indices) -> LocalFactor:
+        """The factor, from that of equations with more unknowns in the border, of which `border` are those of these."""
+        chosen = border[self.order.border]
+        own = replace(
+            factor.blocks,
+            equations=self._of_blocks(None),
+            schur=factor.schur[np.ix_(chosen, chosen)],
+            reduced=factor.reduced[chosen],
+        )
+        return LocalFactor(own, self.order, factor.damped)
+
+    def _of_blocks(self, damping: Damping | None) -> BlockEquations:
         border = self.order.border
         corner = self.linear.data.corner + self.weight * self.linear.defects.corner
         if damping is not None:
             corner[range(len(corner)), range(len(corner))] += damping.border
-        equations = BlockEquations(
+        return BlockEquations(
             self.linear.missed.shape,
             lambda first, last: self.blocks(first, last, damping),
             self.remainder,
@@ -196,8 +138,6 @@ class LocalSystem:
             corner[np.ix_(border, border)],
             self.corner_gradient[border],
         )
-        factor = equations.factor()
-        return None if factor is None else LocalFactor(factor, self.order, damping is not None)
 
     @property
     def corner_gradient(self) -> Floats:
@@ -220,35 +160,47 @@ class LocalSystem:
     def blocks(self, first: int, last: int, damping: Damping | None) -> NodeBlocks:
         """The blocks of some nodes."""
         linear, order, weight = self.linear, self.order, self.weight
-        some, m, p = slice(first, last), linear.missed.shape[1], len(order.border)
+        some, m = slice(first, last), linear.missed.shape[1]
         diagonal = np.zeros((last - first, m, m))
-        right = np.zeros((last - first, p + 1, m))
         for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
             at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
-            upper = _weighted_sum(data.upper[some], defects.upper[some], weight, 2)
             b = at_second.stop - at_second.start
-            diagonal[:, at_first, at_second] = upper[:, :, :b]
-            right[:, order.of_border[pair.second], at_first] = upper[:, :, b:].transpose(0, 2, 1)
+            own = diagonal[:, at_first, at_second]
+            np.multiply(defects.upper[some, :, :b], weight, out=own)
+            own += data.upper[some, :, :b]
+        before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
+        later = slice(before.start + 1 - first, None)
+        on_diagonal = np.einsum("kii->ki", diagonal)
+        on_diagonal += linear.unconstrained[some, None]
+        on_diagonal[later] += weight * linear.joined[before, None]
+        if damping is not None:
+            on_diagonal += damping.nodes[some]
+        return NodeBlocks(diagonal, self.rights(first, last), self.coupling(first, last))
+
+    def rights(self, first: int, last: int) -> Floats:
+        """(c, p + 1, m) border and gradient of some nodes."""
+        linear, order, weight = self.linear, self.order, self.weight
+        some, p = slice(first, last), len(order.border)
+        right = np.zeros((last - first, p + 1, linear.missed.shape[1]))
+        for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
+            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
+            b = at_second.stop - at_second.start
+            upper = _weighted_sum(data.upper[some, :, b:], defects.upper[some, :, b:], weight, 2)
+            right[:, order.of_border[pair.second], at_first] = upper.transpose(0, 2, 1)
             if pair.first != pair.second:
                 lower = _weighted_sum(data.lower[some], defects.lower[some], weight, 1)
                 right[:, order.of_border[pair.first], at_second] = lower
         before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
         later = slice(before.start + 1 - first, None)
         for number, group in enumerate(linear.groups):
-            rows, own = order.places[group.rows], order.of_states[number]
-            a = own.stop - own.start
+            rows, a = order.places[group.rows], len(group.states)
             columns = np.arange(p)[order.of_border[number]][: group.moving - a]
             if len(columns):
                 ends = linear.ends[number][before, :, a:].astype(float).transpose(0, 2, 1) * weight
                 right[later][:, columns[:, None], rows] -= ends
-        right[:, p] = self.linear.data.gradient[some] + weight * linear.defects.gradient[some]
+        right[:, p] = linear.data.gradient[some] + weight * linear.defects.gradient[some]
         right[later, p] -= weight * linear.missed[before]
-        on_diagonal = np.einsum("kii->ki", diagonal)
-        on_diagonal += linear.unconstrained[some, None]
-        on_diagonal[later] += weight * linear.joined[before, None]
-        if damping is not None:
-            on_diagonal += damping.nodes[some]
-        return NodeBlocks(diagonal, right, self.coupling(first, last))
+        return right
 
     def coupling(self, first: int, last: int) -> Floats:
         """(c, m, m) blocks of the node that follows each of some nodes (rows) with it (columns)."""

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.local_equations import (
-    LocalLinearization,
+from linkwise.likelihood.shooting.local_blocks import (
     LocalQuadraticForm,
     MeetingGroups,
     Order,
     PairBlocks,
     sums_over,
 )
+from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.local_rows import LocalRows, as_slice
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import add_prior, block_ends, blocks_of

@@ -7,7 +7,7 @@ from zero only near them: how near follows from the sensitivities of some segmen
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,6 +57,19 @@ class Neighbourhood:
     def size(self) -> int:
         """Number of columns."""
         return len(self.states) + len(self.border)
+
+    def places_of(self, border: Indices) -> Indices:
+        """The places among the group's columns of the border of those that are in `border`, in order."""
+        return np.flatnonzero(np.isin(self.border, border))
+
+    def within(self, border: Indices) -> Neighbourhood:
+        """The group of these columns of the border alone, which are numbered by their places in `border` then."""
+        places, a = self.places_of(border), len(self.states)
+        return replace(
+            self,
+            border=np.searchsorted(border, self.border[places]),
+            moving=a + int(np.count_nonzero(places < self.moving - a)),
+        )
 
 
 def clusters(system: System) -> list[Indices]:
