@@ -22,7 +22,7 @@ from linkwise.likelihood.shooting.local_rows import LocalRows, as_slice
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import add_prior, block_ends, blocks_of
 
-_AT_ONCE = 150_000  # numbers in the sensitivities of a chunk
+_AT_ONCE = 400_000  # numbers in the sensitivities of a chunk
 
 
 def local_linearization(
@@ -81,25 +81,39 @@ def local_linearization(
         return slopes + corners
 
     parts = _chunks(groups, K)
+    sums: list[list[Floats]] = []  # of each group and pair, of both forms, by blocks
     by_part = map(work, parts) if executor is None else executor.map(work, parts)
-    for part, sums in zip(parts, by_part, strict=True):
+    for part, of_part in zip(parts, by_part, strict=True):
         numbers = [block for block, _ in blocks_of(part, ends_of_blocks)]
-        where = slice(numbers[0], numbers[-1] + 1)
-        for form, kind in ((data, 0), (defects, 1)):
-            for group, totals in zip(groups, sums, strict=False):
-                form.corner_gradients[where, group.border[: totals[kind].shape[1]]] += totals[kind]
-            for pair, totals in zip(pairs, sums[len(groups) :], strict=True):
-                total = totals[kind]
-                first_border, second_border = (
-                    groups[i].border[:size] for i, size in zip(pair.groups, total.shape[1:], strict=True)
-                )
-                form.corners[where, first_border[:, None], second_border] += total
-                if pair.first != pair.second:
-                    form.corners[where, second_border[:, None], first_border] += total.transpose(0, 2, 1)
+        if not sums:
+            sums = [[np.zeros((blocks, *own.shape[1:])) for own in both] for both in of_part]
+        for totals, both in zip(sums, of_part, strict=True):
+            for total, own in zip(totals, both, strict=True):
+                total[numbers[0] : numbers[-1] + 1] += own
+    for kind, form in enumerate((data, defects)):
+        _put_corners(form, [totals[kind] for totals in sums], groups, pairs)
     if segments.prior is not None:
         add_prior(data.corners[0], data.corner_gradients[0], segments.prior, rows.misfit.point, rows.scales)
     unconstrained = segments.unconstrained.astype(float)
     return LocalLinearization(groups, pairs, data, defects, ends, missed, joined, unconstrained)
+
+
+def _put_corners(
+    form: LocalQuadraticForm,
+    sums: Sequence[Floats],
+    groups: Sequence[Neighbourhood],
+    pairs: Sequence[MeetingGroups],
+) -> None:
+    """Put the `sums` over blocks, gradients (B, q) of groups and then corners (B, q, q') of pairs, to their places."""
+    for group, total in zip(groups, sums, strict=False):
+        form.corner_gradients[:, group.border[: total.shape[1]]] = total
+    for pair, total in zip(pairs, sums[len(groups) :], strict=True):
+        first, second = (
+            groups[i].border[:size] for i, size in zip(pair.groups, total.shape[1:], strict=True)
+        )
+        form.corners[:, first[:, None], second] = total
+        if pair.first != pair.second:
+            form.corners[:, second[:, None], first] = total.transpose(0, 2, 1)
 
 
 def _empty(
@@ -141,9 +155,12 @@ def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:
 
 
 def _chunks(groups: Sequence[Neighbourhood], K: int) -> list[slice]:
-    """The segments in parts whose sensitivities stay in a core's cache, of the largest group at least."""
+    """The segments in an even number of parts of about equal length, for two threads, whose sensitivities stay in a core's
+    cache, of the largest group at least.
+    """
     largest = max(2 * len(group.masses) * group.size for group in groups)
-    size = max(16, _AT_ONCE // largest // 16 * 16)
+    pairs = max(1, -(-K * largest // (2 * _AT_ONCE)))
+    size = max(16, -(-K // (2 * pairs * 16)) * 16)
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
 
