@@ -116,10 +116,11 @@ class Candidates:
                 chosen_terms.setdefault(entry.pair, []).append(entry.term)
                 if entry.name in self.free:
                     chosen_terms[entry.pair][-1] = entry.offered
+        parameters = self._unknown_parameters
         links = [
             link
             for number, pair in enumerate(self.pairs)
-            for link in _links(pair, chosen_terms.get(number, []), self._unknown_parameters(number))
+            for link in _links(pair, chosen_terms.get(number, []), parameters.get(number, {}))
         ]
         linked = {end for link in links for end in link.between}
         free = [mass.name for mass in self.masses if mass.name not in linked]
@@ -131,14 +132,17 @@ class Candidates:
             )
         return Structure(name, self.masses, tuple(links), self.hosts)
 
-    def _unknown_parameters(self, pair: int) -> dict[str, Coefficient]:
-        """The parameters of the `free` candidates of a pair, which start from their values."""
-        return {
-            name: Coefficient.unknown(value, lower=value / _FARTHEST, upper=value * _FARTHEST)
-            for entry in self.entries
-            if entry.pair == pair and entry.name in self.free
-            for name, value in self.values_of(entry.name, entry.offered).items()
-        }
+    @cached_property
+    def _unknown_parameters(self) -> Mapping[int, Mapping[str, Coefficient]]:
+        """The parameters of the `free` candidates of each pair that has some, which start from their values."""
+        parameters: dict[int, dict[str, Coefficient]] = {}
+        for entry in self.entries if self.free else ():
+            if entry.name in self.free:
+                parameters.setdefault(entry.pair, {}).update(
+                    (name, Coefficient.unknown(value, lower=value / _FARTHEST, upper=value * _FARTHEST))
+                    for name, value in self.values_of(entry.name, entry.offered).items()
+                )
+        return parameters
 
     def without_masses(self, masses: Collection[str]) -> Candidates:
         """The candidates without some masses; masses at the end of a stated link stay."""

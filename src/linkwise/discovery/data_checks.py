@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -81,14 +82,15 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
         )
     remarks += _check_length(records, candidates)
     moving = [name for name in names if name not in at_rest]
-    together = _groups(records, moving, _difference_to_noise, _SEPARATE)
+    motions = [_displacements(record, moving) for record in records]
+    together = _groups(motions, moving, _difference_to_noise, _SEPARATE)
     for group, ratio in together:
         remarks.append(
             f"{_enumerate(group)} moved together, with differences {_level(ratio)}: a link to one of them may be found as a "
             "link to another. Excite them one at a time."
         )
     equal = [set(group) for group, _ in together]
-    in_proportion = _groups(records, moving, _deviation_to_noise, _IN_PROPORTION)
+    in_proportion = _groups(motions, moving, _deviation_to_noise, _IN_PROPORTION)
     in_proportion = [
         (group, ratio)
         for group, ratio in in_proportion
@@ -217,20 +219,39 @@ def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
     return best
 
 
+class _Displacement(NamedTuple):
+    """The samples (N,) of a displacement in m, their power in m2, and the deviation of the noise in m."""
+
+    samples: Floats
+    power: float
+    noise: float
+
+
+def _displacements(record: Record, names: Sequence[str]) -> dict[str, _Displacement]:
+    """The displacements of those of the masses `names` that have a channel of it."""
+    noise = channel_noise(record)
+    measured = [(name, f"x:{name}") for name in names if f"x:{name}" in record.channels]
+    return {
+        name: _Displacement(samples := record.channel(channel), _power(samples), noise[channel])
+        for name, channel in measured
+    }
+
+
 def _groups(
-    records: Sequence[Record],
+    motions: Sequence[Mapping[str, _Displacement]],
     names: Sequence[str],
-    ratio: Callable[[Record, str, str], float],
+    ratio: Callable[[_Displacement, _Displacement], float],
     separate: float,
 ) -> list[tuple[list[str], float]]:
-    """Groups of masses whose displacements differ by little more than noise in all records, by the `ratio` of two channels.
+    """Groups of masses whose displacements differ by little more than noise in all records, by the `ratio` of two of them.
 
     A ratio of power to that of the noise from `separate` on distinguishes two masses. With each group the least of its ratios.
     """
     ratios = np.full((len(names), len(names)), np.inf)
     for row, first in enumerate(names):
         for column, second in enumerate(names[:row]):
-            ratios[row, column] = max(ratio(record, f"x:{first}", f"x:{second}") for record in records)
+            if all({first, second} <= motion.keys() for motion in motions):
+                ratios[row, column] = max(ratio(motion[first], motion[second]) for motion in motions)
     count, label = connected_components(ratios < separate, directed=False)
     groups = [np.flatnonzero(label == number).tolist() for number in range(count)]
     return [
@@ -240,38 +261,32 @@ def _groups(
     ]
 
 
-def _difference_to_noise(record: Record, first: str, second: str) -> float:
-    """The power of the difference of two channels over that of its noise; infinite if the motions clearly differ."""
-    if first not in record.channels or second not in record.channels:
-        return np.inf
-    noise = channel_noise(record.select((first, second)))
-    variance = noise[first] ** 2 + noise[second] ** 2
-    difference = _power(record.channel(first) - record.channel(second)) - variance
-    smaller = min(_power(record.channel(name)) - noise[name] ** 2 for name in (first, second))
+def _difference_to_noise(first: _Displacement, second: _Displacement) -> float:
+    """The power of the difference of two motions over that of its noise; infinite if they clearly differ."""
+    variance = first.noise**2 + second.noise**2
+    difference = _power(first.samples - second.samples) - variance
+    smaller = min(motion.power - motion.noise**2 for motion in (first, second))
     return float(difference / variance) if difference < _STIFF * smaller and variance > 0.0 else np.inf
 
 
-def _deviation_to_noise(record: Record, first: str, second: str) -> float:
-    """The power by which a channel differs from the nearest multiple of the other, over that of its noise.
+def _deviation_to_noise(first: _Displacement, second: _Displacement) -> float:
+    """The power by which a motion differs from the nearest multiple of the other, over that of its noise.
 
     The smaller one of both ways round; infinite if they clearly differ.
     """
-    if first not in record.channels or second not in record.channels:
-        return np.inf
-    noise = channel_noise(record.select((first, second)))
-    return min(_off_multiple(record, noise, *pair) for pair in ((first, second), (second, first)))
+    return min(_off_multiple(first, second), _off_multiple(second, first))
 
 
-def _off_multiple(record: Record, noise: Mapping[str, float], channel: str, reference: str) -> float:
-    x, y = record.channel(channel), record.channel(reference)
-    both = np.isfinite(x) & np.isfinite(y)
-    x, y = x[both] - x[both].mean(), y[both] - y[both].mean()
-    moved = float(np.mean(y**2)) - noise[reference] ** 2
-    power = float(np.mean(x**2)) - noise[channel] ** 2
+def _off_multiple(motion: _Displacement, reference: _Displacement) -> float:
+    both = np.isfinite(motion.samples) & np.isfinite(reference.samples)
+    x, y = motion.samples[both], reference.samples[both]
+    x, y = x - x.mean(), y - y.mean()
+    moved = float(np.mean(y**2)) - reference.noise**2
+    power = float(np.mean(x**2)) - motion.noise**2
     if not (power > 0.0 and moved > 0.0):
         return np.inf
     product = float(np.mean(x * y))
-    variance = noise[channel] ** 2 + (product / moved * noise[reference]) ** 2
+    variance = motion.noise**2 + (product / moved * reference.noise) ** 2
     deviation = power - product**2 / moved
     return deviation / variance if deviation < _STIFF * power and variance > 0.0 else np.inf
 
