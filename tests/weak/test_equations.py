@@ -171,3 +171,13 @@ def test_a_record_without_displacements_says_what_it_holds() -> None:
     record = chain_record(2, duration=1.0, rate=RATE, sensors=("a",))
     with pytest.raises(lw.IdentificationError, match=r"needs displacements, and the record has a:m1, a:m2"):
         read_displacements(record, lw.bnes_chain(2))
+
+
+def test_equations_of_some_masses_are_those_of_all() -> None:
+    record = chain_record(4).with_noise(30.0, seed=1000)
+    structure, motion = lw.bnes_chain(4).unknown("all"), read_displacements(record, lw.bnes_chain(4))
+    (every,) = weak_equations(record, structure, motion).patches
+    (one,) = weak_equations(record, structure, motion, only=(2,)).patches
+    assert one.layout.masses.tolist() == [2]
+    values = np.arange(1.0, 1.0 + len(structure.parameters))
+    np.testing.assert_allclose(one.residual(values)[0], every.residual(values)[2], rtol=1e-12, atol=1e-12)

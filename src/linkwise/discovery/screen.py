@@ -102,13 +102,19 @@ def weak_start(
 def _screen_mass_by_mass(
     records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
 ) -> frozenset[str]:
-    """The candidates that are significant in the equation of at least one mass."""
-    equations = _equations(records, motions, candidates.full_structure, together=1)
+    """The candidates that are significant in the equation of at least one mass.
+
+    Each equation is that of a structure with no other links, so that memory grows with the masses alone.
+    """
+    around: dict[str, set[str]] = {mass.name: set() for mass in candidates.masses}
+    for entry in candidates.entries:
+        for end in around.keys() & candidates.pairs[entry.pair].between:
+            around[end].add(entry.name)
     names: set[str] = set()
-    for patches in zip(*(equation.patches for equation in equations), strict=True):
-        regression = WeakRegression.of(
-            [([patch], equation) for patch, equation in zip(patches, equations, strict=True)]
-        )
+    for number, mass in enumerate(candidates.masses):
+        star = candidates.structure(around[mass.name])
+        equations = _equations(records, motions, star, only=(number,))
+        regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
         names |= {regression.names[k] for k in _significant(regression, candidates, _FIRST_LIMIT)}
     return frozenset(names & candidates.by_name.keys())
 
@@ -118,10 +124,10 @@ def _equations(
     motions: Sequence[MeasuredDisplacements],
     structure: Structure,
     *,
-    together: int = _TOGETHER,
+    only: tuple[int, ...] | None = None,
 ) -> list[WeakEquations]:
     return [
-        weak_equations(record, structure, motion, max_masses=together)
+        weak_equations(record, structure, motion, only=only)
         for record, motion in zip(records, motions, strict=True)
     ]
 

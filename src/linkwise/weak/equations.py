@@ -6,7 +6,7 @@ motion in the windows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -106,7 +106,7 @@ def weak_equations(
     window: Window | None = None,
     rate_window: Window | None = None,
     values: dict[str, float] | None = None,
-    max_masses: int = _PATCH,
+    only: Collection[int] | None = None,
     alone: Callable[[WeakPart], bool] = none_alone,
 ) -> WeakEquations:
     """Weak equations of a structure on a record.
@@ -125,8 +125,8 @@ def weak_equations(
         What smooths the rates that laws act by, where test functions are wider; then sums over time take every window.
     values : dict of str to float, optional
         Present values of parameters that enter a law nonlinearly; their starts by default.
-    max_masses : int, optional
-        Largest number of masses in a patch.
+    only : collection of int, optional
+        The numbers of the masses and modes whose equations are wanted; all by default.
     alone : callable, optional
         Whether the terms of a part of a law are tested one at a time; their products with each other are left out.
 
@@ -180,7 +180,7 @@ def weak_equations(
         structure_layout=layout,
         window=window,
         motion=motion,
-        patches=_patches(context, applied, max_masses),
+        patches=_patches(context, applied, only),
         thinning=thinning,
         d=layout.elongations(displaced, range(len(layout.elements))),
         v=layout.elongations(-smooth[PHI_1] / area, range(len(layout.elements))),
@@ -242,8 +242,10 @@ def _applied_forces(applied: Mapping[int, Floats], area: float, masses: int, win
     return by_mass
 
 
-def _patches(context: PatchContext, applied: dict[int, Floats], max_masses: int) -> tuple[Patch, ...]:
-    """Patches of the masses whose displacement and those of all their neighbours were measured.
+def _patches(
+    context: PatchContext, applied: dict[int, Floats], only: Collection[int] | None
+) -> tuple[Patch, ...]:
+    """Patches of the masses, `only` some, whose displacement and those of all their neighbours were measured.
 
     Masses in one patch lack the same windows, and either each of their equations has a parameter or none has.
     """
@@ -262,13 +264,16 @@ def _patches(context: PatchContext, applied: dict[int, Floats], max_masses: int)
             valid = whole if missing is None else _valid(missing, context.window)
             key = (b"" if missing is None else valid.tobytes(), mass in layout.masses_with_parameters)
             by_windows.setdefault(key, (valid, []))[1].append(mass)
-    patches = [
-        context.patch(masses[first : first + max_masses], valid)
+    _require_whole_windows([valid for valid, _ in by_windows.values()], context.window)
+    wanted = [
+        (valid, masses if only is None else [mass for mass in masses if mass in only])
         for valid, masses in by_windows.values()
-        for first in range(0, len(masses), max_masses)
     ]
-    _require_whole_windows(patches, context.window)
-    return tuple(patches)
+    return tuple(
+        context.patch(masses[first : first + _PATCH], valid)
+        for valid, masses in wanted
+        for first in range(0, len(masses), _PATCH)
+    )
 
 
 def _missing(motion: MeasuredDisplacements, masses: list[int], force: Floats | None) -> Bools | None:
@@ -299,8 +304,8 @@ def _valid(missing: Bools, window: Window) -> Floats:
     return np.asarray(count < 0.5, dtype=float)
 
 
-def _require_whole_windows(patches: list[Patch], window: Window) -> None:
-    if patches and max(patch.windows for patch in patches) < MIN_WINDOWS:
+def _require_whole_windows(valid: list[Floats], window: Window) -> None:
+    if valid and max(weights.sum() for weights in valid) < MIN_WINDOWS:
         raise IdentificationError(
             f"too many samples are missing: no mass has {MIN_WINDOWS} complete windows of {window.length} samples; fill "
             "single gaps first, keep the samples that all sensors have, or record again"
