@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.starts.kalman import innovations, log_likelihood, smooth
+from linkwise.likelihood.starts.kalman import innovations, log_likelihood, smooth, steady_covariance
 from linkwise.likelihood.starts.linear_model import LinearModel
 
 RATE, COUNT, NOISE = 2000.0, 1000, 1.0
@@ -119,3 +119,26 @@ def test_a_motion_that_runs_away_is_held_by_the_filter() -> None:
     model, samples, inputs = _driven(0.0)
     growing = dataclasses.replace(model, transition=1.5 * model.transition)
     assert np.isfinite(smooth(growing, samples, inputs).states).all()
+
+
+def test_the_covariance_far_from_the_start_solves_the_riccati_equation() -> None:
+    """Of 24 modes, of which a solver by the generalised Schur form found none; each sample had a gain of its own then."""
+    modes, rng = 24, np.random.default_rng(8)
+    omega, zero = 2.0 * np.pi * np.linspace(5.0, 150.0, modes), np.zeros((modes, modes))
+    rates = np.block([[zero, np.eye(modes)], [-np.diag(omega**2), -0.02 * np.diag(omega)]])
+    model = LinearModel(
+        transition=scipy.linalg.expm(rates / 1000.0),
+        process=np.diag(np.append(np.full(modes, 1e-12), rng.normal(size=modes) ** 2)),
+        observation=rng.normal(size=(6, modes)) @ rates[modes:],
+        noise=np.ones(6),
+        drive=np.zeros((2 * modes, 0)),
+        direct=np.zeros((6, 0)),
+        first=np.diag(np.repeat([1.0, 1e4], modes)),
+    )
+    covariance = steady_covariance(model)
+    assert covariance is not None
+    shown = model.observation @ covariance
+    updated = covariance - shown.T @ np.linalg.solve(shown @ model.observation.T + np.eye(6), shown)
+    again = model.transition @ updated @ model.transition.T + model.process
+    size = np.sqrt(np.diag(covariance))
+    assert np.abs((again - covariance) / np.outer(size, size)).max() < 1e-7

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.starts import free_states
 from linkwise.likelihood.starts.linear_model import LinearModel, recursion
 
 _TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
+_DOUBLINGS = 60  # of the samples after which the covariance is that far from the start ...
+_STEADY = 1e-9  # ... and what one may add to each variance, relative, in the end
 _SETTLED = 0.01  # ... and what it may differ from that, relative, before
 
 
@@ -121,7 +122,7 @@ def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: in
     driven[1:] = 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
     predicted = np.empty((count, m))
     whitened = np.zeros(samples.shape)
-    steady = _steady(model)
+    steady = steady_covariance(model)
     gains: list[_Gain] = []
     which: list[int] = []
     constant = -1  # which of the gains is the steady one
@@ -162,19 +163,30 @@ def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: in
     return _Forward(whitened, predicted, gains, which, total)
 
 
-def _steady(model: LinearModel) -> Floats | None:
-    """The covariance (m, m) of a state before its sample, far from the start; None where there is none."""
-    size, noise = np.sqrt(model.first.diagonal()), np.sqrt(model.noise)
-    transition = model.transition * size / size[:, None]
-    observation = model.observation * size / noise[:, None]
-    process = model.process / np.outer(size, size)
-    try:
-        scaled = scipy.linalg.solve_discrete_are(
-            transition.T, observation.T, process, np.eye(len(noise)), balanced=False
-        )
-    except (np.linalg.LinAlgError, ValueError):
-        return None
-    covariance = _symmetric(scaled) * np.outer(size, size)
+def steady_covariance(model: LinearModel) -> Floats | None:
+    """The covariance (m, m) of a state before its sample, far from the start; None where there is none.
+
+    That after 1, 2, 4, ... samples from a known state, by the doubling of E. K.-W. Chu et al., Int. J. Control 77, 767 (2004).
+    """
+    size = np.sqrt(model.first.diagonal())
+    observation = model.observation * size / np.sqrt(model.noise)[:, None]
+    step = (model.transition * size / size[:, None]).T
+    information, covariance = observation.T @ observation, model.process / np.outer(size, size)
+    identity = np.eye(len(size))
+    for _ in range(_DOUBLINGS):
+        try:
+            through = np.linalg.solve(identity + information @ covariance, np.hstack([step, information]))
+        except np.linalg.LinAlgError:
+            return None
+        moved, remaining = np.hsplit(through, 2)
+        added = _symmetric(step.T @ covariance @ moved)
+        information = _symmetric(information + step @ remaining @ step.T)
+        covariance, step = covariance + added, step @ moved
+        if not np.isfinite(covariance).all():
+            return None
+        if np.all(added.diagonal() <= _STEADY * covariance.diagonal()):
+            break
+    covariance = covariance * np.outer(size, size)
     return covariance if bool((covariance.diagonal() > 0.0).all()) else None
 
 
