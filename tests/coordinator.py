@@ -12,9 +12,8 @@ from pathlib import Path
 
 import linkwise as lw
 
-PATIENCE = (
-    120.0  # s after which a process that takes one or two on an idle machine is ended as one that hangs
-)
+# s after which a process that takes one or two on an idle machine is ended as one that hangs
+PATIENCE = 120.0
 PAUSE = 0.03  # s between two looks at what others do, each of which reads all rows
 LOOKS = 12_000  # after which nothing happens any more; a busy machine looks less often
 AT_START = (

@@ -18,9 +18,8 @@ from typing import Any
 
 from linkwise.errors import OutputError
 
-RESULT = (
-    "result.json"  # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
-)
+# marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
+RESULT = "result.json"
 ABSORPTION = "absorption.json"  # the same of a folder that `absorb` wrote
 VALIDATION = "validation.json"  # the same of a folder that `validate` wrote
 

@@ -27,9 +27,8 @@ from linkwise.verdict import Verdict
 CLOSURE = 1e-6  # of the energy supplied: an energy balance with a larger error is not to be trusted
 
 
-_INTEGRATED = (
-    0.01  # of what a link takes: the trapezoidal rule over 20 samples a period is right to (2 pi/20)^2/12
-)
+# of what a link takes: the trapezoidal rule over 20 samples a period is right to (2 pi/20)^2/12
+_INTEGRATED = 0.01
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,8 @@ UNEVEN = "uneven"
 NEGATIVE = "negative stiffness"
 
 _GRID = 65
-_NEGLIGIBLE = (
-    1e-9  # of the largest force: smaller forces, and smaller deviations from a straight line, count as zero
-)
+# of the largest force: smaller forces, and smaller deviations from a straight line, count as zero
+_NEGLIGIBLE = 1e-9
 
 
 def law_kind(link: Link, reach: float) -> str:

@@ -37,9 +37,8 @@ else:
     memory_support = lazy_module("linkwise.model.memory_support")
     folders = lazy_module("linkwise.report.estimate_folder")  # figures are for those who want a folder
 
-_DIFFERS = (
-    0.1  # of an interval's half: from here a profile interval says something that a standard error does not
-)
+# of an interval's half: from here a profile interval says something that a standard error does not
+_DIFFERS = 0.1
 
 
 @dataclass(frozen=True)

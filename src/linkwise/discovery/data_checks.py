@@ -23,15 +23,13 @@ from linkwise.weak.displacements import MeasuredDisplacements
 _AT_REST = 0.1  # of the noise power (-10 dB): a motion below it cannot be seen
 _FAINT = 3.0  # times the noise power (5 dB): a motion below it determines little
 _SEPARATE = 30.0  # times the noise power (15 dB) that the difference of two motions should have
-_IN_PROPORTION = (
-    3.0  # times the noise power (5 dB) by which one motion should differ from all multiples of another
-)
+# times the noise power (5 dB) by which one motion should differ from all multiples of another
+_IN_PROPORTION = 3.0
 _STIFF = 0.05  # of the power of the smaller motion: two masses on a stiff link differ by less
 _LEAST_SAMPLES = 4  # per candidate, over all masses: below it a regression on all candidates fits noise
 _ENOUGH_SAMPLES = 20
-_LEAST_ACTIVE = (
-    8  # samples in which a term is not zero: noise alone gives a few beyond the range of the motion
-)
+# samples in which a term is not zero: noise alone gives a few beyond the range of the motion
+_LEAST_ACTIVE = 8
 _NAMED = 6  # terms that a remark names
 _NO_MOTION = (
     "there is no motion above the noise in any channel, so no structure can be found; excite the structure more strongly, or "

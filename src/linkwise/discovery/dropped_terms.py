@@ -22,9 +22,8 @@ from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
 from linkwise.estimates.estimate import Estimate
 
-_DEPENDENT = (
-    1e-9  # of a column's square: what the terms kept and the other ones dropped leave of it is rounding
-)
+# of a column's square: what the terms kept and the other ones dropped leave of it is rounding
+_DEPENDENT = 1e-9
 _MUCH_WIDER = 3.0  # times the error beside the terms kept alone, from which a coefficient is named
 _NAMED = 3
 

@@ -25,9 +25,8 @@ _RUNNERS_UP = 10
 _NAMED = 6  # exchanges that remarks name
 _NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
 _ROUNDING = 1e-9  # of a force that is linear in the rate: friction grows less than that
-_OF_THE_TIME = (
-    0.01  # that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
-)
+# that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
+_OF_THE_TIME = 0.01
 
 
 def term_evidence(

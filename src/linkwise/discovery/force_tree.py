@@ -21,9 +21,8 @@ from linkwise.signals.channel_noise import channel_noise
 from linkwise.signals.integrate import channel_motion
 
 _KINDS = "xva"
-_PERIODS = (
-    4.0  # of a force in a window, so that its samples are more than the series can follow whatever it is of
-)
+# of a force in a window, so that its samples are more than the series can follow whatever it is of
+_PERIODS = 4.0
 _SHORTEST = 16  # samples of a window
 _LINE = (
     0,

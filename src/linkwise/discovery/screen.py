@@ -26,9 +26,8 @@ from linkwise.weak.equations import WeakEquations, weak_equations
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
 _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
 _LIMIT = 4.0  # |z| in all equations above which a term is significant
-_DAMPER_LIMIT = (
-    8.0  # the same for a damper on a link without a spring: the weak form easily takes it for another's
-)
+# the same for a damper on a link without a spring: the weak form easily takes it for another's
+_DAMPER_LIMIT = 8.0
 _BIAS = (
     0.0,
     0.03,

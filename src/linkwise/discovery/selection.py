@@ -30,9 +30,8 @@ Start = Callable[[Structure], tuple[Floats, Floats | None]]
 _ROUNDS = 12
 _STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
 _TIGHT = 1e-4  # q up to which the local quadratic model is exact; a looser one only ranks the next terms
-_CEILING = (
-    1.05  # chi-square at which a fit stops tightening: a term is missing, and can already be identified
-)
+# chi-square at which a fit stops tightening: a term is missing, and can already be identified
+_CEILING = 1.05
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,8 @@ from linkwise.model.structure import Link
 
 _SIGNIFICANT = 3.0  # standard errors of the mean power: by chance once in 740 links that dissipate nothing
 _ROUNDING = 1e-12  # of the largest power
-_OF_THE_TIME = (
-    0.01  # that a law supplies energy: less is at the ends of a motion, where a sum of terms bends away
-)
+# that a law supplies energy: less is at the ends of a motion, where a sum of terms bends away
+_OF_THE_TIME = 0.01
 
 
 def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[CoefficientEstimate]:

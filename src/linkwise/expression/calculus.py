@@ -28,9 +28,8 @@ from linkwise.expression.tree import (
 
 _TINY = Number(sys.float_info.min)
 _LARGEST_EXPANSION = 64  # exponent up to which a power of a sum is multiplied out
-_LARGEST_TABLE = (
-    1024  # products of terms in one step of it; beyond that the expression is not treated as a polynomial
-)
+# products of terms in one step of it; beyond that the expression is not treated as a polynomial
+_LARGEST_TABLE = 1024
 
 
 def differentiate(expression: Expression, name: str) -> Expression:

@@ -11,9 +11,8 @@ from linkwise.arrays import Floats
 from linkwise.expression.program import Program
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
-_PANELS = (
-    128  # over the whole range; with 10 nodes a panel, exact to rounding for all but the steepest integrands
-)
+# over the whole range; with 10 nodes a panel, exact to rounding for all but the steepest integrands
+_PANELS = 128
 _BLOCK = 65536  # panels evaluated at once, which bounds the memory
 _BISECTIONS = 60  # to the last bit of a double
 

@@ -17,9 +17,8 @@ _LEVEL = 0.005  # of the root mean square
 _CHANGE = 0.02  # of the root mean square, over the record
 _LONG = 0.2  # of the record: a rest that shows a drift
 _SCATTER = 2.0  # times as much as white noise, of block means about the line: what has more still moves
-_SLOPES_AGREE = (
-    4.0  # standard errors between the slopes of both halves at most: a creep slows down, a drift does not
-)
+# standard errors between the slopes of both halves at most: a creep slows down, a drift does not
+_SLOPES_AGREE = 4.0
 
 
 def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:

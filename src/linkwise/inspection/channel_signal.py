@@ -16,9 +16,8 @@ _EVEN = 0.02  # of a step: how far the differences of levels are from multiples 
 _ROUNDED = 8.0  # units in the last place by which a level may be off, after conversion of its unit
 _LOOKED_AT = 300  # samples whose digits are counted
 _PRINTED = 11  # digits from which on decimal rounding is no coarser than any measurement
-_CARRYING = (
-    0.99  # of the power of a motion: below the frequency that this share lies under, it is to be resolved
-)
+# of the power of a motion: below the frequency that this share lies under, it is to be resolved
+_CARRYING = 0.99
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,8 @@ _FEWEST = 4  # samples at an end
 _CROWDED = 6.0  # times as many at the end of a range as on the level before it: a sine has 2.4
 _FINE = 1e-7  # of the range: with finer steps no two samples are equal by chance
 _REACH = 3.0  # standard deviations of the noise, which a sample exceeds once in 700
-_FLAT = (
-    0.5  # of the samples at the ends of a range: a signal that switches between two levels, not a clipped one
-)
+# of the samples at the ends of a range: a signal that switches between two levels, not a clipped one
+_FLAT = 0.5
 
 
 def clipped(signals: RecordSignals) -> Iterator[Alert]:

@@ -20,9 +20,8 @@ _CERTAIN = 5.0  # standard errors
 _MEDIAN_ERROR = (
     1.44 * 1.25
 )  # relative, times the root of the bins, of the median of a periodogram with a Hann window
-_STEADY = (
-    0.3  # of the autocovariance: how far the thirds of a rest may be apart; motion that decays is not noise
-)
+# of the autocovariance: how far the thirds of a rest may be apart; motion that decays is not noise
+_STEADY = 0.3
 _QUIET = 1e-6  # of the root mean square: what is quieter is rounding
 
 

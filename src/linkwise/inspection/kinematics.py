@@ -24,9 +24,8 @@ from linkwise.inspection.channel_signal import ChannelSignal
 _PERIODS = 1.0  # of the fastest motion that half a test function spans
 _FEWEST = 24  # test functions side by side
 _BLOCKS = 12  # of the record that are left out in turn, for standard errors
-_SINGULAR = (
-    1e10  # condition of normal equations without a block, from which on the motion of one block decides
-)
+# condition of normal equations without a block, from which on the motion of one block decides
+_SINGULAR = 1e10
 _STEPS = 8  # until what is left of the delay is small
 _SMALL = 0.02  # samples
 _FAR = 0.1  # of the fastest period: a delay beyond it is searched from several starts

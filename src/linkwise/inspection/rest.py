@@ -10,9 +10,8 @@ _BLOCKS = 40  # in which a record is looked at
 _FEWEST = 6  # blocks of rest
 _SHORTEST = 240  # samples of rest
 _QUIET = 0.2  # of the root mean square of the record
-_STEADY = (
-    1.8  # ratio of the root mean squares of blocks at rest, greatest to least; correlated noise scatters more
-)
+# ratio of the root mean squares of blocks at rest, greatest to least; correlated noise scatters more
+_STEADY = 1.8
 _ORDER = 8  # of the autoregression that tells resonances
 _RESONANT = 0.97  # radius of a pole of it from which on something rings
 

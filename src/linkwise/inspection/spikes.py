@@ -20,9 +20,8 @@ _BLOCK = 32  # samples whose median deviation is the usual one
 _FAR = 8.0  # usual deviations where they are noise: of 1e12 normal samples one
 _FARTHER = 16.0  # where they are motion, whose deviations come and go
 _SHARP = 0.3  # of the root mean square of an acceleration, which a force that changes sign can turn within a sample
-_LEFT = (
-    0.35  # of the deviation that neighbours may have once the sample is mended: a jump or a kink leaves more
-)
+# of the deviation that neighbours may have once the sample is mended: a jump or a kink leaves more
+_LEFT = 0.35
 
 
 _REACH = 6  # samples on either side of an outlier by which a jump is told from a spike

@@ -51,9 +51,8 @@ _STRAIGHT = (
     1.0 / 12.0
 )  # of a sample squared: what straight lines take off a motion is its second derivative times it
 _NEAR = 0.2  # relative, by which a filter may differ from that and still look like it
-_CHANCE = (
-    16.0  # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
-)
+# with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
+_CHANCE = 16.0
 _CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
 _SHIFTED = 3.0  # standard errors that such a filter changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes

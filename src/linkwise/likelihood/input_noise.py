@@ -28,9 +28,8 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
 
-DRAWS = (
-    64  # of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
-)
+# of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
+DRAWS = 64
 SEED = 20200
 _RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
 SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance

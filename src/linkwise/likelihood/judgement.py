@@ -42,9 +42,8 @@ _NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error that is trusted. Intervals include the error to first order; the
 neglected second order is 1 % of the forces at this limit, a tenth of what they include."""
-_NOISIEST_INPUT = (
-    0.15  # of an input: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
-)
+# of an input: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
+_NOISIEST_INPUT = 0.15
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NOT_WHITE = (
     ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "

@@ -40,9 +40,8 @@ _LOW = (
 _LADDER = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, AnnealingSchedule.final_q)
 _SINGLE = 1e-2  # relaxation down to which noise as strong as the motion leaves one optimum
 _STEPS = 40  # at each relaxation; a search that takes more has left the valley
-_WORSE = (
-    2.0  # of -2 log of the marginal likelihood: more than rounding and the error of Laplace's approximation
-)
+# of -2 log of the marginal likelihood: more than rounding and the error of Laplace's approximation
+_WORSE = 2.0
 _AGREES = 1.0  # of the cost: two searches that ended in the same optimum
 _FACTOR = 2.0  # by which the cost may rise more or less than the covariance predicts
 _BOTH = (1.0, -1.0)

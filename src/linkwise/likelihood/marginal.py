@@ -40,12 +40,10 @@ _ROUNDS = 30
 _SETTLED = 0.05  # standard errors, or of the logarithm of a deviation over `_LOG_WEIGHT`
 _LOG_WEIGHT = 5.0
 _SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
-_ENOUGH = (
-    0.02  # of the samples: fewer errors of samples that a record determines do not determine their deviation
-)
-_NONE = (
-    0.1  # of the values of a random force: where a record determines fewer, its deviation is as good as zero
-)
+# of the samples: fewer errors of samples that a record determines do not determine their deviation
+_ENOUGH = 0.02
+# of the values of a random force: where a record determines fewer, its deviation is as good as zero
+_NONE = 0.1
 _LARGEST_CHANGE = 1.5  # of the logarithm of a deviation in one round
 _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow stands for beside it
 _LOOSEST = 0.02  # relaxation

@@ -15,9 +15,8 @@ from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _RATIO = 3.0  # of neighbouring relaxations on the grid
 _COUNT = 19  # relaxations on the grid, from q = 1e-5 to 4e3
-_MOST_STEPS = (
-    400  # of all fits of a grid; a search that takes more creeps, and its laws are not those of the record
-)
+# of all fits of a grid; a search that takes more creeps, and its laws are not those of the record
+_MOST_STEPS = 400
 _WORSE = 0.1  # of the cost: a point less than this above the best is on a plateau; the cost may fall beyond
 
 

@@ -30,9 +30,8 @@ from linkwise.text import near_miss
 
 ALL = "all"
 _INPUT = "force:"
-_FIRST_GUESS = (
-    0.3  # of the force of inertia, by root mean square: where the search for an ambient force starts
-)
+# of the force of inertia, by root mean square: where the search for an ambient force starts
+_FIRST_GUESS = 0.3
 _FIRST_NOISE = 0.01  # of an input: where the search for the noise of its channel starts
 _HELD_STATE = Law.parse("-z", {"z": LinkState("0*rate*z", unit="N")})
 """Law of a link to the ground that carries a force; the force is constant within a segment."""

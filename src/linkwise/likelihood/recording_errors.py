@@ -29,9 +29,8 @@ from linkwise.weak.record_misfit import record_misfit
 
 _LARGEST = 12  # masses up to which the weak form is fast enough for all hypotheses
 _MOST = 60  # unknowns, likewise
-_SAMPLES = (
-    20_000  # of a record, the part with the largest motion, which a whole channel shows as well as all of it
-)
+# of a record, the part with the largest motion, which a whole channel shows as well as all of it
+_SAMPLES = 20_000
 _CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
 _UNITS = (1e-3, 1e3)  # factors that take out values in mm told as m, the usual error, and the reverse

@@ -40,12 +40,10 @@ _SIGMAS = 5.0  # and its own scatter
 _NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way
 _TIGHTER = 9.0  # factor below a known model error from which it is looked for again: two points of its grid
 _JOINING = 30  # steps that linking the sides of a gap may take
-_STRAIGHT = (
-    20  # steps of a search in longer segments, which takes six where the laws are right and motion is regular
-)
-_CONTINUOUS = (
-    0.02  # relaxation from which longer segments may take over: defects are a few percent of the noise
-)
+# steps of a search in longer segments, which takes six where the laws are right and motion is regular
+_STRAIGHT = 20
+# relaxation from which longer segments may take over: defects are a few percent of the noise
+_CONTINUOUS = 0.02
 _CONTINUOUS_FOR_LONG = 0.002  # the same of segments of more than two, along which the motion bends more
 
 

@@ -24,9 +24,8 @@ from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord
 from linkwise.signals.channel_noise import channel_noise, noise_floor
 
-SAMPLES = (
-    5  # in a segment: shorter ones have more unknowns, longer ones a steeper cost where motion is chaotic
-)
+# in a segment: shorter ones have more unknowns, longer ones a steeper cost where motion is chaotic
+SAMPLES = 5
 
 
 @dataclass(frozen=True, eq=False)

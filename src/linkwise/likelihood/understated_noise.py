@@ -14,9 +14,8 @@ from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
-_EXCEEDED = (
-    1.2  # times the noise: 1.44 in chi-square, which no number of samples that a fit has gives by chance
-)
+# times the noise: 1.44 in chi-square, which no number of samples that a fit has gives by chance
+_EXCEEDED = 1.2
 _DOUBTED = (Verdict.NOT_CONVERGED, Verdict.NOISE_MISMATCH)
 
 

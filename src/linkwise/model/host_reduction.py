@@ -30,13 +30,11 @@ _DENSE = 400  # degrees of freedom up to which all eigenvalues are computed
 _ROUNDING = 100.0 * float(
     np.finfo(float).eps
 )  # of the largest stiffness over mass: a square of a frequency below is 0
-_SOFT = (
-    1e-3  # of the first elastic square of a frequency: makes the static response of a free structure finite
-)
+# of the first elastic square of a frequency: makes the static response of a free structure finite
+_SOFT = 1e-3
 _SHIFT = 1e-8  # of the mean stiffness over mass: makes the stiffness of a free structure regular
-_SLOWEST = (
-    1e-2  # 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
-)
+# 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
+_SLOWEST = 1e-2
 _ROUNDED = 1e-9  # of the largest modal damping: none
 _COUPLED = 1e-3  # of the motion of one mode at resonance: of another that damping between both gives, below which it is none
 _RESIDUAL = 1e-10  # of the largest: residual flexibility that is none

@@ -17,9 +17,8 @@ _FEWEST = 40  # samples: fewer leave the last band a power that is wrong by half
 _MOST = 1156  # samples from which there are cells in which motion is absent for a time, if only at the edge of the band
 _WINDOW_LOSS = 1.95  # by which the Hann window divides the number of independent bins
 _SIGMAS = 2.0  # of the power in the last band: noise that is too low is not told from a misfit of laws, too high a one is
-_FALLS = (
-    0.5  # of the power in the first band: what is left in the second, where motion falls towards the third
-)
+# of the power in the first band: what is left in the second, where motion falls towards the third
+_FALLS = 0.5
 _LOWER = 0.35  # of the power of the noise found otherwise: more may be chance
 
 

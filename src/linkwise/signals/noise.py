@@ -21,9 +21,8 @@ from linkwise.errors import RecordError
 from linkwise.records.common_samples import sampled_every
 from linkwise.signals.full_band import noise_beside_motion
 
-_ORDER = (
-    4  # order of the differences taken before the window, which keep slow motion from leaking into high bins
-)
+# order of the differences taken before the window, which keep slow motion from leaking into high bins
+_ORDER = 4
 _DIFFERENCES = np.array([(-1.0) ** lag * comb(_ORDER, lag) for lag in range(_ORDER + 1)])
 _LOWEST = 0.125  # cycles per sample; lowest frequency of the cells
 _CELLS = {
@@ -42,9 +41,8 @@ _FEWEST = {
 }  # complete blocks needed for an estimate, by length of a block
 _ACROSS_GAPS = 64  # samples: shorter blocks of a channel with gaps tell less than differences
 _GAP_ORDER = 8  # order of divided differences
-_GAP_CELL = (
-    80  # of them in a cell: correlated as they are, they have as many degrees of freedom as a cell of spectra
-)
+# of them in a cell: correlated as they are, they have as many degrees of freedom as a cell of spectra
+_GAP_CELL = 80
 _FEWEST_DIFFERENCES = 32
 _QUANTILE = 0.25  # of the cells; assumed to be free of motion ...
 _QUANTILE_LEVEL = 0.8  # ... and its value relative to the mean of noise: gamma distribution of shape 11

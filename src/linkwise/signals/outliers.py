@@ -9,9 +9,8 @@ from linkwise.arrays import Floats
 _ORDER = 4  # of the differences, which remove nearly all motion
 _POWER = 70.0  # sum of the squares of their weights 1, 4, 6, 4, 1
 _MOTION = 1.15  # factor on the power of white noise beyond which the differences contain motion
-_EXCESS = (
-    1.0  # kurtosis less 3; that of 6000 normal samples scatters by 0.1, Student's t with 5 degrees has 2
-)
+# kurtosis less 3; that of 6000 normal samples scatters by 0.1, Student's t with 5 degrees has 2
+_EXCESS = 1.0
 _TYPICAL = 1.1  # of the power of the noise: the largest one of typical residuals, by their median
 _NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal variable
 _FEWEST = 500  # differences needed to estimate a kurtosis

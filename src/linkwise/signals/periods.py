@@ -14,9 +14,8 @@ from linkwise.records.record import Record
 from linkwise.records.timeline import MIN_SAMPLES
 
 _WHOLE = 0.05  # samples that the last period may be off: a clock error that is lost in the noise
-_SETTLED = (
-    6.0  # standard deviations of a sum of squares: what differs from the last period by more has not settled
-)
+# standard deviations of a sum of squares: what differs from the last period by more has not settled
+_SETTLED = 6.0
 _WHITE = 0.5  # of the power of a difference: more is left of it by second differences where it is white
 _NOTHING = 1e-10  # of the power of a channel: periods of inputs that differ by rounding are alike
 _ALIKE = 0.5  # of the power of a channel: periods that differ by more are not repetitions

@@ -30,9 +30,8 @@ chaotic structure the earliest rounding errors grow longest: without these steps
 400-bit reference by 5e-6 at the end of the file, with them by 1e-7."""
 FARTHEST = 1e4  # m; a structure that moves farther diverges
 CHUNK = 4096  # steps between two checks of a run
-_UNWATCHED_STEPS = (
-    1  # the same while a kink is exactly zero and not watched: within one step it stays near zero
-)
+# the same while a kink is exactly zero and not watched: within one step it stays near zero
+_UNWATCHED_STEPS = 1
 MOST_STEPS = 4_000_000  # times masses between two output times before a run is given up
 _CROWD = 1000  # that many kinks ...
 _INSTANT = 1e-6  # ... within this fraction of the run are chatter

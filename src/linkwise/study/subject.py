@@ -27,9 +27,8 @@ from linkwise.text import near_miss
 
 _ALL = ("x", "v", "a")
 _KINDS = (*_ALL, "f", "state")
-_PRIOR = (
-    1  # beside the seed: the stream of what is known to within, the noise being drawn from the seed alone
-)
+# beside the seed: the stream of what is known to within, the noise being drawn from the seed alone
+_PRIOR = 1
 
 
 @checked_class

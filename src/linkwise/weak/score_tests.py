@@ -42,9 +42,8 @@ from linkwise.weak.window import Window
 _TERMS = ("1", "d", "d**2", "d**3", "v", "v*d", "v*d**2")  # of which none needs a smoothed v
 _FIFTH = "d**5"
 _DAMPING = ("sign(v)", "v*abs(v)")  # under an input: where the motion decays, its pieces tell them from c*v
-_FIFTH_SAMPLES = (
-    7.0  # per period of the fastest motion that the fifth power needs: fewer alias it into the test functions
-)
+# per period of the fastest motion that the fifth power needs: fewer alias it into the test functions
+_FIFTH_SAMPLES = 7.0
 _LARGEST = 48  # masses of a structure whose equations are tested
 _NOISE_POWER = 0.03  # relative error of the power of noise that is found; of stated noise, what its residuals say is added
 _CHANCE = 8.0  # with twice the logarithm of the number of scores: normal scores give one in 300 fits

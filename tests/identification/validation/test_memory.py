@@ -10,9 +10,8 @@ from structures import harvester, link, named, structure
 import linkwise as lw
 
 HYSTERETIC = {"k": 400.0, "c": 0.6, "F": 8.0, "x0": 0.012, "s": 0.6}
-RATE = (
-    200.0  # Hz: twenty samples a period of the faster tone, where errors are not compared with those expected
-)
+# Hz: twenty samples a period of the faster tone, where errors are not compared with those expected
+RATE = 200.0
 HARVESTER = {"alpha": -50.0, "beta": 5e6, "c": 0.05, "theta": 1e-3, "R": 1e5, "C": 43e-9}
 
 

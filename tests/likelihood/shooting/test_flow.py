@@ -20,9 +20,8 @@ from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.model.input_signal import TimeFunction
 
 RATE = 1000.0
-LONG_STEP = (
-    1e-5  # of the motion, five samples on: ten times what the test of the order allows in the mean of squares
-)
+# of the motion, five samples on: ten times what the test of the order allows in the mean of squares
+LONG_STEP = 1e-5
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
 
 

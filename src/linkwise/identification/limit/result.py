@@ -24,9 +24,8 @@ from linkwise.records.record import Record
 from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
-DETECTION = (
-    3.605  # standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
-)
+# standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
+DETECTION = 3.605
 
 
 @dataclass(frozen=True, eq=False)

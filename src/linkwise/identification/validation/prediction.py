@@ -22,9 +22,8 @@ _FEWEST = 50  # samples of that time at least: after a shorter burn the uncertai
 _SHORTEST = 4  # samples that a window predicts at least
 _LONGEST = 8  # windows at least
 _SETTLE = 100  # samples at most that determine the state of a window
-_WITHIN = (
-    0.9  # of the samples must come before the prediction of their window is lost; the others are left out
-)
+# of the samples must come before the prediction of their window is lost; the others are left out
+_WITHIN = 0.9
 _HISTORY = 20  # samples before the one that is predicted one step ahead
 _MOST_STEPS = 4000  # predictions one step ahead
 

@@ -8,9 +8,8 @@ import scipy
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import noise_variance
 
-_FLOOR = (
-    1e-5  # of the RMS of a channel: interpolated inputs and sensitivities in single precision are not better
-)
+# of the RMS of a channel: interpolated inputs and sensitivities in single precision are not better
+_FLOOR = 1e-5
 _LONGEST = 16  # samples of a gap that is filled: the shortest block in which noise is estimated
 
 

@@ -19,9 +19,8 @@ _TRIALS = 60
 _REFINED = 6  # trials that are followed
 _STEPS = 60  # of a search from a trial
 _LAST_STEPS = 300
-_RUNAWAY = (
-    1e6  # residual, relative to the forces, of a trial whose states run away or whose laws are not finite
-)
+# residual, relative to the forces, of a trial whose states run away or whose laws are not finite
+_RUNAWAY = 1e6
 _SEED = 12
 
 

@@ -19,9 +19,8 @@ from linkwise.likelihood.starts.drift_windows import DriftCandidates, DriftWindo
 from linkwise.likelihood.starts.inverse_dynamics import LinkSignals, window_half
 from linkwise.model.link import Link
 
-_PERIODS = (
-    0.8  # length of a window: shorter ones have more candidates, in longer ones the drift is not a line
-)
+# length of a window: shorter ones have more candidates, in longer ones the drift is not a line
+_PERIODS = 0.8
 _OVERLAP = 3
 _ROUNDS = 2  # of sharing candidates between neighbouring windows
 _LARGEST_MISFIT = 30.0  # times the noise of a window: upper limit of the misfit of a candidate

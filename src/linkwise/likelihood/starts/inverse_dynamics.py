@@ -17,9 +17,8 @@ from linkwise.records.record import Record
 from linkwise.signals.integrate import DRIFT_FREQUENCY, channel_motion, highpass
 
 _OFFSET = 1e-4  # of the power of a parabola: noise, integrated twice, leaves more beside it
-_SHORTEST = (
-    6  # samples on each side of a window's centre: fewer do not separate an offset and a slope from noise
-)
+# samples on each side of a window's centre: fewer do not separate an offset and a slope from noise
+_SHORTEST = 6
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,15 +22,13 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.integrate import drift_frequency, highpass, integral, smoothed
 
-_UNMEASURED = (
-    0.1  # of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
-)
+# of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
+_UNMEASURED = 0.1
 
 _LEAST = 0.3  # of the noise, relative to the motion: the least scale of a defect beside hosts
 
-_FROM_STATES = (
-    0.3  # of the motion that a measured state of a link determines, with the starts of its coefficients
-)
+# of the motion that a measured state of a link determines, with the starts of its coefficients
+_FROM_STATES = 0.3
 
 
 @dataclass(frozen=True, eq=False)
