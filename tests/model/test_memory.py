@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,6 +137,25 @@ def test_links_with_memory_are_values() -> None:
     freed = structure.unknown("joint")
     assert [p.name for p in freed.parameters] == ["joint.k", "joint.c", "joint.F", "joint.s", "joint.x0"]
     assert freed.link("joint").states == structure.link("joint").states
+
+
+def test_a_replaced_law_brings_its_own_states() -> None:
+    joint = lw.parse_structure(JOINT).link("joint")
+    slower = lw.Law.parse("k*d + c*v + F*z", {"z": lw.LinkState("(v - s*abs(v)*z)/x0", initial=0.1)})
+    one = lw.Coefficient.number(1.0)
+    cubic = lw.Law.parse("k*d**3 + c*v + F*z")  # it names the state, which is meant then
+    for law, coefficients, rates in (
+        (slower, "k c F s x0", ("z' = (v - s*abs(v)*z)/x0",)),
+        (lw.Law.parse("k*d + F*q", {"q": "(v - abs(v)*q)/x0"}), "k F x0", ("q' = (v - abs(v)*q)/x0",)),
+        (lw.Law.parse("k*d + c*v"), "k c", ()),
+        (cubic, "k c F s x0", joint.rate_texts),
+    ):
+        changed = replace(joint, law=law, coefficients=dict.fromkeys(coefficients.split(), one))
+        assert (changed.law.text, changed.rate_texts) == (law.text, rates)
+    started = replace(joint, states={"z": lw.LinkState(joint.law.rates[0].text, initial=0.2)})
+    assert replace(started, name="other").initial_state("z") == 0.2
+    longer = lw.Law.parse("k*d + c*v + F*z + c*v", started.states)
+    assert replace(started, law=longer).initial_state("z") == 0.2
 
 
 def test_force_and_rate_take_the_states() -> None:

@@ -94,7 +94,8 @@ class Link:
         One coefficient for each name in the law and in the rates of its states; a number is known.
     states : mapping of str to LinkState or str, optional
         The states of a link with memory, such as ``{"z": "(v - abs(v)*z)/x0"}``: the rate of each, or a `LinkState` with its
-        initial value and unit too. By default those that `law` was parsed with.
+        initial value and unit too. By default those that `law` was parsed with. Where `dataclasses.replace` changes the law
+        alone, to one that neither has nor names the states of the link, the link takes those of the new law.
 
     Raises
     ------
@@ -155,7 +156,8 @@ class Link:
 
     def _bind_states(self, where: str) -> None:
         """Make the states those of the law, in which their names are coefficients until then."""
-        given = self.states or {rate.name: LinkState(rate.text, unit=rate.unit) for rate in self.law.rates}
+        own = {rate.name: LinkState(rate.text, unit=rate.unit) for rate in self.law.rates}
+        given = own if _are_of_another_law(self.states, self.law) else self.states or own
         try:
             states = as_link_states(given)
         except StructureError as error:
@@ -312,6 +314,16 @@ def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> Floats:
 
 def _list(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
+
+
+def _are_of_another_law(states: Mapping[str, LinkState | str], law: Law) -> bool:
+    """Whether the states are those of a link whose law was replaced by one that does not have or name them."""
+    if not isinstance(states, MappingProxyType) or not states:  # a link hands on its own as such a mapping
+        return False
+    if law.rates:
+        rates = {rate.name: rate.text for rate in law.rates}
+        return rates != {name: state.rate for name, state in as_link_states(states).items()}
+    return not set(states) & set(law.coefficients)
 
 
 def check_name(name: object, kind: str) -> None:
