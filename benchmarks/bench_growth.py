@@ -1,4 +1,5 @@
-"""How cost and memory grow with the masses and with the samples: maximum likelihood, the weak form and discovery.
+"""How cost and memory grow with the masses, with the samples and with states of links: maximum likelihood, the weak form and
+discovery.
 
 Every run stands in a process of its own, so that its peak memory is its own; times are those of whole calls without the
 simulation, in the unit U, medians of RUNS records. LINKWISE_GROWTH_RUNS and LINKWISE_GROWTH_MASSES (the largest chain) make it
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from math import log10
 from multiprocessing import get_context
 from statistics import median
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import ParamSpec, TypeVar
 
 import numpy as np
@@ -40,7 +41,9 @@ NUMBER = lw.Coefficient.number
 
 @dataclass(frozen=True)
 class Run:
-    """Of one call: seconds, peak memory in bytes, whether trusted, rms of z and the share of intervals that cover, steps."""
+    """Of one call: seconds, peak memory in bytes, whether trusted, rms of z and the share of intervals that cover, steps, and
+    seconds of the processor, which do not depend on what else runs.
+    """
 
     seconds: float
     memory: float
@@ -48,6 +51,7 @@ class Run:
     z: float
     coverage: float
     steps: int
+    processor: float
 
 
 def true_values(structure: lw.Structure, asked: lw.Structure) -> np.ndarray:
@@ -64,9 +68,9 @@ def identified(structure: lw.Structure, record: lw.Record, method: str = "ml") -
     )
     asked = structure.unknown("all")
     steps: list[object] = []
-    started = perf_counter()
+    started, began = perf_counter(), process_time()
     fit = lw.identify(record, asked, method=method, progress=lambda report: steps.append(report.detail))
-    seconds = perf_counter() - started
+    seconds, processor = perf_counter() - started, process_time() - began
     z = (fit.values - true_values(structure, asked)) / np.sqrt(np.diag(fit.covariance))
     return Run(
         seconds,
@@ -75,6 +79,7 @@ def identified(structure: lw.Structure, record: lw.Record, method: str = "ml") -
         float(np.sqrt(np.mean(z**2))),
         float(np.mean(np.abs(z) < 1.96)),
         len(steps),
+        processor,
     )
 
 
@@ -118,6 +123,26 @@ def wide_fit(samples: int, seed: int) -> Run:
         chain, duration=samples / RATE, rate=RATE, forces={"m1": "60*sin(150*t) + 40*sin(190*t)"}
     )
     return identified(chain, record.with_noise(20.0, seed=seed))
+
+
+def remembering() -> lw.Structure:
+    """A mass on a Bouc-Wen link, and another on a Zener link on it."""
+    joint = {"k": NUMBER(400.0), "c": NUMBER(1.5), "F": NUMBER(12.0), "x0": NUMBER(0.02), "s": NUMBER(0.7)}
+    mount = {"k": NUMBER(300.0), "k1": NUMBER(600.0), "c1": NUMBER(12.0)}
+    links = (
+        lw.named_law("bouc-wen").link("joint", ("m1", "ground"), joint),
+        lw.named_law("zener").link("mount", ("m2", "m1"), mount),
+    )
+    return lw.Structure("pair", (lw.Mass("m1", NUMBER(1.0)), lw.Mass("m2", NUMBER(0.5))), links)
+
+
+def remembering_fit(samples: int, seed: int) -> Run:
+    """Two masses with a state in each of their links, driven by eight sines for as many samples at 200 Hz."""
+    rng, structure = np.random.default_rng(seed), remembering()
+    sines = zip(rng.uniform(2, 6, 8), rng.uniform(4, 60, 8), rng.uniform(0, 6, 8), strict=True)
+    force = " + ".join(f"{a:.4f}*sin({w:.5f}*t + {p:.4f})" for a, w, p in sines)
+    record = lw.simulate(structure, duration=(samples - 1) / 200.0, rate=200.0, forces={"m1": force})
+    return identified(structure, record.with_noise(40.0, seed=seed))
 
 
 @dataclass(frozen=True)
@@ -209,6 +234,19 @@ def test_wide_records(unit: float, samples: int) -> None:
     print(row(f"{samples} samples", [run], unit), flush=True)
     assert run.trusted
     assert run.seconds < 90.0 and run.memory < MOST_MEMORY
+
+
+def test_wide_records_of_links_with_memory(unit: float) -> None:
+    print(f"\n{HEAD}")
+    runs = []
+    for samples in (25_000, 50_000, 100_000):
+        runs.append(alone(remembering_fit, samples, FIRST))
+        print(row(f"2 states, {samples}", runs[-1:], unit), flush=True)
+    assert all(run.trusted for run in runs)
+    print(f"CPU-s: {', '.join(f'{run.processor:.1f}' for run in runs)}")
+    assert runs[-1].processor < 30.0
+    first, second = np.diff([run.memory for run in runs])
+    assert second < 2.5 * first  # of 25 000 and 50 000 samples more: 2 where it is linear
 
 
 @pytest.mark.parametrize("masses", [10, 40, 100])
