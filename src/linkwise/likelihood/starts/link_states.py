@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Bools, Floats
+from linkwise.expression import Number, differentiate, symbols
+from linkwise.lazy import lazy_module
 from linkwise.model.law import Law
 from linkwise.model.law_programs import rates_program
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.integrate import smoothed
+
+if TYPE_CHECKING:
+    from scipy import signal
+else:
+    signal = lazy_module("scipy.signal")  # loads scipy.stats, too, and few links have linear states
 
 _HIDDEN = 0.1  # of its own size: the scale of a defect of a state that no channel shows, at q = 1
 _PERIODS = 4.0  # of the motion after which a state has forgotten where it started
@@ -70,6 +79,7 @@ def follow_states(
     `values` are numbers, or (B, 1) for a `batch` of B links.
 
     The record is cut into pieces that run side by side; each begins at `start` some periods before the samples it gives.
+    States whose rates are linear are filtered, which gives the same to rounding.
     """
     if not law.states:
         return np.empty((0, batch, len(d)))
@@ -83,6 +93,16 @@ def follow_states(
     run_v = np.concatenate([lead[1], v, tail[1]])
     along_d, along_v = (sliding_window_view(run, 2 * piece)[::piece].T.copy() for run in (run_d, run_v))
     middle_d, middle_v = (0.5 * (along[:-1] + along[1:]) for along in (along_d, along_v))
+    if _decay_alone(law):
+        motion = np.stack([along_d.T, along_v.T]), np.stack([middle_d.T, middle_v.T])
+        filtered = [
+            _filtered(
+                law, {name: _value_at(value, k) for name, value in values.items()}, *motion, step, start
+            )
+            for k in range(batch)
+        ]
+        states = np.stack(filtered, axis=1)[..., piece:]
+        return states.reshape(len(states), batch, -1)[..., : len(d)]
     out = np.empty((len(law.states), batch, count, piece))
     states = np.full((len(law.states), batch, count), start)
     rates = _Rates(law, values, states)
@@ -103,6 +123,50 @@ def follow_states(
         np.add(states, first, states)
     out[..., piece - 1] = states
     return out.reshape(len(law.states), batch, -1)[..., : len(d)]
+
+
+def _value_at(value: float | Floats, k: int) -> float:
+    """The value of link `k` of a batch, which may be that of all."""
+    return float(np.ravel(value)[k if np.size(value) > 1 else 0])
+
+
+@lru_cache(maxsize=256)
+def _decay_alone(law: Law) -> bool:
+    """Whether the rate of each state is linear in it, by a factor of coefficients alone, and does not depend on the others."""
+    for state, rate in law.named_rates:
+        for by in law.states:
+            slope = differentiate(rate, by)
+            if {"d", "v", *law.states} & set(symbols(slope)) or (by != state and slope != Number(0.0)):
+                return False
+    return True
+
+
+def _filtered(
+    law: Law, values: Mapping[str, float], along: Floats, middle: Floats, step: float, start: float
+) -> Floats:
+    """States (r, C, M) of pieces whose rates are linear, s' = a s + g(d, v), by the same method of Runge and Kutta.
+
+    `along` (2, C, M) are d and v at the samples, `middle` (2, C, M - 1) those between.
+    """
+    at_rest = dict(values) | dict.fromkeys(law.states, 0.0)
+    ends, between = (law.state_rates(d, v, at_rest) for d, v in (along, middle))
+    moved = law.state_rates(0.0, 0.0, dict(values) | dict.fromkeys(law.states, 1.0))
+    out = np.empty((len(law.states), *along.shape[1:]))
+    for row, (end, mid, at_unit, at_zero) in enumerate(
+        zip(ends, between, moved, law.state_rates(0.0, 0.0, at_rest), strict=True)
+    ):
+        q = step * float(at_unit - at_zero)
+        decay = 1.0 + q + q**2 / 2.0 + q**3 / 6.0 + q**4 / 24.0
+        end, mid = (np.broadcast_to(rate, on.shape[1:]) for rate, on in ((end, along), (mid, middle)))
+        pushed = (
+            (1.0 + q + q**2 / 2.0 + q**3 / 4.0) * end[:, :-1]
+            + (4.0 + 2.0 * q + q**2 / 2.0) * mid
+            + end[:, 1:]
+        )
+        out[row, :, 0] = start
+        before = np.full((len(end), 1), decay * start)
+        out[row, :, 1:] = signal.lfilter([step / 6.0], [1.0, -decay], pushed, zi=before)[0]
+    return out
 
 
 @np.errstate(all="ignore")  # states may run away where values are far off
