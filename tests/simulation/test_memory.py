@@ -34,7 +34,7 @@ from linkwise.expression import (
 Mode = tuple[int, ...]
 Event = tuple[Callable[[Floats], float], int, Mode]
 
-END, RATE = 6.0, 100.0
+END, RATE = 10.0, 100.0
 VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest
 DRIVE = "30*sin(7*t) + 12*sin(2.3*t)"
 VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through its nonlinear range
