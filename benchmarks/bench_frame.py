@@ -1,8 +1,11 @@
 """A frame of four storeys with a Bouc-Wen link in each, from the accelerations of floors and base alone.
 
 Each storey is of its own and yields in every cycle; the base moves by twelve sines that change with the seed. 20 s at 100 Hz
-are recorded with noise at 30 dB on the floors. LINKWISE_SEEDS says how many records (default 20). Seeds are others than those
-of the tests.
+are recorded with noise at 30 dB on the floors. LINKWISE_SEEDS says how many records (default 20), or which of them, as 20:40,
+to run it in parts. Seeds are others than those of the tests.
+
+Intervals have to cover the truth. A search may end untrusted, in a valley or before an optimum, in at most a tenth of the
+records: it says so.
 """
 
 from __future__ import annotations
@@ -15,8 +18,10 @@ import numpy as np
 
 import linkwise as lw
 
-SEEDS = int(os.environ.get("LINKWISE_SEEDS", "20"))
 FIRST = 12000  # of the seeds
+_start, _, _stop = os.environ.get("LINKWISE_SEEDS", "20").rpartition(":")
+SEEDS = range(FIRST + int(_start or "0"), FIRST + int(_stop))
+UNTRUSTED = 0.1  # of the records at most
 SNR = 30.0
 STOREYS = 4
 FREQUENCY = 2.0 * np.pi * 3.0  # rad/s, of a floor on one storey
@@ -60,7 +65,7 @@ def test_frame_of_hysteretic_storeys() -> None:
     asked = structure.unknown("all")
     true = np.array([structure.coefficient(p.name).value for p in asked.parameters], dtype=float)
     errors, seconds = [], []
-    for seed in range(FIRST, FIRST + SEEDS):
+    for seed in SEEDS:
         record = shaken(structure, seed)
         began = time.process_time()
         fit = lw.identify(record, asked)
@@ -72,10 +77,10 @@ def test_frame_of_hysteretic_storeys() -> None:
     z = np.array(errors)
     covered = 100.0 * float(np.mean(np.abs(z) < 1.96))
     print(
-        f"\n  {len(z)} of {SEEDS} trusted, coverage {covered:.1f} %, mean square of z {np.mean(z**2):.2f}, worst "
+        f"\n  {len(z)} of {len(SEEDS)} trusted, coverage {covered:.1f} %, mean square of z {np.mean(z**2):.2f}, worst "
         f"{np.abs(z).max():.1f}; CPU-s median {np.median(seconds):.1f}, worst {max(seconds):.1f}"
     )
-    assert len(z) == SEEDS
+    assert len(z) >= (1.0 - UNTRUSTED) * len(SEEDS)
     assert (
         covered > 92.0
     )  # of 400 values; those of a record hang together, about a third of them on their own
