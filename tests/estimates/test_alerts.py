@@ -53,3 +53,41 @@ def test_alerts_of_all_records_are_told() -> None:
     clean, faults = clean_record(), replace(clipped_record(), source="second.csv")
     fit = lw.identify([clean, faults], lw.bnes_chain(2).unknown("nes"))
     assert [(alert.kind, alert.record) for alert in fit.alerts] == [("clipped", "second.csv")]
+
+
+def test_what_the_answer_allows_for_is_no_alert() -> None:
+    """Samples that were marked as missing, and a drift that is estimated; of another channel it is told."""
+    marked = lw.mark_missing(clipped_record(), "clipped")
+    assert [alert.kind for alert in lw.inspect(marked).alerts] == ["dropped"]
+    told = {name: ANSWERS[name](marked).to_dict()["alerts"] for name in ANSWERS}
+    assert not any(told.values())
+    clean = chain(2, 30.0)
+    drifting = replace(clean, values=clean.values + np.outer(clean.time, [0.0, 1e-3]), simulated=None)
+    asked = lw.bnes_chain(2).unknown("nes")
+    kinds = {
+        channel: [
+            (alert.kind, alert.channel) for alert in lw.identify(drifting, asked, drifts=[channel]).alerts
+        ]
+        for channel in drifting.channels
+    }
+    assert kinds == {"x:m1": [("drift", "x:m2")], "x:m2": []}
+
+
+def test_a_hum_is_allowed_for_where_all_of_its_lines_are_estimated() -> None:
+    clean = chain(2, 30.0)
+    lines = 1e-3 * np.sin(2.0 * np.pi * np.outer(clean.time, [50.0, 150.0])).sum(axis=1)
+    humming = replace(clean, values=clean.values + np.outer(lines, [0.0, 1.0]), simulated=None)
+    [alert] = lw.inspect(humming).alerts
+    np.testing.assert_allclose(alert.frequencies, (50.0, 150.0), atol=0.02)
+    asked = lw.bnes_chain(2).unknown("nes")
+    one, both = (lw.identify(humming, asked, hums={"x:m2": lines}) for lines in (50.0, [50.0, 150.0]))
+    assert [told.kind for told in one.alerts] == ["hum"]
+    assert both.alerts == ()
+
+
+def test_gaps_that_nobody_marked_are_told() -> None:
+    clean = clean_record()
+    values = clean.values.copy()
+    values[300:330, 1] = np.nan
+    fit = lw.identify(replace(clean, values=values), lw.bnes_chain(2).unknown("nes"))
+    assert [(alert.kind, alert.channel) for alert in fit.alerts] == [("dropped", "x:m2")]

@@ -25,6 +25,10 @@ class Alert:
         The record, by its source.
     arguments : tuple of str
         Arguments of `read_record`, `identify`, `Record` or `Record.between` by which it is mended.
+    frequencies : tuple of float
+        Frequencies in Hz of the lines of a hum.
+    is_of_gaps : bool
+        Whether it says no more than that samples are missing.
 
     Examples
     --------
@@ -39,6 +43,8 @@ class Alert:
     error: float
     record: str = ""
     arguments: tuple[str, ...] = ()
+    frequencies: tuple[float, ...] = ()
+    is_of_gaps: bool = False
 
     def __str__(self) -> str:
         return f"{self.kind} {self.channel}: {self.message}"

@@ -37,7 +37,8 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
             f"{signal.start + starts[longest] / signal.rate:g} s: maximum likelihood and the weak form leave them out, which "
             "costs accuracy only; differentiation needs a complete piece, cut to one"
         )
-        yield Alert("dropped", signal.name, message, float(missing.mean()), arguments=("earliest", "latest"))
+        share, arguments = float(missing.mean()), ("earliest", "latest")
+        yield Alert("dropped", signal.name, message, share, arguments=arguments, is_of_gaps=True)
 
 
 def lost(signals: RecordSignals) -> Iterator[Alert]:

@@ -27,24 +27,25 @@ def hum(signals: RecordSignals) -> Iterator[Alert]:
     driven = [_peak(signal) for signal in signals.moving if signal.is_input]
     for signal in signals.responses:
         steady = [
-            (frequency, size)
+            line
             for mains in _MAINS
             for order in range(1, _HARMONICS + 1)
             if (frequency := order * mains) < 0.45 * signal.rate
             and not any(_is_harmonic(frequency, peak, signals.record.duration) for peak in driven)
-            and (size := _steady_line(signal, frequency))
+            and (line := _steady_line(signal, frequency))[1]
         ]
         if not steady:
             continue
         lines = " and ".join(
-            f"{size:.3g} {signal.channel.unit} at {frequency:g} Hz" for frequency, size in steady
+            f"{size:.3g} {signal.channel.unit} at {frequency:.5g} Hz" for frequency, size in steady
         )
         message = (
             f"carries a line that neither grows nor decays, of {lines}: hum of the mains acts like an applied force and "
             "biases damping; shield and ground the sensor, or find the line with the laws"
         )
         error = float(np.sqrt(0.5 * sum(size**2 for _, size in steady))) / signal.rms
-        yield Alert("hum", signal.name, message, error, arguments=("hums",))
+        frequencies = tuple(frequency for frequency, _ in steady)
+        yield Alert("hum", signal.name, message, error, arguments=("hums",), frequencies=frequencies)
 
 
 def _peak(signal: ChannelSignal) -> float:
@@ -63,11 +64,11 @@ def _is_harmonic(frequency: float, of: float, duration: float) -> bool:
     )
 
 
-def _steady_line(signal: ChannelSignal, frequency: float) -> float:
-    """The amplitude of a steady line, 0 where there is none."""
+def _steady_line(signal: ChannelSignal, frequency: float) -> tuple[float, float]:
+    """The frequency and the amplitude of a steady line near a frequency; an amplitude of 0 where there is none."""
     size = len(signal.values) // _PIECES
     if size * frequency < _CYCLES * signal.rate:
-        return 0.0
+        return frequency, 0.0
     values = signal.filled[: size * _PIECES] - signal.observed.mean()
     turns = np.exp(-2j * np.pi * frequency / signal.rate * np.arange(size * _PIECES))
     window = np.hanning(size + 2)[1:-1]
@@ -87,7 +88,8 @@ def _steady_line(signal: ChannelSignal, frequency: float) -> float:
     steady = (
         scatter < _SPREAD * amplitude + 1.5 * noise and amplitude > _ABOVE * max(noise, scatter) / _QUIET**0.5
     )
-    return amplitude if steady and _is_line(signal, frequency + offsets[best]) else 0.0
+    at = frequency + float(offsets[best])
+    return at, amplitude if steady and _is_line(signal, at) else 0.0
 
 
 def _is_line(signal: ChannelSignal, frequency: float) -> bool:

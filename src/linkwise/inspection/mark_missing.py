@@ -22,6 +22,8 @@ FAULTY_SAMPLES: Registry[Callable[[ChannelSignal], Bools]] = Registry(
 )
 """Functions of the signal of a channel that give which of its samples (N,) have the fault."""
 
+_MARKED = "samples were marked as missing"
+
 
 @checked
 def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spikes")) -> Record:
@@ -73,7 +75,24 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
             faulty = faulty_samples(signal)
             if faulty.any():
                 values[faulty, record.channels.index(signal.name)] = np.nan
-                notes.append(f"{signal.name}: {int(faulty.sum())} samples were marked as missing ({name}).")
+                notes.append(f"{signal.name}: {int(faulty.sum())} {_MARKED} ({name}).")
     if not notes:
         return record
     return replace(record, values=values, notes=(*record.notes, *notes))
+
+
+def marked_channels(record: Record) -> set[str]:
+    """Channels of which `mark_missing` marked samples, by the notes of the record.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    set of str
+        Their names.
+    """
+    marks = [note for note in record.notes if _MARKED in note]
+    return {channel for channel in record.channels for mark in marks if mark.startswith(f"{channel}: ")}

@@ -18,7 +18,7 @@ from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.estimates.unseen_term import unseen_remark
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.fit_remarks import fit_remarks, inseparable, sensor_errors
+from linkwise.likelihood.fit_remarks import allowances, fit_remarks, inseparable, sensor_errors
 from linkwise.likelihood.fitted_motion import motion_of_links
 from linkwise.likelihood.force_scale import require_force_scale
 from linkwise.likelihood.local_optima import lower_of_two
@@ -360,8 +360,7 @@ def estimate_of(
     judgement = judge(fit, identified, structures, records, searched=offered is not None)
     covariance, faint = with_faint_modes(fit, identified)
     missing = judgement.for_missing_terms
-    additions = (missing, judgement.for_blocks, judgement.for_input_noise)
-    added = [addition for addition in additions if addition is not None]
+    added = [part for part in (missing, judgement.for_blocks, judgement.for_input_noise) if part is not None]
     covariance = sum(added, covariance)
     units = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
@@ -395,6 +394,7 @@ def estimate_of(
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
+        allowances=allowances(fit),
         unseen_terms=unseen,
         for_dropped_terms=missing,
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.sensor_error import ErrorKind, SensorErrorEstimate
+from linkwise.inspection.unanswered import Allowance
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
 from linkwise.records.channel import Channel
@@ -128,6 +129,25 @@ def sensor_errors(
         )
         for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
         if np.isfinite(value) and np.isfinite(deviation)
+    )
+
+
+def allowances(fit: LikelihoodFit) -> tuple[Allowance, ...]:
+    """Drifts and hums of sensors that were found with the coefficients.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    tuple of Allowance
+        One for each channel and frequency.
+    """
+    places = dict.fromkeys((disturbance.channel, disturbance.frequency) for disturbance in fit.disturbances)
+    return tuple(
+        ("drift" if frequency is None else "hum", channel, frequency) for channel, frequency in places
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
-from linkwise.inspection.inspect import inspect
+from linkwise.inspection.unanswered import unanswered_alerts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.text import as_text
@@ -297,8 +297,11 @@ class Validation(JudgedView):
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
-        """What is wrong with channels of the record by themselves, worst first, as `inspect` reports it."""
-        return inspect(self.record).alerts
+        """What is wrong with channels of the record by themselves, worst first, as `inspect` reports it.
+
+        Samples that were marked as missing are left out.
+        """
+        return unanswered_alerts((self.record,))
 
     def to_dict(self) -> dict[str, Any]:
         """The scores as plain data for JSON.

@@ -1,0 +1,53 @@
+"""Alerts of the records of an answer, less those of what the answer allows for."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import TypeAlias
+
+from linkwise.inspection.alert import Alert
+from linkwise.inspection.inspect import inspect
+from linkwise.inspection.mark_missing import marked_channels
+from linkwise.inspection.result import labels
+from linkwise.records.record import Record
+
+Allowance: TypeAlias = tuple[str, str, float | None]
+"""The kind of an error, as of an `Alert`, and the channel; of a hum the frequency in Hz at which it is estimated."""
+
+_NEAR = 0.5  # Hz by which a stated hum may differ from the line that an alert names
+
+
+def unanswered_alerts(records: Sequence[Record], allowances: Collection[Allowance] = ()) -> tuple[Alert, ...]:
+    """Alerts of records that an answer does not allow for, worst first.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    allowances : collection of Allowance, optional
+        Errors that are estimated with the coefficients. Samples that were marked as missing are left out in any answer.
+
+    Returns
+    -------
+    tuple of Alert
+        As of `inspect`.
+    """
+    names = labels(tuple(records))
+    marked = {name: marked_channels(record) for name, record in zip(names, records, strict=True)}
+    return tuple(
+        alert
+        for alert in inspect(records).alerts
+        if not _is_allowed_for(alert, allowances)
+        and not (alert.is_of_gaps and alert.channel in marked[alert.record])
+    )
+
+
+def _is_allowed_for(alert: Alert, allowances: Collection[Allowance]) -> bool:
+    """Whether what an alert names is estimated, all of its lines where it is a hum."""
+    stated = [
+        frequency for kind, channel, frequency in allowances if (kind, channel) == (alert.kind, alert.channel)
+    ]
+    return bool(stated) and all(
+        any(frequency is not None and abs(line - frequency) < _NEAR for frequency in stated)
+        for line in alert.frequencies
+    )
