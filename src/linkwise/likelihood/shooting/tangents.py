@@ -159,32 +159,32 @@ def march(
     accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
     for j in range(middles.steps):
-        _times(into_links, state, stack[:2])
+        product(into_links, state, stack[:2])
         if transfer.by_state is not None:
             number, elongations = transfer.by_state
             stack[0] += elongations * inner[number]
         starts(j, stack[:2], inner, pulls[0], rates[0])
-        _times(gain, pulls[0], accelerations[0])
+        product(gain, pulls[0], accelerations[0])
         starts.inertia(j, accelerations[0])
         yield TangentStep(state, inner, accelerations[0], pulls[0])
-        _times(into_links, accelerations[0], stack[2])
-        _combine(TANGENT_MIDDLE, stack[:3], motion)
+        product(into_links, accelerations[0], stack[2])
+        combine(TANGENT_MIDDLE, stack[:3], motion)
         if S:
             np.add(inner, np.float32(0.5) * rates[0], out=between)
         middles(j, motion, between, pulls[1], rates[1])
-        _times(gain, pulls[1], accelerations[1])
+        product(gain, pulls[1], accelerations[1])
         middles.inertia(j, accelerations[1])
-        _times(into_links, accelerations[1], stack[3])
-        _combine(TANGENT_END, stack, motion)
+        product(into_links, accelerations[1], stack[3])
+        combine(TANGENT_END, stack, motion)
         if S:
             np.add(inner, np.float32(2.0) * rates[1] - rates[0], out=between)
         starts(j + 1, motion, between, pulls[2], rates[2])
         if S:
             inner += (rates[0] + np.float32(4.0) * rates[1] + rates[2]) / np.float32(6.0)
-        _times(gain, pulls[2], accelerations[2])
+        product(gain, pulls[2], accelerations[2])
         starts.inertia(j + 1, accelerations[2])
         state[0] += state[1]
-        _combine(TANGENT_CLOSING, accelerations, moved)
+        combine(TANGENT_CLOSING, accelerations, moved)
         state += moved
     yield TangentStep(state, inner, None, None)
 
@@ -244,8 +244,18 @@ def _matrix(values: Floats) -> Single | csr_array:
     return csr_array(single) if sparse else single
 
 
-def _times(matrix: Single | csr_array, block: Single, out: Single) -> None:
-    """matrix @ block over the third last axis, the last two being P and K."""
+def product(matrix: Single | csr_array, block: Single, out: Single) -> None:
+    """Multiply by a matrix over the third last axis.
+
+    Parameters
+    ----------
+    matrix : array or sparse array of shape (a, b)
+        The matrix.
+    block : array of shape (..., b, P, K)
+        What it multiplies.
+    out : array of shape (..., a, P, K)
+        Where the products are put.
+    """
     size = block.shape[-2] * block.shape[-1]
     flat, result = block.reshape(*block.shape[:-2], size), out.reshape(*out.shape[:-2], size)
     if isinstance(matrix, np.ndarray):
@@ -257,5 +267,16 @@ def _times(matrix: Single | csr_array, block: Single, out: Single) -> None:
             own[:] = matrix @ of_own
 
 
-def _combine(weights: Single, blocks: Single, out: Single) -> None:
+def combine(weights: Single, blocks: Single, out: Single) -> None:
+    """Put weighted sums of blocks.
+
+    Parameters
+    ----------
+    weights : array of shape (a, b)
+        The weights.
+    blocks : array of shape (b, ...)
+        The blocks.
+    out : array of shape (a, ...)
+        Where the sums are put.
+    """
     np.matmul(weights, blocks.reshape(len(blocks), -1), out=out.reshape(len(out), -1))

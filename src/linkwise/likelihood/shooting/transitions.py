@@ -16,11 +16,13 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.flow import Trajectories
 from linkwise.likelihood.shooting.system import NumericSystem
+from linkwise.likelihood.shooting.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
 from linkwise.likelihood.shooting.tangent_forces import Single, TangentForces
-from linkwise.likelihood.shooting.tangents import Transfer, march
+from linkwise.likelihood.shooting.tangents import combine, product
 
 _AT_ONCE = 60_000  # numbers of one kind in the columns that are marched together
 _JUMP = 0.5  # of h^2 a of a whole step: the change of h v over half of it
+_HALF = np.float32(0.5)
 _LACKING = 1.0 / 48.0  # of h^2 a of a whole step: what the trapezoidal rule lacks, a twelfth for half of it
 
 
@@ -55,25 +57,31 @@ def carried(
         Sensitivities of x at the start of each step, and at last those of x and u = h v (K, 2 n, P) at the end; overwritten.
     """
     n, K, P = len(mechanics.gain), len(step), columns
-    first, second = transitions(mechanics, orbit, step, forces)
+    steps = _with_jumps(*transitions(mechanics, orbit, step, forces))
     ends, middles = (_Accelerations.of(force, mechanics.gain, P) for force in forces)
-    motion, between = np.zeros((K, 2 * n, P), np.float32), np.empty((K, 2 * n, P), np.float32)
+    before, after = np.zeros((2, K, 3 * n, P), np.float32)
+    motion = before[:, : 2 * n]
     for i in range(n):
         motion[:, i, i], motion[:, n + i, n + i] = scale[i], scale[n + i] * step
     damping = _Damping(mechanics, forces[0].by_v)
     motion -= damping.lacking(0, ends, ends.slope(middles), P)
     shown = np.empty((K, n, P), np.float32)
     ends.add(0, motion, 0.5 * _JUMP)
-    for j in range(len(first)):
+    for j in range(len(steps)):
         shown[:] = motion[:, :n]
         ends.add(j, shown, _LACKING)
         yield shown
-        np.matmul(first[j], motion, out=between)
-        middles.add(j, between, _JUMP)
-        np.matmul(second[j], between, out=motion)
-        ends.add(j + 1, motion, _JUMP if j + 1 < len(first) else 0.5 * _JUMP)
-    motion += damping.lacking(len(first), ends, -ends.reversed().slope(middles.reversed()), P)
+        middles.put(j, before, _JUMP)
+        motion = np.matmul(steps[j], before, out=after[:, : 2 * n])
+        ends.add(j + 1, motion, _JUMP if j + 1 < len(steps) else 0.5 * _JUMP)
+        before, after = after, before
+    motion += damping.lacking(len(steps), ends, -ends.reversed().slope(middles.reversed()), P)
     yield motion
+
+
+def _with_jumps(first: Single, second: Single) -> Single:
+    """(J, K, 2 n, 3 n) how x and u after a step follow from those before it, and from a jump of u in its middle."""
+    return np.concatenate([second @ first, second[..., second.shape[-1] // 2 :]], axis=-1)
 
 
 def transitions(
@@ -96,19 +104,14 @@ def transitions(
     """
     n, K, steps = len(mechanics.gain), len(step), len(orbit.middle_links)
     slopes, middles = _slopes_at_ends(*forces), _slopes_between(mechanics, orbit, 0.5 * step)
-    transfer = Transfer.of(mechanics.incidence, mechanics.gain)
+    into_links, gain = mechanics.incidence.T.astype(np.float32), mechanics.gain.astype(np.float32)
     out = np.empty((steps * K, 2, n, 2 * n), np.float32)
     size = max(_AT_ONCE // (2 * n * n), 1)
     for begin in range(0, steps * K, size):
         own = slice(begin, min(begin + size, steps * K))
         at_end = slice(own.start + K, own.stop + K)
-        state = np.zeros((2, n, 2 * n, own.stop - begin), np.float32)
-        for i in range(n):
-            state[0, i, i], state[1, i, n + i] = 1.0, 0.5
-        ends = _LinkForces(np.stack([slopes[..., own], slopes[..., at_end]]))
-        between = _LinkForces(middles[None, ..., own])
-        *_, last = march(transfer, ends, between, state, np.empty((0, *state.shape[2:]), np.float32))
-        out[own] = last.state.transpose(3, 0, 1, 2)
+        moved = _after_a_step(into_links, gain, slopes[..., own], middles[..., own], slopes[..., at_end])
+        out[own] = moved.transpose(3, 0, 1, 2)
     out[:, 1] *= np.float32(2.0)
     halves = out.reshape(steps // 2, 2, K, 2 * n, 2 * n)
     return halves[:, 0], halves[:, 1]
@@ -133,23 +136,46 @@ def _slopes_between(mechanics: NumericSystem, orbit: Trajectories, step: Floats)
     return out.reshape(*out.shape[:2], -1)
 
 
-@dataclass(frozen=True, eq=False)
-class _LinkForces:
-    """Tangent forces of links alone, with `slopes` (I, 2, L, K) by d and h v."""
+def _after_a_step(into_links: Single, gain: Single, before: Single, middle: Single, after: Single) -> Single:
+    """(2, n, 2 n, k) x and u = h v after k steps by Nystroem's method, from one of each x and a half of each u.
 
-    slopes: Single
+    `into_links` (L, n) and `gain` (n, L) are as of `Transfer`; `before`, `middle` and `after` (2, L, k) are slopes of h^2 f
+    by d and h v at the start, in the middle and at the end of each step.
+    """
+    (L, n), k = into_links.shape, before.shape[2]
+    whole, half = into_links[:, :, None], _HALF * into_links[:, :, None]
+    d, hv, pulls, pulls_between = np.empty((4, L, 2 * n, k), np.float32)
+    accelerations, moved = np.empty((3, n, 2 * n, k), np.float32), np.empty((2, n, 2 * n, k), np.float32)
 
-    @property
-    def steps(self) -> int:
-        return len(self.slopes)
+    def accelerate(slopes: Single, out: Single) -> None:
+        np.multiply(slopes[0][:, None], d, out=d)
+        np.multiply(slopes[1][:, None], hv, out=hv)
+        np.add(d, hv, out=d)
+        product(gain, d, out)
 
-    def __call__(self, j: int, motion: Single, inner: Single, out: Single, rates: Single) -> None:
-        by_d, by_v = self.slopes[j]
-        np.multiply(by_d[:, None], motion[0], out=out)
-        out += by_v[:, None] * motion[1]
-
-    def inertia(self, j: int, out: Single) -> None:
-        """No mass is unknown."""
+    np.multiply(before[0][:, None], whole, out=d[:, :n])
+    np.multiply(before[1][:, None], half, out=d[:, n:])
+    product(gain, d, accelerations[0])
+    product(into_links, accelerations[0], pulls)
+    np.multiply(pulls, np.float32(TANGENT_MIDDLE[0, 2]), out=d)
+    d[:, :n] += whole
+    d[:, n:] += _HALF * half
+    np.multiply(pulls, np.float32(TANGENT_MIDDLE[1, 2]), out=hv)
+    hv[:, n:] += half
+    accelerate(middle, accelerations[1])
+    product(into_links, accelerations[1], pulls_between)
+    np.multiply(pulls_between, TANGENT_END[0, 3], out=d)
+    d[:, :n] += whole
+    d[:, n:] += half
+    np.multiply(pulls_between, TANGENT_END[1, 3], out=hv)
+    hv -= pulls
+    hv[:, n:] += half
+    accelerate(after, accelerations[2])
+    combine(TANGENT_CLOSING, accelerations, moved)
+    for i in range(n):
+        moved[0, i, i] += np.float32(1.0)
+        moved[:, i, n + i] += _HALF
+    return moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +208,11 @@ class _Accelerations:
     def add(self, j: int, motion: Single, weight: float) -> None:
         """Add those at a point, weighted, to the last n rows of sensitivities (K, n or 2 n, P)."""
         _add(motion, self, np.float32(weight) * self.values[j])
+
+    def put(self, j: int, motion: Single, weight: float) -> None:
+        """Put those at a point, weighted, into the last n rows of sensitivities and jumps (K, 3 n, P), the rest of them 0."""
+        flat = motion.reshape(len(motion), -1)
+        flat[:, self.places + (flat.shape[1] - self.size)] = np.float32(weight) * self.values[j]
 
     def reversed(self) -> _Accelerations:
         """Those along the orbit from its end on."""
