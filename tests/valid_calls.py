@@ -294,6 +294,8 @@ def figures(record: lw.Record, fitted: lw.Estimate, discovered: lw.Discovery) ->
         "histories_figure": {"record": record},
         "spectrum": {"record": record, "name": "x:m1"},
         "spectra_figure": {"inspection": lw.inspect(record)},
+        "residuals": {"estimate": discovered.estimate, "channel": "x:m1"},
+        "residuals_figure": {"estimate": discovered.estimate},
         "graph": {"discovery": discovered},
         "path": {"discovery": discovered},
         "runners_up": {"discovery": discovered},

@@ -19,7 +19,7 @@ import linkwise as lw
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.held_errors import decisive, not_held
 from linkwise.likelihood.missing_terms import MissingTerms
-from linkwise.likelihood.whiteness import is_coloured
+from linkwise.likelihood.whiteness import is_coloured, whiteness_text
 from linkwise.signals.outliers import has_outliers, outliers_exceed_noise
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
@@ -144,6 +144,9 @@ def test_whiteness_of_a_channel(correlation: float, coloured: bool) -> None:
     errors[:, 1] = series.reshape(-1, 5).T
     errors[:, :, 300:400] = 0.0
     assert is_coloured(errors) is coloured
+    told = [whiteness_text(f"x:m{number}", errors[:, number].T.ravel()) for number in range(2)]
+    assert told[0] == "x:m0: white, by the cumulative periodogram."
+    assert told[1].startswith("x:m1: not white" if coloured else "x:m1: white")
 
 
 def test_a_model_error_that_follows_the_motion_is_no_excuse() -> None:

@@ -27,7 +27,8 @@ Draw = Callable[..., Axes]
 PICTURES = (
     "absorption", "acceleration_surface", "crossings", "departures", "displacement", "distortion", "energy", "evidence",
     "force", "force_comparison", "force_errors", "graph", "histories", "level_modes", "level_response", "loop", "map", "path",
-    "prediction", "prediction_error", "prediction_profile", "prediction_spectrum", "ring_down", "runners_up", "shapes",
+    "prediction", "prediction_error", "prediction_profile", "prediction_spectrum", "residuals", "ring_down", "runners_up",
+    "shapes",
     "spectrum", "study", "success_map", "surface",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
@@ -79,6 +80,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
         "map": (swept, "sinks_share"),
         "prediction": (validated, "x:m1"), "prediction_error": (validated, "x:m1"),
         "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),
+        "residuals": (discovered.estimate, "x:m1", "frequency"),
         "path": (discovered,), "runners_up": (discovered,), "shapes": (beam_of_one_mode().hosts[0],),
         "spectrum": (fitted.record, "x:m1", 1e-4), "study": (rows(),),
         "success_map": (reach_maps()[0],),

@@ -204,7 +204,7 @@ def folder(discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pyte
 
 
 def test_folder_is_that_of_identify_and_more(folder: Path) -> None:
-    pictures = ("graph", "path", "evidence", "histories", "force_m1-ground", "force_m2-m1")
+    pictures = ("graph", "path", "evidence", "histories", "residuals", "force_m1-ground", "force_m2-m1")
     figures = {f"{name}.{suffix}" for name in pictures for suffix in ("png", "svg")}
     tables = {"terms.csv", "covariance.csv", "force_m1-ground.csv", "force_m2-m1.csv"}
     files = {"structure.toml", "report.html", *figures, *tables}
@@ -250,9 +250,9 @@ def test_structure_is_the_discovered_one(folder: Path, discovered: lw.Discovery)
 def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: Path) -> None:
     page = re.sub(r"<script.*?</script>", "", (folder / "report.html").read_text(), flags=re.DOTALL)
     wanted = ["5 terms: can be trusted", "Discovered links", "5 terms are right", "How certain it is", "Why these terms",
-              "<h2>Links</h2>", "<h3>m1-ground", "<h2>Record</h2>"]  # fmt: skip
+              "<h2>Links</h2>", "<h3>m1-ground", "<h2>Residuals</h2>", "<h2>Record</h2>"]  # fmt: skip
     places = [page.index(text) for text in wanted]
-    assert places == sorted(places) and page.count("data:image/svg+xml;base64,") == 3
+    assert places == sorted(places) and page.count("data:image/svg+xml;base64,") == 4
     assert re.findall(r'<(?:script|link|img|iframe)[^>]*\b(?:src|href)="(?!data:)', page) == []
 
 

@@ -67,7 +67,7 @@ def test_discovery_page_renders_with_its_figures(
     folder = lw.write_discovery(discovered, tmp_path_factory.mktemp("discovered") / "answer", truth=chain)
     shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
     assert shown.console == () and shown.shades > 50
-    assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400
+    assert len(shown.pictures) == 4 and min(shown.pictures.values()) > 400
     for name in ("force_m1-ground", "force_m2-m1", "histories"):
         assert 'class="main-svg"' in shown.body.partition(f'id="{name}"')[2][:3000], name
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,6 +36,9 @@ class LinkMotion:
         Forces of the identified links in N, with the states of those with memory; None where they are not known.
     measured_force : array of shape (R, L), optional
         Forces in N that load cells showed, less their offsets; NaN for links without.
+    residuals : mapping of str to array of shape (R,), optional
+        What the fit leaves of each response, in standard deviations of its noise; NaN where a sample is missing. None by
+        methods that do not fit the samples.
 
     Examples
     --------
@@ -56,6 +59,7 @@ class LinkMotion:
     compute_residual: Callable[[], Floats | None]
     identified_force: Floats | None = None
     measured_force: Floats | None = None
+    residuals: Mapping[str, Floats] | None = None
 
     visited = DeprecatedAttribute(Deprecated("d_range", since="0.2.0", until="0.4.0"))
     leave = DeprecatedAttribute(Deprecated("compute_residual", since="0.2.0", until="0.4.0"))

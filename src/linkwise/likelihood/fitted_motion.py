@@ -30,9 +30,13 @@ def motion_of_links(fit: LikelihoodFit, identified: Structure, records: Sequence
     firsts = np.cumsum([0, *whole[:-1]])
     memory = fit.misfit.trajectories.memory[: segments.steps : segments.refine]
     inside = memory.transpose(2, 0, 1).reshape(len(x), -1)
-    d, rates, forces = [], [], []
+    left = fit.misfit.residuals.transpose(2, 0, 1).reshape(len(x), -1)
+    observed = fit.segments.observed.transpose(2, 0, 1).reshape(len(x), -1)
+    left = np.where(observed, left, np.nan)
+    d, rates, forces, remains = [], [], [], []
     for record, first in zip(records, firsts, strict=True):
         own = slice(first, first + len(record))
+        remains.append(left[own])
         base = record.channel("x:base") if "x:base" in record.channels else None
         d.append(identified.elongations(x[own], base))
         rate = None if base is None else np.gradient(base, record.step)
@@ -49,6 +53,7 @@ def motion_of_links(fit: LikelihoodFit, identified: Structure, records: Sequence
         d_range=extremes(np.concatenate(d)),
         compute_residual=partial(_residual, identified, records),
         identified_force=np.concatenate(forces) if forces else None,
+        residuals=dict(zip(fit.noise, np.concatenate(remains).T, strict=True)),
     )
 
 

@@ -45,10 +45,42 @@ def is_white(series: Floats) -> bool:
     bool
         Whether its periodogram departs from a flat one by no more than chance and a small part of its power.
     """
+    departure, count, _ = _departure(series)
+    return departure <= _SIZEABLE or departure * np.sqrt(count) <= _SIGNIFICANT
+
+
+def whiteness_text(channel: str, series: Floats) -> str:
+    """What the test says of the residuals of a channel.
+
+    Parameters
+    ----------
+    channel : str
+        The channel.
+    series : array of shape (N,)
+        Its residuals, as of `is_white`.
+
+    Returns
+    -------
+    str
+        Whether they are white and, where they are not, at which part of the band most is too much or too little.
+    """
+    departure, count, place = _departure(series)
+    if is_white(series):
+        return f"{channel}: white, by the cumulative periodogram."
+    return (
+        f"{channel}: not white, by the cumulative periodogram (Kolmogorov and Smirnov, {departure * np.sqrt(count):.3g} of "
+        f"{_SIGNIFICANT:g} at most): {100.0 * departure:.2g} % of their power is on the wrong side of {place:.2g} of half the "
+        "sampling rate."
+    )
+
+
+def _departure(series: Floats) -> tuple[float, int, float]:
+    """The largest departure of the cumulative periodogram, the number of frequencies, and the place in the band."""
     samples = series[np.isfinite(series) & (series != 0.0)]
     if len(samples) < _FEWEST:
-        return True
+        return 0.0, len(samples), 0.0
     power = np.abs(np.fft.rfft(samples - samples.mean()))[1:] ** 2
     count = len(power)
-    departure = float(np.max(np.abs(np.cumsum(power) / power.sum() - np.arange(1, count + 1) / count)))
-    return departure <= _SIZEABLE or departure * np.sqrt(count) <= _SIGNIFICANT
+    departures = np.abs(np.cumsum(power) / power.sum() - np.arange(1, count + 1) / count)
+    worst = int(np.argmax(departures))
+    return float(departures[worst]), count, (worst + 1) / count

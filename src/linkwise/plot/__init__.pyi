@@ -21,6 +21,8 @@ from linkwise.plot.discovery_path import path_figure as path_figure
 from linkwise.plot.discovery_path import runners_up as runners_up
 from linkwise.plot.displacements import displacement as displacement
 from linkwise.plot.displacements import displacements_figure as displacements_figure
+from linkwise.plot.fit_residuals import residuals as residuals
+from linkwise.plot.fit_residuals import residuals_figure as residuals_figure
 from linkwise.plot.force_comparisons import force_comparison as force_comparison
 from linkwise.plot.force_comparisons import force_comparison_figure as force_comparison_figure
 from linkwise.plot.force_comparisons import force_errors as force_errors

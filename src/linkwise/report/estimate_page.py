@@ -14,6 +14,7 @@ from linkwise import plot
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_loop import has_loop
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
+from linkwise.likelihood.whiteness import whiteness_text
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
 from linkwise.plot.titles import force_title
@@ -64,7 +65,27 @@ def _unseen(reported: Reported[Estimate]) -> Section | None:
     return Section("Terms that the record does not rule out", rows=[UNSEEN_HEAD, *rows]) if terms else None
 
 
-SECTIONS: Registry[Build[Estimate]] = Registry("section", {"unseen": _unseen, "histories": _record})
+def _residuals(reported: Reported[Estimate]) -> Section | None:
+    """What the fit leaves of the channels, and whether it is white."""
+    estimate = reported.result
+    left = estimate.motion.residuals
+    if not left:
+        return None
+    text = (
+        "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
+        "noise, and its mean over the motion of a link beside what noise alone gives 95 % of such means."
+    )
+    return Section(
+        "Residuals",
+        text=[text],
+        items=[whiteness_text(name, values) for name, values in left.items()],
+        figure=lambda: plot.residuals_figure(estimate),
+    )
+
+
+SECTIONS: Registry[Build[Estimate]] = Registry(
+    "section", {"unseen": _unseen, "residuals": _residuals, "histories": _record}
+)
 """What follows the links, in order; the name of a section is that of its figure's files."""
 
 
