@@ -25,11 +25,11 @@ import linkwise as lw
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "acceleration_surface", "crossings", "departures", "displacement", "distortion", "energy", "evidence",
-    "force", "force_comparison", "force_errors", "graph", "histories", "level_modes", "level_response", "loop", "map", "path",
-    "prediction", "prediction_error", "prediction_profile", "prediction_spectrum", "residuals", "ring_down", "runners_up",
-    "shapes",
-    "spectrum", "study", "success_map", "surface",
+    "absorption", "acceleration_surface", "coherence", "crossings", "departures", "displacement", "distortion",
+    "energy", "evidence", "force", "force_comparison", "force_errors", "graph", "histories", "level_modes",
+    "level_response", "loop", "map", "path", "prediction", "prediction_error", "prediction_profile",
+    "prediction_spectrum", "residuals", "ring_down", "runners_up", "shapes", "spectrogram", "spectrum", "study",
+    "success_map", "surface",
 )  # fmt: skip
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
@@ -80,6 +80,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
         "map": (swept, "sinks_share"),
         "prediction": (validated, "x:m1"), "prediction_error": (validated, "x:m1"),
         "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),
+        "coherence": (fitted.record, "x:m1", "x:m2"), "spectrogram": (fitted.record, "x:m1"),
         "residuals": (discovered.estimate, "x:m1", "frequency"),
         "path": (discovered,), "runners_up": (discovered,), "shapes": (beam_of_one_mode().hosts[0],),
         "spectrum": (fitted.record, "x:m1", 1e-4), "study": (rows(),),
@@ -127,7 +128,9 @@ def test_anything_but_axes_is_refused(name: str, drawings: dict[str, Draw]) -> N
         drawings[name](ax=Figure().subplots(1, 2))
 
 
-@pytest.mark.parametrize("name", sorted(set(PICTURES) - {"prediction_profile", "runners_up", "success_map"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(PICTURES) - {"prediction_profile", "runners_up", "spectrogram", "success_map"})
+)
 def test_a_legend_can_be_left_out(name: str, drawings: dict[str, Draw]) -> None:
     """A map without missing cells and a study of one method still have a legend argument."""
     assert drawings[name](legend=False).get_legend() is None

@@ -8,6 +8,10 @@ from linkwise.plot.absorption_energy import energy as energy
 from linkwise.plot.absorption_energy import energy_figure as energy_figure
 from linkwise.plot.absorption_map import map as map
 from linkwise.plot.absorption_map import map_figure as map_figure
+from linkwise.plot.channel_maps import coherence as coherence
+from linkwise.plot.channel_maps import coherences_figure as coherences_figure
+from linkwise.plot.channel_maps import spectrogram as spectrogram
+from linkwise.plot.channel_maps import spectrograms_figure as spectrograms_figure
 from linkwise.plot.channel_spectra import spectra_figure as spectra_figure
 from linkwise.plot.channel_spectra import spectrum as spectrum
 from linkwise.plot.discovery_average import departures as departures

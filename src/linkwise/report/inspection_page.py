@@ -1,4 +1,4 @@
-"""The page of an inspection: alerts first, then histories and spectra."""
+"""The page of an inspection: alerts first, then histories, spectra, maps and coherence."""
 
 from __future__ import annotations
 
@@ -110,11 +110,46 @@ def _spectra(inspection: Inspection, number: int) -> Section | None:
     """The spectra of the channels of one record."""
     if number >= PICTURED:
         return None
-    title = "Spectra"
-    if len(inspection.records) > 1:
-        title += f" of {labels(inspection.records)[number]}"
     text = "Amplitude spectral density; dashed is white noise of the level that was found."
-    return Section(title, [text], figure=lambda: plot.spectra_figure(inspection, number), interactive=True)
+    return Section(
+        _titled("Spectra", inspection, number),
+        [text],
+        figure=lambda: plot.spectra_figure(inspection, number),
+        interactive=True,
+    )
+
+
+def _maps(inspection: Inspection, number: int) -> Section | None:
+    """The channels of one record over time and frequency."""
+    if number >= PICTURED:
+        return None
+    text = "Power spectral density over time and frequency, dark where it is large; a steady line is hum."
+    return Section(
+        _titled("Time and frequency", inspection, number),
+        [text],
+        figure=lambda: plot.spectrograms_figure(inspection, number),
+    )
+
+
+def _coherence(inspection: Inspection, number: int) -> Section | None:
+    """How the channels of one record go together."""
+    if number >= PICTURED or len(inspection.records[number].channels) < 2:
+        return None
+    text = (
+        "The part of the power of a channel that follows linearly from the one before it; dashed is what independent noise "
+        "exceeds at one of 20 frequencies. A nonlinear link, noise and a clock of its own lower it."
+    )
+    return Section(
+        _titled("Coherence", inspection, number),
+        [text],
+        figure=lambda: plot.coherences_figure(inspection, number),
+        interactive=True,
+    )
+
+
+def _titled(title: str, inspection: Inspection, number: int) -> str:
+    """The title, with the record where there are several."""
+    return f"{title} of {labels(inspection.records)[number]}" if len(inspection.records) > 1 else title
 
 
 SECTIONS: Registry[Build[Inspection]] = Registry(
@@ -131,7 +166,7 @@ SECTIONS: Registry[Build[Inspection]] = Registry(
 """What stands before the records, in order; the name of a section is that of its figure's files."""
 
 RECORD_SECTIONS: Registry[Callable[[Inspection, int], Section | None]] = Registry(
-    "section", {"histories": _histories, "spectra": _spectra}
+    "section", {"histories": _histories, "spectra": _spectra, "maps": _maps, "coherence": _coherence}
 )
 """What is shown of each record, from the inspection and the number of the record."""
 
