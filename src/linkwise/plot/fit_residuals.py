@@ -16,7 +16,8 @@ from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL, scale
 from linkwise.plot.style import axes_for, literal, log_scale, sheet
 from linkwise.text import near_miss
 
-_MOST = 6  # channels that still can be read on one page
+_MOST = 4  # channels that still can be read on one page
+_SHARED = 2  # first columns, with the same axis for all channels
 _BINS = 24  # of the motion of a link, each with as many samples
 _FEWEST = 20  # samples in a bin
 _TWO = 2.0  # standard errors of a mean, between which noise leaves 95 % of them
@@ -60,7 +61,7 @@ def residuals(
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> lw.plot.residuals(lw.identify(record, chain.unknown("nes")), "x:m2", "d of nes1").get_ylabel()
-    'x:m2, in deviations'
+    'x:m2 / noise'
     """
     left = estimate.motion.residuals or {}
     if channel not in left:
@@ -81,7 +82,7 @@ def residuals(
             _over_frequency(axes, left[channel], estimate.record.rate)
         else:
             _over_motion(axes, left[channel], estimate, quantity)
-        axes.set_ylabel(f"{literal(channel)}, in deviations")
+        axes.set_ylabel(f"{literal(channel)} / noise")
     return axes
 
 
@@ -121,7 +122,7 @@ def _over_motion(axes: Axes, values: Floats, estimate: Estimate, quantity: str) 
 
 @checked
 def residuals_figure(estimate: Estimate) -> Figure:
-    """What a fit leaves of each channel over time, frequency and the motion of a link; of more than 6 channels the first.
+    """What a fit leaves of each channel over time, frequency and the motion of a link; of more than 4 channels the first.
 
     The link is one at the mass of the channel, the last of them.
 
@@ -156,8 +157,12 @@ def residuals_figure(estimate: Estimate) -> Figure:
             link = _link_at(estimate, name)
             for column, quantity in enumerate(("time", "frequency", f"d of {link}", f"v of {link}")):
                 axes = residuals(estimate, name, quantity, legend=False, ax=panels[4 * row + column])
+                axes.locator_params(axis="x", nbins=4)
                 if column:
                     axes.set_ylabel("")
+                if column < _SHARED and row + 1 < len(names):
+                    axes.set_xlabel("")
+                    axes.tick_params(labelbottom=False)
     return figure
 
 
