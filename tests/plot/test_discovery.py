@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from present import some
 from structures import link, with_links
 
 import linkwise as lw
-from linkwise.discovery.text import term_rows
+from linkwise.discovery.text import runner_up_changes, runner_up_rows, term_rows
 from linkwise.plot import evidence_figure, graph_figure, path_figure, save
 from linkwise.plot.graph_layout import crossings, node_positions
 from linkwise.plot.palette import MEASURED
@@ -178,8 +179,21 @@ def test_path_marks_the_chosen_point(discovered: lw.Discovery) -> None:
     heights = np.asarray(criterion.get_ydata())
     assert heights.min() == 0.0 and len(heights) == len(discovered.path)
     assert [label.get_text() for label in runners.get_yticklabels()] == [
-        runner_up.change for runner_up in discovered.runners_up
+        row[0] for row in runner_up_rows(discovered)[1:]
     ]
+
+
+def test_the_next_best_models_are_named_with_the_functions_that_they_add(discovered: lw.Discovery) -> None:
+    """A coefficient that no printed law has, such as m2-m1.k2, says nothing by its name."""
+    changes = runner_up_changes(discovered)
+    dropped = {term.name: term.term for term in discovered.terms if not term.kept}
+    named = [
+        (f"{name} ({function})", change)
+        for change, runner_up in zip(changes, discovered.runners_up, strict=True)
+        for name, function in dropped.items()
+        if name in runner_up.change.split()
+    ]
+    assert all(added in change for added, change in some(named))
 
 
 def test_evidence_stands_above_the_price_where_a_term_was_kept(discovered: lw.Discovery) -> None:

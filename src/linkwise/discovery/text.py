@@ -220,12 +220,18 @@ def doubtful_rows(discovery: Discovery) -> Rows:
     return rows
 
 
+def runner_up_changes(discovery: Discovery) -> list[str]:
+    """What the runners-up change, best first, with the functions of terms that no printed law has."""
+    functions = _functions_of_dropped(discovery)
+    return [_with_functions(model.change, functions) for model in discovery.runners_up]
+
+
 def runner_up_rows(discovery: Discovery) -> Rows:
     """The runners-up, best first."""
-    functions = _functions_of_dropped(discovery)
+    changes = runner_up_changes(discovery)
     return [
         RUNNER_UP_HEAD,
-        *((_with_functions(model.change, functions), rough(model.margin)) for model in discovery.runners_up),
+        *((change, rough(model.margin)) for change, model in zip(changes, discovery.runners_up, strict=True)),
     ]
 
 

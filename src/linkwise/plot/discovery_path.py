@@ -9,6 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from linkwise.argument_types import checked
 from linkwise.discovery.result import CERTAIN, Discovery
+from linkwise.discovery.text import runner_up_changes
 from linkwise.plot.palette import IDENTIFIED, MEASURED, VISITED, WELL
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
 
@@ -107,7 +108,7 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
         rows = np.arange(len(models))
         axes.axvspan(0.0, CERTAIN, color=VISITED, zorder=0)
         axes.barh(rows, [model.margin for model in models], color=IDENTIFIED, height=0.6)
-        axes.set_yticks(rows, [literal(model.change) for model in models])
+        axes.set_yticks(rows, [literal(change) for change in runner_up_changes(discovery)[:_RUNNERS_UP]])
         axes.invert_yaxis()
         axes.grid(False, axis="y")
         if max((model.margin for model in models), default=0.0) > _FAR:
