@@ -13,7 +13,8 @@ from problems import chain_record
 from structures import link, oscillator, row_of_masses, structure, with_links
 
 import linkwise as lw
-from linkwise.likelihood.diagnosis import link_forces
+from linkwise.likelihood import diagnosis
+from linkwise.likelihood.diagnosis import TestedCauses, link_forces
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
@@ -104,6 +105,35 @@ def test_a_clean_record_has_no_cause(seed: int) -> None:
     fit = lw.identify(chain_record(2).with_noise(SNR, seed=seed), lw.bnes_chain(2).unknown("all"))
     assert fit.trusted and fit.diagnosis == () and fit.to_dict()["diagnosis"] == []
     assert fit.to_dict()["model_error_percent"] == 0.0
+
+
+def test_what_is_not_finite_is_told_as_not_tested(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other causes are tested beside it."""
+    chain = lw.bnes_chain(2)
+    record = faulty(lambda x, record: 1.01 * x)
+    all_tested = diagnosis.tested_causes
+
+    def with_an_infinite_column(*arguments: Any, **keywords: Any) -> TestedCauses:
+        tested = all_tested(*arguments, **keywords)
+        number = next(k for k, cause in enumerate(tested.hypotheses) if cause.term == "d**5")
+        curvature = tested.curvature.copy()
+        infinite = len(curvature) - len(tested.hypotheses) + number
+        curvature[infinite] = curvature[:, infinite] = np.nan
+        return replace(tested, curvature=curvature, scatter=curvature)
+
+    monkeypatch.setattr("linkwise.likelihood.diagnosis.tested_causes", with_an_infinite_column)
+    fit = lw.identify(record, chain.unknown("all"))
+    assert "Not tested, since the motion makes them infinite: d**5 in " in fit.message
+    assert fit.diagnosis[0].kind == "gain" and not fit.trusted
+
+
+def test_equations_without_a_solution_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def singular(*arguments: Any, **keywords: Any) -> TestedCauses:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr("linkwise.likelihood.diagnosis.tested_causes", singular)
+    fit = lw.identify(chain_record(2).with_noise(SNR, seed=900), lw.bnes_chain(2).unknown("all"))
+    assert "were not tested: at these values the equations for them are singular" in fit.message
 
 
 def test_the_optimum_is_linearised_once_with_all_causes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,7 +35,7 @@ from linkwise.likelihood.shooting.block_information import FactoredModel
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
-from linkwise.likelihood.single_tests import SingleTests, single_tests
+from linkwise.likelihood.single_tests import SingleTests, finite_columns, single_tests
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
@@ -56,6 +56,8 @@ _CHANCE = 16.0
 _CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
 _SHIFTED = 3.0  # standard errors that such a filter changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
+_LISTED = 3  # hypotheses in a sentence
+_NOTHING_TESTED = " Errors of sensors and missing terms were not tested: at these values the equations for them are singular."
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
 
@@ -65,7 +67,7 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
     `channels` are those of the record.
     """
     causes: tuple[Cause, ...] = ()
-    tested = None
+    tested, remark = None, ""
     try:
         with one_blas_thread():
             if any(force.ambient for force in fit.random_forces):
@@ -73,8 +75,9 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
             else:
                 tested = tested_causes(fit, identified, channels, terms=terms)
                 causes = _significant(tested, fit, identified)
+                remark = _not_tested(tested, len(fit.values))
     except np.linalg.LinAlgError:
-        pass
+        remark = _NOTHING_TESTED
     conflicts = tuple(_prior_conflicts(fit))
     stated = {
         conflict.where for conflict in conflicts
@@ -82,7 +85,7 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
     others = [
         cause for cause in causes if f"{cause.kind.removeprefix('force ')} of {cause.where}" not in stated
     ]
-    return Diagnosis(tuple(sorted((*others, *conflicts), key=likeliest_first)), tested)
+    return Diagnosis(tuple(sorted((*others, *conflicts), key=likeliest_first)), tested, remark)
 
 
 def likeliest_first(cause: Cause) -> float:
@@ -148,11 +151,26 @@ class TestedCauses:
 class Diagnosis:
     """The significant `causes`, that with the largest gain first, and all that were `tested`.
 
-    The latter is None beside ambient forces, and where the equations are singular.
+    The latter is None beside ambient forces, and where the equations are singular. `remark` says what could not be tested.
     """
 
     causes: tuple[Cause, ...]
     tested: TestedCauses | None
+    remark: str = ""
+
+
+def _not_tested(tested: TestedCauses, parameters: int) -> str:
+    """A sentence on the hypotheses whose effect is not finite, which have no score; empty where all have one."""
+    finite = finite_columns(tested.curvature, tested.slope, tested.scatter, parameters)
+    names = [
+        f"{hypothesis.term or hypothesis.kind} in {hypothesis.where}"
+        for hypothesis, is_finite in zip(tested.hypotheses, finite, strict=True)
+        if not is_finite
+    ]
+    listed = (
+        f"{', '.join(names[:_LISTED])}{f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''}"
+    )
+    return f" Not tested, since the motion makes them infinite: {listed}." if names else ""
 
 
 def tested_causes(

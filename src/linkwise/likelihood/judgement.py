@@ -129,7 +129,7 @@ def assess(
             causes = (hidden.cause,)
             inexact = verdict is Verdict.MODEL_ERROR_NEEDED
             missing = for_missing_terms(hidden.closer_fit, identified) if inexact else None
-    message += _of_forces(fit, verdict, causes, channels)
+    message += _of_forces(fit, verdict, causes, channels) + diagnosis.remark
     if verdict is Verdict.CONVERGED and not causes:
         noise = for_noise_of_inputs(fit, inputs)
         white = coloured is None and not fit.random_forces

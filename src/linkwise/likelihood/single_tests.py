@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a column beside the coefficients of the laws
 _ROUNDED = 1e-6
@@ -37,8 +37,14 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: 
     """Test the columns that follow the `parameters`.
 
     `scatter` is the covariance of the slope, which is the curvature where noise is white. A column of which the coefficients,
-    or unknowns that were eliminated, leave nothing but rounding gains nothing.
+    or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does one that is not finite.
     """
+    finite = finite_columns(curvature, slope, scatter, parameters)
+    if not finite.all():
+        white = scatter is curvature
+        within = np.concatenate([np.ones(parameters, dtype=bool), finite])
+        curvature, slope = _without(curvature, within), np.where(within, slope, 0.0)
+        scatter = curvature if white else _without(scatter, within)
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     scaled, gradient = curvature / np.outer(scale, scale), slope / scale
     own, added = slice(0, parameters), slice(parameters, None)
@@ -60,3 +66,20 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: 
     gains = np.where(tested, score**2 / variance, 0.0)
     changes = -projection[:, :-1] * (score / left) / scale[own, None]
     return SingleTests(gains, score / left / scale[added], np.sqrt(variance) / left / scale[added], changes)
+
+
+def finite_columns(curvature: Floats, slope: Floats, scatter: Floats, parameters: int) -> Bools:
+    """Which of the f columns after the `parameters` have finite products with these, themselves and the residuals."""
+    own, added = slice(0, parameters), slice(parameters, None)
+    return np.asarray(
+        np.isfinite(slope[added])
+        & np.isfinite(curvature[own, added]).all(axis=0)
+        & np.isfinite(curvature.diagonal()[added])
+        & np.isfinite(scatter[own, added]).all(axis=0)
+        & np.isfinite(scatter.diagonal()[added])
+    )
+
+
+def _without(matrix: Floats, within: Bools) -> Floats:
+    """The matrix with zeros in the rows and columns that are not `within`."""
+    return np.where(within[:, np.newaxis] & within, matrix, 0.0)
