@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 from problems import chain_record, truth
+from structures import link, structure
 
 import linkwise as lw
 from linkwise.likelihood.coloured_noise import ColouredNoise, _parzen, in_time
@@ -171,6 +172,48 @@ def test_what_is_no_coloured_noise_of_a_sensor(kind: str) -> None:
         "resonant": _resonant(rng),
     }[kind]
     assert estimated_noise(series) is None
+
+
+def _ringing(seed: int, damping: float) -> np.ndarray:
+    """A mode at a fifth of the rate beside white noise: at so few samples a period its poles are far from the circle."""
+    rng, frequency = np.random.default_rng(seed), 2.0 * np.pi / 5.0
+    pole = np.exp((-damping + 1j) * frequency)
+    mode = scipy.signal.lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.normal(size=(6000, 1)), axis=0)
+    return np.asarray(mode + 0.5 * rng.normal(size=(6000, 1)))
+
+
+def test_a_damped_mode_at_few_samples_a_period_is_no_noise() -> None:
+    """Laws that miss a link leave it; it was taken for noise that remembers less than twenty samples."""
+    assert estimated_noise(_ringing(1, 0.05)) is None
+    assert estimated_noise(_ringing(1, 0.3)) is not None
+
+
+@pytest.mark.parametrize("kind", ["average", "filter", "notch"])
+def test_spectra_with_edges_and_notches_are_noise(kind: str) -> None:
+    white = np.random.default_rng(5).normal(size=6010)
+    series = {
+        "average": np.convolve(white, np.ones(3), mode="valid")[:6000],
+        "filter": scipy.signal.sosfilt(scipy.signal.butter(8, 0.5, output="sos"), white)[10:]
+        + 0.05 * np.random.default_rng(6).normal(size=6000),
+        "notch": scipy.signal.lfilter(*scipy.signal.iirnotch(0.3, 2.0), white)[10:],
+    }[kind]
+    assert estimated_noise(series[:, None]) is not None
+
+
+@pytest.mark.parametrize("damping", [0.22, 0.4])
+def test_a_missing_link_is_no_coloured_noise(damping: float) -> None:
+    """Two masses that are linked, identified as if each had its own spring, beside a third that is alone: the mode in which
+    the two move against each other, at five samples a period, was taken for noise of their sensors, and the answer trusted.
+    """
+    masses = {"m1": 0.44, "m2": 0.4, "m3": 0.86}
+    lower = link("lower", "m1-ground", "k*d + c*v", k=20.0, c=0.26)
+    upper = link("upper", "m2-m1", "k*d + c*v", k=40.0, c=damping)
+    other = link("other", "m3-ground", "k*d + c*v", k=40.0, c=0.14)
+    release = {"v:m2": 0.04, "x:m1": 0.002, "x:m3": 0.003}
+    record = lw.simulate(structure(masses, lower, upper, other), release=release, duration=11.0, rate=11.3)
+    apart = structure(masses, lower, replace(upper, between=("m2", lw.GROUND)), other)
+    fit = lw.identify(record.with_noise(26.0, seed=5_101_880), apart.unknown("all"))
+    assert fit.verdicts[0] is lw.Verdict.NOISE_MISMATCH and not fit.trusted
 
 
 def test_scores_of_coloured_noise_scatter_as_its_correlations_say() -> None:

@@ -27,6 +27,11 @@ _HIGHEST_ORDER = 24  # that is tried: differenced noise needs as many to be whit
 _SMOOTHED = 100  # lags of what an autoregression leaves: its spectrum is then known to 10 % from 6000 samples
 _SAMPLES_PER_LAG = 50  # at least
 _LARGEST_POLE = 0.95  # that remembers 20 samples; drifts and resonances of the motion remember more
+_LIGHTLY_DAMPED = (
+    0.15  # damping ratio; that of the sharpest poles of Butterworth's filter of order eight is 0.2
+)
+_BESIDE = 4.0  # half widths of a peak: one of a single mode is 17 times as high as its sides there
+_PROMINENT = 4.0  # above both sides: one side of the edge of a filter is as high
 _BLOCKS = 20  # whose innovations are compared in size
 _FALSE_ALARM = 1e-6  # probability that those of steady noise differ by more
 _APART = 200  # samples between chains of segments, after which nothing is remembered: 0.95^200 = 4e-5
@@ -185,7 +190,31 @@ def _autoregression(series: Floats) -> Floats | None:
     steady = is_white(innovations) and _is_steady(innovations)
     if not len(coefficients) or np.max(np.abs(poles)) > _LARGEST_POLE or not steady:
         return None
-    return coefficients
+    return None if _resonates(coefficients) else coefficients
+
+
+def _resonates(coefficients: Floats) -> bool:
+    """Whether most power is in a peak as narrow as that of a lightly damped mode, at any number of samples a period.
+
+    Poles near the circle alone do not tell: noise whose spectrum has a notch has them all around it.
+    """
+    poles = np.roots(np.append(1.0, -coefficients))
+    turning = poles[(poles.imag > 0.0) & (np.abs(poles) > 0.0)]
+    decay, frequency = -np.log(np.abs(turning)), np.angle(turning)
+    narrow = decay < _LIGHTLY_DAMPED * np.hypot(decay, frequency)
+    mean = np.mean(_gain(coefficients, np.linspace(0.0, np.pi, 1024)))
+    for width, peak in zip(decay[narrow], frequency[narrow], strict=True):
+        left, top, right = _gain(coefficients, peak + _BESIDE * width * np.array([-1.0, 0.0, 1.0]))
+        if top > mean and top > _PROMINENT * max(left, right):
+            return True
+    return False
+
+
+def _gain(coefficients: Floats, frequency: Floats) -> Floats:
+    """Power of the autoregression over that of its innovations at frequencies in radians a sample."""
+    lag = np.arange(len(coefficients) + 1)
+    response = np.exp(-1j * np.outer(frequency, lag)) @ np.append(1.0, -coefficients)
+    return np.asarray(np.abs(response) ** -2.0)
 
 
 def _autocovariances(series: Floats, highest: int) -> Floats:
