@@ -14,7 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
 from linkwise.weak.patch_layout import NoiseCoupling
-from linkwise.weak.weak_form import INNER
+from linkwise.weak.weak_form import INNER, PHI_2
 
 
 def noise_couplings(patch: Patch, system: WeakEquations) -> tuple[NoiseCoupling, ...]:
@@ -85,7 +85,7 @@ def own_noise_of_links(patch: Patch, system: WeakEquations) -> Floats:
 
 def source_sums(
     coupling: NoiseCoupling, mass: float, slopes: Floats, kernels: Floats, system: WeakEquations
-) -> Iterator[tuple[int, float, Floats]]:
+) -> Iterator[tuple[int, Floats]]:
     """Sums over windows of what the noise of each channel adds to an equation.
 
     Parameters
@@ -105,25 +105,49 @@ def source_sums(
     ------
     channel : int
         Number of a channel with noise.
-    factor : float
-        What its sums are to be multiplied by.
     sums : array of shape (s, P)
         The sums.
     """
     phi, phi_1, phi_2 = kernels[:INNER]
-    stiffness, damping = slopes[:, :, None]
-    from_links = damping * phi_1
-    from_links -= stiffness * phi
-    if coupling.inner.any():
-        phi, phi_1, _ = kernels[INNER:]
-        from_links[coupling.inner] = damping[coupling.inner] * phi_1 - stiffness[coupling.inner] * phi
+    inner = coupling.inner
     for channel, inertia, passed in zip(
         coupling.sources.tolist(), coupling.inertia.tolist(), coupling.passed, strict=True
     ):
-        links = np.flatnonzero(passed)
         if system.motion.floored_variance[channel] <= 0.0:
             continue
-        if inertia == 0.0 and len(links) == 1:
-            yield channel, -float(passed[links[0]]), from_links[links[0]]
-        else:
-            yield channel, 1.0, inertia * mass * phi_2 - np.tensordot(passed, from_links, 1)
+        stiffness, damping = (passed * ~inner) @ slopes
+        sums = stiffness * phi - damping * phi_1
+        if inertia != 0.0:
+            sums += inertia * mass * phi_2
+        if passed[inner].any():
+            stiffness, damping = (passed * inner) @ slopes
+            sums += stiffness * kernels[INNER] - damping * kernels[INNER + 1]
+        yield channel, sums
+
+
+def joint_sums(
+    coupling: NoiseCoupling, slopes: Floats, kernels: Floats, system: WeakEquations
+) -> tuple[Floats, Floats]:
+    """What the noise of several channels adds to an equation, as that of two channels of variance 1.
+
+    The sums of every channel are s phi - d phi', s and d its stiffness and damping, so that all channels together have the
+    products of two sums at each point: those of the Cholesky factor of the covariance of s and d. So many channels that pass
+    through links, and not through inertia or eliminated states, cost as much as two.
+
+    Parameters
+    ----------
+    coupling, slopes, kernels, system
+        As of `source_sums`.
+
+    Returns
+    -------
+    tuple of array of shape (s, P)
+        The sums.
+    """
+    variance = system.motion.floored_variance[coupling.sources]
+    stiffness, damping = coupling.passed @ slopes
+    first = np.sqrt(variance @ stiffness**2)
+    shared = np.divide(variance @ (stiffness * damping), first, out=np.zeros_like(first), where=first > 0.0)
+    second = np.sqrt(np.maximum(variance @ damping**2 - shared**2, 0.0))
+    phi, phi_1 = kernels[:PHI_2]
+    return first * phi - shared * phi_1, second * phi_1

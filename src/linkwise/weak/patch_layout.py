@@ -135,6 +135,15 @@ class NoiseCoupling:
     passed: Floats
     inner: Bools
 
+    def of_sources(self, chosen: Bools) -> NoiseCoupling:
+        """The coupling of those of the sources that are `chosen` (s,)."""
+        return replace(
+            self,
+            sources=self.sources[chosen],
+            inertia=self.inertia[chosen],
+            passed=self.passed[chosen],
+        )
+
     def through(self, weights: Floats) -> NoiseCoupling:
         """The coupling of channels with these weights (n + 2, C) in the displacements of nodes."""
         own = weights[self.sources]

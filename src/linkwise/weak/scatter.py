@@ -14,7 +14,7 @@ sigma^4 tr(Q Q).
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -26,13 +26,14 @@ from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.weak.equations import WeakEquations
-from linkwise.weak.noise_paths import noise_couplings, own_kernels, own_noise, source_sums
+from linkwise.weak.noise_paths import joint_sums, noise_couplings, own_kernels, own_noise, source_sums
 from linkwise.weak.patch import Patch
 from linkwise.weak.patch_layout import NoiseCoupling, PatchLayout
 from linkwise.weak.stretches import Stretches
 from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
+_AS_TWO = 2  # channels beyond which those of one equation are taken together
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
 
 
@@ -243,7 +244,6 @@ def score_blocks(
     """
     if not noisy:
         return
-    stretches = noisy[0][1].stretches
     variance = system.motion.floored_variance
     pending = Counter(
         channel
@@ -251,30 +251,47 @@ def score_blocks(
         for coupling in noise_couplings(patch, system)
         for channel in coupling.sources[variance[coupling.sources] > 0.0].tolist()
     )
+    shared = frozenset(channel for channel, equations in pending.items() if equations > 1)
     contributions: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in pending}
     for (patch, statistics), weight in zip(noisy, weights, strict=True):
+        products = statistics.stretches.products
         if quadratic:
             yield quadratic_noise(patch, statistics, weight, system)
-        for channel, part in _noise_contributions(patch, statistics, weight, system):
+        for channel, part in _noise_contributions(patch, statistics, weight, system, shared):
+            if channel is None:
+                which, scale, sums = part
+                yield which, np.outer(scale, scale) * products(sums)
+                continue
             contributions[channel].append(part)
             pending[channel] -= 1
             if not pending[channel]:
                 which, scale, sums = (
                     np.concatenate(pieces) for pieces in zip(*contributions.pop(channel), strict=True)
                 )
-                yield which, variance[channel] * np.outer(scale, scale) * stretches.products(sums)
+                yield which, variance[channel] * np.outer(scale, scale) * products(sums)
 
 
 def _noise_contributions(
-    patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
-) -> Iterator[tuple[int, tuple[Indices, Floats, Floats]]]:
-    """For each channel whose noise enters an equation: parameters (s,), and G (s, P), to be scaled by (s,)."""
+    patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations, shared: Collection[int]
+) -> Iterator[tuple[int | None, tuple[Indices, Floats, Floats]]]:
+    """For each channel whose noise enters an equation: parameters (s,), and G (s, P), to be scaled by (s,).
+
+    Channels that are not `shared` with another equation stand together, as two of variance 1 without a number.
+    """
     weighted = statistics.stretches.adjoint(patch.rows[patch.layout.free_terms])
     for i, coupling in enumerate(noise_couplings(patch, system)):
         kernels = weighted[coupling.terms].transpose(1, 0, 2)
         slopes = statistics.mean[:, coupling.links]
-        for channel, factor, sums in source_sums(coupling, statistics.masses[i], slopes, kernels, system):
-            yield channel, (coupling.parameter, factor * weight[i] * coupling.sign, sums)
+        scale = weight[i] * coupling.sign
+        own = np.array([channel not in shared for channel in coupling.sources.tolist()]) & (
+            coupling.inertia == 0.0
+        )
+        if np.sum(own) > _AS_TWO and not coupling.inner.any():
+            for sums in joint_sums(coupling.of_sources(own), slopes, kernels, system):
+                yield None, (coupling.parameter, scale, sums)
+            coupling = coupling.of_sources(~own)
+        for channel, sums in source_sums(coupling, statistics.masses[i], slopes, kernels, system):
+            yield channel, (coupling.parameter, scale, sums)
 
 
 def quadratic_noise(
@@ -360,8 +377,8 @@ def least_scatter(
         own = np.flatnonzero(signs[i])
         kernels = (sums[own] * (weight[i] * signs[i, own])[:, None, None]).transpose(1, 0, 2)
         slopes = mean[:, coupling.links]
-        for channel, factor, of_channel in source_sums(coupling, masses[i], slopes, kernels, system):
-            noise.setdefault(channel, np.zeros((len(rows), mean.shape[2])))[own] += factor * of_channel
+        for channel, of_channel in source_sums(coupling, masses[i], slopes, kernels, system):
+            noise.setdefault(channel, np.zeros((len(rows), mean.shape[2])))[own] += of_channel
     total = np.zeros(len(rows))
     for channel, of_channel in noise.items():
         total += variance[channel] * np.einsum("sp,sp->s", of_channel, of_channel)
