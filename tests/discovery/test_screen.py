@@ -65,6 +65,24 @@ def test_mass_by_mass_nothing_true_is_lost(monkeypatch: pytest.MonkeyPatch) -> N
     assert elastic(screened.significant, pool) == elastic(together.significant, pool)
 
 
+@pytest.mark.parametrize(("left", "expected"), [(range(12), range(12)), (range(40), range(2))])
+def test_elimination_that_left_nearly_all_does_not_count(
+    left: range, expected: range, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Elimination finds links that additions one by one miss, but not where it ends with most columns."""
+
+    class Regression:
+        names = ()
+
+        def quadratic(self, bias: float) -> float:
+            return bias
+
+    monkeypatch.setattr(module, "forward_selection", lambda *_: [0, 1])
+    monkeypatch.setattr(module, "_significant", lambda *_: list(left))
+    pool = candidates_for([noisy_record(30.0, 1000)], masses(lw.bnes_chain(4)), "cubic")
+    assert module._significant_in_one(Regression(), pool) == set(expected)  # type: ignore[arg-type]
+
+
 def test_measured_displacements_stay_as_they_are() -> None:
     record = noisy_record(30.0, 1000)
     assert with_displacements(record, lw.bnes_chain(4).masses) is record

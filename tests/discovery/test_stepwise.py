@@ -17,6 +17,7 @@ from linkwise.discovery.stepwise import (
     MoveKind,
     backward_elimination,
     best_subset,
+    forward_selection,
     local_search,
     ranked_moves,
 )
@@ -180,3 +181,24 @@ def test_columns_that_are_one_and_the_same_do_not_stop_the_search() -> None:
     assert (
         criterion(doubled.quadratic, penalty, chosen) <= criterion(doubled.quadratic, penalty, [0, 1]) + SAME
     )
+
+
+def test_forward_selection_leaves_nothing_significant_outside() -> None:
+    inside, outside = [], []
+    for seed in DRAWS:
+        quadratic, _ = problem(seed)
+        chosen = forward_selection(quadratic, frozenset({2}), 3.0)
+        z = np.abs(quadratic.solve(chosen).z)
+        assert 2 in chosen
+        inside += [score for score, number in zip(z, chosen, strict=True) if number != 2]
+        outside += np.abs(quadratic.additions(chosen).z).tolist()
+    assert min(some(inside)) >= 3.0 > max(some(outside))
+
+
+def test_forward_selection_takes_one_of_two_equal_columns() -> None:
+    regression = Regression.drawn(7, size=3)
+    doubled = Regression(np.column_stack([regression.columns, regression.columns[:, 1]]), regression.y)
+    alone = forward_selection(regression.quadratic, frozenset(), 3.0)
+    assert 1 in alone
+    chosen = forward_selection(doubled.quadratic, frozenset(), 3.0)
+    assert {1 if number == 3 else number for number in chosen} == set(alone) and len(chosen) == len(alone)

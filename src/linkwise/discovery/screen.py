@@ -15,7 +15,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.stepwise import backward_elimination, best_subset
+from linkwise.discovery.stepwise import backward_elimination, best_subset, forward_selection
 from linkwise.discovery.weak_regression import WeakRegression
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
@@ -25,6 +25,8 @@ from linkwise.weak.equations import WeakEquations, weak_equations
 
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
 _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
+# times as many as additions one by one select, and so many more, that elimination may leave where it has not failed
+_MOST_LEFT, _FEW = 3, 10
 _LIMIT = 4.0  # |z| in all equations above which a term is significant
 # the same for a damper on a link without a spring: the weak form easily takes it for another's
 _DAMPER_LIMIT = 8.0
@@ -114,8 +116,21 @@ def _screen_mass_by_mass(
         star = candidates.structure(around[mass.name])
         equations = _equations(records, motions, star, only=(number,))
         regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
-        names |= {regression.names[k] for k in _significant(regression, candidates, _FIRST_LIMIT)}
+        names |= {regression.names[k] for k in _significant_in_one(regression, candidates)}
     return frozenset(names & candidates.by_name.keys())
+
+
+def _significant_in_one(regression: WeakRegression, candidates: Candidates) -> set[int]:
+    """The coefficients that are significant in the equation of one mass, by number: added one by one, or left of all.
+
+    Either way misses true links that the other one finds: additions where several motions together resemble another one, and
+    elimination where the noise makes hundreds of columns dependent, so that it ends early with most of them. It does not count
+    then.
+    """
+    always = _always(regression, candidates)
+    added = forward_selection(regression.quadratic(0.0), always, _FIRST_LIMIT)
+    left = _significant(regression, candidates, _FIRST_LIMIT)
+    return {*added, *(left if len(left) <= _MOST_LEFT * len(added) + _FEW else ())}
 
 
 def _equations(
@@ -137,7 +152,7 @@ def _significant(regression: WeakRegression, candidates: Candidates, limit: floa
     If the normal matrix without noise bias is not positive definite, some bias is left in until the weakest coefficients are
     eliminated, and then reduced again.
     """
-    always = frozenset(k for k, name in enumerate(regression.names) if name not in candidates.by_name)
+    always = _always(regression, candidates)
     chosen = list(range(len(regression.names)))
     for bias in _BIAS:
         try:
@@ -151,6 +166,11 @@ def _significant(regression: WeakRegression, candidates: Candidates, limit: floa
         except np.linalg.LinAlgError:
             break
     return chosen
+
+
+def _always(regression: WeakRegression, candidates: Candidates) -> frozenset[int]:
+    """The coefficients that are no candidates, by number."""
+    return frozenset(k for k, name in enumerate(regression.names) if name not in candidates.by_name)
 
 
 def _exchanged(regression: WeakRegression, candidates: Candidates, significant: list[int]) -> list[int]:

@@ -156,3 +156,29 @@ def backward_elimination(
         weak.sort(key=lambda k: z[k])
         eliminated = set(weak[: max(1, len(weak) // _ELIMINATED)])
         chosen = [number for k, number in enumerate(chosen) if k not in eliminated]
+
+
+def forward_selection(quadratic: QuadraticModel, always: frozenset[int], limit: float) -> list[int]:
+    """Add the coefficient with the largest |z| to `always`, drop what it makes insignificant, until no |z| is above `limit`.
+
+    Of hundreds of columns that the noise makes nearly dependent only a few are ever solved for together.
+    """
+    chosen = sorted(always)
+    visited: set[tuple[int, ...]] = set()
+    refused: list[int] = []
+    while True:
+        additions = quadratic.additions(chosen)
+        z = np.where(np.isin(additions.numbers, refused), 0.0, np.abs(additions.z))
+        if not len(z) or not np.max(z) >= limit:
+            return chosen
+        added = int(additions.numbers[int(np.argmax(z))])
+        try:
+            after = backward_elimination(quadratic, [*chosen, added], always, limit)
+        except np.linalg.LinAlgError:
+            refused.append(added)
+            continue
+        if tuple(after) in visited:
+            refused.append(added)
+            continue
+        visited.add(tuple(after))
+        chosen = after

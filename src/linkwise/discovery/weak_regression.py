@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.weak.equations import WeakEquations
-from linkwise.weak.fit import assemble_blocks, normal_equations, residual_power
+from linkwise.weak.fit import normal_blocks, residual_power
 from linkwise.weak.patch import Patch
 from linkwise.weak.scatter import SlopeStatistics, score_blocks
 
@@ -80,8 +79,9 @@ def _normal_equations(
 ) -> tuple[Floats, Floats]:
     h, g = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
     for (some, equations), weight in zip(patches, weights, strict=True):
-        matrix, right = normal_equations(some, weight, len(equations.parameters), bias=bias)
-        h += _dense(matrix, numbers)
+        blocks, right = normal_blocks(some, weight, len(equations.parameters), bias=bias)
+        for which, block in blocks:
+            _add(h, np.searchsorted(numbers, which), block)
         g += right[numbers]
     return h, g
 
@@ -92,16 +92,20 @@ def _scatter(
     total = np.zeros((len(numbers), len(numbers)))
     for (some, equations), weight in zip(patches, weights, strict=True):
         slopes = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in some]
-        blocks = ((which, block[0]) for which, block in score_blocks(slopes, weight, equations))
-        total += equations.motion.density * _dense(assemble_blocks(blocks, len(values)), numbers)
+        for which, block in score_blocks(slopes, weight, equations):
+            _add(total, np.searchsorted(numbers, which), equations.motion.density * block[0])
     return total
 
 
-def _dense(matrix: Floats | csc_array, numbers: Indices) -> Floats:
-    """The rows and columns `numbers` of a matrix."""
-    if isinstance(matrix, np.ndarray):
-        return np.asarray(matrix[np.ix_(numbers, numbers)])
-    return np.asarray(matrix[numbers][:, numbers].toarray())
+def _add(total: Floats, which: Indices, block: Floats) -> None:
+    """Add a block to the rows and columns `which` of a matrix, of which some may be repeated."""
+    order = np.argsort(which, kind="stable")
+    rows, starts = np.unique(which[order], return_index=True)
+    if len(rows) < len(which):
+        block = np.add.reduceat(block[order], starts, axis=0)
+        block = np.add.reduceat(block[:, order], starts, axis=1)
+        which = rows
+    total[np.ix_(which, which)] += block
 
 
 def _solve_with_ridge(h: Floats, g: Floats) -> Floats:

@@ -171,6 +171,27 @@ def normal_equations(
     right : array of shape (p,)
         g.
     """
+    blocks, g = normal_blocks(patches, weights, count, bias=bias)
+    return assemble_blocks(blocks, count), g
+
+
+def normal_blocks(
+    patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
+) -> tuple[list[tuple[Indices, Floats]], Floats]:
+    """Normal equations in blocks, one for each patch.
+
+    Parameters
+    ----------
+    patches, weights, count, bias
+        As of `normal_equations`.
+
+    Returns
+    -------
+    blocks : list of (array of int, shape (s,); array of shape (s, s))
+        Indices and values of the blocks of H.
+    right : array of shape (p,)
+        g.
+    """
     g = np.zeros(count)
     blocks = []
     for patch, weight in zip(patches, weights, strict=True):
@@ -179,7 +200,7 @@ def normal_equations(
         free_rows, which = weighted[patch.layout.free_terms], patch.layout.free_parameters
         g -= np.bincount(which, free_rows @ patch.fixed, count)
         blocks.append((which, free_rows[:, patch.layout.free_terms]))
-    return assemble_blocks(blocks, count), g
+    return blocks, g
 
 
 def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | csc_array:
