@@ -344,10 +344,19 @@ def test_candidates_that_were_never_tested_are_counted(
 ) -> None:
     """Beyond some masses each is screened by itself before; here beyond one."""
     monkeypatch.setattr(screen, "_TOGETHER", 1)
-    discovery = lw.discover(four, masses(lw.bnes_chain(4)))
+    reports: list[lw.ProgressReport] = []
+    discovery = lw.discover(four, masses(lw.bnes_chain(4)), progress=reports.append)
     assert terms(discovery.structure) == terms(lw.bnes_chain(4))
     untested = 40 - len(discovery.terms)
-    assert untested > 0
+    assert untested == len(discovery.untested) == len(discovery.to_dict()["untested"]) > 0
+    assert {term.name for term in discovery.terms}.isdisjoint(discovery.untested)
+    activities = [report.activity for report in reports]
+    assert activities[1:9] == [
+        f"screening the links of m{number}{again}" for again in ("", " again") for number in range(1, 5)
+    ]
+    assert activities[9].endswith(" candidates together")
+    fractions = [report.fraction for report in reports]
+    assert fractions == sorted(fractions)
     remark = (
         f"{untested} candidates that were significant in the equation of neither of their masses were dropped without "
         "a test by likelihood."
@@ -362,7 +371,11 @@ def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
     assert [fraction for fraction, _ in progress] == sorted(fraction for fraction, _ in progress)
     assert progress[0] == (0.0, "screening 40 candidates")
     assert all(0.0 <= fraction < 1.0 for fraction, _ in some(progress))
-    assert progress[-1][1].startswith("round ")
+    assert progress[-3][1].startswith("round 1: q ")
+    assert [activity for _, activity in progress[-2:]] == [
+        "round 1: testing 40 candidates",
+        "judging the terms selected",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,7 @@ from linkwise.signals.base_frame import framed_records
 from linkwise.verdict import Verdict
 
 _SCREENED = 0.1  # of the progress, when the screen is done
+_SEARCHED = 0.99  # of the progress, when a selection is judged
 _LOOSE = 0.1  # relative deviation of the gain of a force
 _MEMORY = 0.03  # of the forces, left without memory, from which it is looked for where it was not offered
 
@@ -228,7 +229,8 @@ def _select(
 ) -> _Selected:
     """Screen the candidates, and select among them with the errors of `sensors`."""
     with one_blas_thread():
-        screened = ScreenedRecords.of(framed_records(records, candidates.full_structure), candidates)
+        framed = framed_records(records, candidates.full_structure)
+        screened = ScreenedRecords.of(framed, candidates, part(progress, 0.0, _SCREENED))
     search = TermSearch(
         records,
         screened.candidates,
@@ -258,6 +260,7 @@ def _select(
         follows_motion = coloured is None and beyond is not None and beyond.optimum.coloured is None
         selection = select_nearly_right(search, selection, known=beyond if follows_motion else None)
     frequencies = rival_frequencies(search, selection) if candidates.hosts else ()
+    progress(ProgressReport(_SEARCHED, "judging the terms selected"))
     discovery = judged_discovery(
         records, checks, screened, selection, selection.fit.delays, frequencies=frequencies
     )

@@ -139,6 +139,7 @@ def judged_discovery(
         rounds=selection.rounds,
         seconds=estimate.seconds,
         memory=memory,
+        untested=screened.untested,
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
 

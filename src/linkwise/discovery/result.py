@@ -166,6 +166,9 @@ class Discovery(JudgedView):
     memory : tuple of MemoryEvidence
         The evidence for the law with memory of the link that has one, and for others that explain the records as well; empty
         where no link has memory.
+    untested : tuple of str
+        The names of the candidates that were dropped without a test by likelihood, since they were significant in the equation
+        of neither of their masses; of more than 12 masses only.
 
     Examples
     --------
@@ -191,6 +194,7 @@ class Discovery(JudgedView):
     rounds: int
     seconds: float
     memory: tuple[MemoryEvidence, ...] = ()
+    untested: tuple[str, ...] = ()
 
     settled = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.SEARCH_UNSETTLED))
     seen = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.DISPLACEMENTS_INTEGRATED))
@@ -317,8 +321,8 @@ class Discovery(JudgedView):
         Returns
         -------
         dict
-            The content of result.json: that of `Estimate.to_dict`, and "terms", "path", "runners_up", "memory" and
-            "remarks".
+            The content of result.json: that of `Estimate.to_dict`, and "terms", "path", "runners_up", "memory",
+            "untested" and "remarks".
         """
         return {
             **self.estimate.to_dict(),
@@ -349,6 +353,7 @@ class Discovery(JudgedView):
             ],
             "runners_up": [{"change": model.change, "margin": model.margin} for model in self.runners_up],
             "memory": [law.to_dict() for law in self.memory],
+            "untested": list(self.untested),
         }
 
 

@@ -2,7 +2,7 @@
 
 The equations of all masses are regressed together, with one set of coefficients for each link. For many masses a first screen
 regresses the equation of each mass by itself on all links that may end there, so that the work grows with the number of pairs;
-what is significant at either end of a link is regressed again.
+what is significant at either end of a link is regressed again: mass by mass for what the likelihood should test, and together.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from linkwise.discovery.stepwise import backward_elimination, best_subset, forwa
 from linkwise.discovery.weak_regression import WeakRegression
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.equations import WeakEquations, weak_equations
 
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
+_ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
 _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
 # times as many as additions one by one select, and so many more, that elimination may leave where it has not failed
 _MOST_LEFT, _FEW = 3, 10
@@ -48,15 +50,20 @@ class ScreenResult:
 
 
 def screen(
-    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
+    records: Sequence[Record],
+    motions: Sequence[MeasuredDisplacements],
+    candidates: Candidates,
+    progress: Progress = silent,
 ) -> ScreenResult:
     """The candidates that are significant in the weak equations of the records.
 
     Raises IdentificationError if no link to some mass is.
     """
-    many = len(candidates.masses) > _TOGETHER
-    tested = _screen_mass_by_mass(records, motions, candidates) if many else frozenset(candidates.by_name)
-    equations = _equations(records, motions, candidates.structure(candidates.on_links_of(tested)))
+    near = tested = frozenset(candidates.by_name)
+    if len(candidates.masses) > _TOGETHER:
+        near, tested = _screen_mass_by_mass(records, motions, candidates, progress)
+        progress(ProgressReport(1.0, f"screening {len(near)} candidates together"))
+    equations = _equations(records, motions, candidates.structure(near))
     regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
     springs = _exchanged(regression, candidates, _significant(regression, candidates, _LIMIT))
     damped = _with_dampers(regression, candidates, springs)
@@ -101,23 +108,44 @@ def weak_start(
 
 
 def _screen_mass_by_mass(
-    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
-) -> frozenset[str]:
-    """The candidates that are significant in the equation of at least one mass.
+    records: Sequence[Record],
+    motions: Sequence[MeasuredDisplacements],
+    candidates: Candidates,
+    progress: Progress = silent,
+) -> tuple[frozenset[str], frozenset[str]]:
+    """The candidates on links with one that is significant in the equation of a mass, and those significant among them.
 
-    Each equation is that of a structure with no other links, so that memory grows with the masses alone.
+    Each equation is at first that of a structure with no other links, so that memory grows with the masses alone.
     """
     around: dict[str, set[str]] = {mass.name: set() for mass in candidates.masses}
     for entry in candidates.entries:
         for end in around.keys() & candidates.pairs[entry.pair].between:
             around[end].add(entry.name)
+    first, second = (part(progress, *ends) for ends in ((0.0, _ALL_LINKS), (_ALL_LINKS, 1.0)))
     names: set[str] = set()
-    for number, mass in enumerate(candidates.masses):
-        star = candidates.structure(around[mass.name])
-        equations = _equations(records, motions, star, only=(number,))
-        regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
-        names |= {regression.names[k] for k in _significant_in_one(regression, candidates)}
-    return frozenset(names & candidates.by_name.keys())
+    for number, (mass, links) in enumerate(around.items()):
+        first(ProgressReport(number / len(around), f"screening the links of {mass}"))
+        names |= _significant_at(number, records, motions, candidates.structure(links), candidates)
+    near = candidates.on_links_of(names)
+    structure, tested = candidates.structure(near), set()
+    for number, mass in enumerate(around):
+        second(ProgressReport(number / len(around), f"screening the links of {mass} again"))
+        tested |= _significant_at(number, records, motions, structure, candidates)
+    return near, frozenset(tested)
+
+
+def _significant_at(
+    number: int,
+    records: Sequence[Record],
+    motions: Sequence[MeasuredDisplacements],
+    structure: Structure,
+    candidates: Candidates,
+) -> set[str]:
+    """The candidates that are significant in the equation of one mass of a structure, by number."""
+    equations = _equations(records, motions, structure, only=(number,))
+    regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
+    names = {regression.names[k] for k in _significant_in_one(regression, candidates)}
+    return names & candidates.by_name.keys()
 
 
 def _significant_in_one(regression: WeakRegression, candidates: Candidates) -> set[int]:
@@ -160,7 +188,7 @@ def _significant(regression: WeakRegression, candidates: Candidates, limit: floa
         except np.linalg.LinAlgError:
             continue
         break
-    for smaller in sorted((part for part in _BIAS if part < bias), reverse=True):
+    for smaller in sorted((share for share in _BIAS if share < bias), reverse=True):
         try:
             chosen = backward_elimination(regression.quadratic(smaller), chosen, always, limit)
         except np.linalg.LinAlgError:

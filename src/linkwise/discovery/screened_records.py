@@ -18,6 +18,7 @@ from linkwise.discovery.term_parameters import first_values
 from linkwise.errors import IdentificationError
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
+from linkwise.progress import Progress, silent
 from linkwise.records.common_samples import common_samples
 from linkwise.records.record import Record
 from linkwise.signals.short_gaps import short_gaps_bridged
@@ -31,7 +32,8 @@ class ScreenedRecords:
     """The screen of some `records`, which have displacements of all masses, and the subset that a search starts from.
 
     Beside hosts there are no displacements, and the screen is that of `host_screen`. `integrated` says whether some
-    displacement was not measured; `remarks` are sentences on candidates that are not tested by likelihood.
+    displacement was not measured; `remarks` are sentences on candidates that are not tested by likelihood, and `untested` the
+    names of those that the screen dropped.
     """
 
     records: Sequence[Record]
@@ -41,9 +43,12 @@ class ScreenedRecords:
     result: ScreenResult
     first: frozenset[str]
     remarks: tuple[str, ...]
+    untested: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, records: Sequence[Record], candidates: Candidates) -> ScreenedRecords:
+    def of(
+        cls, records: Sequence[Record], candidates: Candidates, progress: Progress = silent
+    ) -> ScreenedRecords:
         """Screen what the records show of the candidates, less those that were never active.
 
         Short gaps are bridged where there are not enough windows without one.
@@ -54,16 +59,18 @@ class ScreenedRecords:
             return cls(records, (), candidates, False, result, first, ())
         records = [common_samples(record) or record for record in records]
         try:
-            return cls._of_masses(records, candidates)
+            return cls._of_masses(records, candidates, progress)
         except IdentificationError:
             bridged = [short_gaps_bridged(record) for record in records]
             if not any(bridged):
                 raise
         filled = [ours or given for ours, given in zip(bridged, records, strict=True)]
-        return cls._of_masses(filled, candidates)
+        return cls._of_masses(filled, candidates, progress)
 
     @classmethod
-    def _of_masses(cls, records: Sequence[Record], candidates: Candidates) -> ScreenedRecords:
+    def _of_masses(
+        cls, records: Sequence[Record], candidates: Candidates, progress: Progress
+    ) -> ScreenedRecords:
         """The screen without hosts, of records at one rate."""
         displaced = [with_displacements(record, candidates.masses) for record in records]
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
@@ -73,7 +80,7 @@ class ScreenedRecords:
         candidates = first_values(motions, rates, candidates)
         inactive = inactive_terms(motions, rates, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
-        result = screen(displaced, motions, candidates)
+        result = screen(displaced, motions, candidates, progress)
         first = result.significant
         if integrated:
             first = (
@@ -83,9 +90,9 @@ class ScreenedRecords:
             )
             # a constant force may only shift elongations that were not measured, so that the equations are singular
             first -= {entry.name for entry in candidates.entries if entry.term.is_constant}
-        untested = len(candidates.entries) - len(result.tested)
-        remarks = (*inactive_remark(inactive), *_untested_remark(untested))
-        return cls(displaced, motions, candidates, integrated, result, first, remarks)
+        untested = tuple(entry.name for entry in candidates.entries if entry.name not in result.tested)
+        remarks = (*inactive_remark(inactive), *_untested_remark(len(untested)))
+        return cls(displaced, motions, candidates, integrated, result, first, remarks, untested)
 
 
 def _untested_remark(count: int) -> tuple[str, ...]:

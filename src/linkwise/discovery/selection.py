@@ -239,9 +239,10 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
     last = number + _ROUNDS - 1
     while True:
         inside = list(range(len(structure.parameters)))
+        progress = round_progress(search.progress, number)
         options = replace(
             search.sensors,
-            progress=round_progress(search.progress, number),
+            progress=progress,
             nodes=nodes,
             model_error=False,
             ceiling=_CEILING,
@@ -249,6 +250,7 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
         )
         try:
             fit = search.fit(structure, theta, spread, options)
+            progress(ProgressReport(1.0, f"testing {len(search.tested)} candidates"))
             quadratic, penalty = search.local_model(fit, structure, chosen)
             after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
             if after == inside:
