@@ -13,6 +13,8 @@ from problems import chain_record
 from structures import HARDENING, asked_oscillator, host, link, oscillator, structure
 
 import linkwise as lw
+from linkwise.identification.validation.coefficients import estimated_again
+from linkwise.progress import silent
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -340,3 +342,25 @@ def test_a_linear_host_with_overdamped_modes_is_validated() -> None:
         sensors=["a:wing.tip", "a:wing.mid"],
     ).with_noise(40.0, seed=1)
     assert lw.validate(record, wing).trusted
+
+
+def test_damping_between_modes_stays_one_unknown_where_coefficients_are_estimated_again() -> None:
+    """It is two dampers, of which one shares what the other has: each known to within by itself, they damp the modes too."""
+    known_to_within = lw.Coefficient.unknown(0.1, sigma=0.2)
+
+    def damped(between: lw.Coefficient | float, k3: lw.Coefficient | float) -> lw.Structure:
+        wing = host("wing", (5.0, 6.0), 0.01, {"tip": (0.6, 0.5)}, {(1, 2): between})
+        return structure({}, link("joint", "wing.tip-ground", "k3*d**3", k3=k3), hosts=[wing])
+
+    record = lw.simulate(
+        damped(0.3, 2e4),
+        forces={"wing.tip": "5*sin(2*pi*(2*t + 0.5*t**2))"},
+        duration=6.0,
+        rate=200.0,
+        sensors=["a:wing.tip"],
+    ).with_noise(40.0, seed=1)
+    answer = lw.identify(record, damped(known_to_within, lw.Coefficient.unknown()))
+    again = estimated_again(record, lw.Posterior.of(answer), silent)
+    assert [parameter.name for parameter in again.parameters] == ["wing.mode1+mode2.damping", "joint.k3"]
+    damping = again.coefficient("wing.mode1+mode2.damping")
+    assert abs(damping.value - 0.3) < 4.0 * (damping.standard_error or 0.0)

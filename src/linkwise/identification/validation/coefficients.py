@@ -40,12 +40,12 @@ def estimated_again(record: Record, posterior: Posterior, progress: Progress) ->
     starts = dict(zip(posterior.names, map(float, posterior.values), strict=True))
     deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
     free = uncertain(posterior)
+    slots = coefficient_slots(free.masses, free.links, free.hosts)
     known = {
         name: Coefficient.unknown(starts[name], sigma=float(deviation))
         for name, deviation in deviations.items()
-        if _is_of_host(name) and deviation > 0.0
+        if _is_of_host(name) and deviation > 0.0 and slots[name].coefficient.same_as is None
     }
-    slots = coefficient_slots(free.masses, free.links, free.hosts)
     masses, links = replace_coefficients(free.masses, free.links, slots, known)
     structure = replace(free, masses=masses, links=links, hosts=replace_shapes(free.hosts, known))
     return MaximumLikelihood(starts=starts).estimate([record], structure, progress)
