@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record, truth
-from structures import HARDENING, link, structure
+from structures import HARDENING, host, link, structure
 
 import linkwise as lw
 from linkwise.likelihood import local_optima
@@ -159,3 +159,40 @@ def test_checks_know_the_inertia_of_an_unknown_mass_in_coordinates_of_the_base()
     assert fit.status is AnnealingStatus.CONVERGED
     assert is_quadratic(fit) and rises_in_weak_directions(fit)
     assert not is_quadratic(replace(fit, covariance=16.0 * fit.covariance))
+
+
+def test_dampings_between_modes_of_which_little_is_known_are_fitted_again() -> None:
+    """They shift the frequency of a mode by their squares: the cost is no parabola of all, but one of what is unknown.
+
+    The masses of a structure without points have the same unknowns, which are all moved and held.
+    """
+
+    def joined(first: object, second: object, between: object, **values: object) -> lw.Structure:
+        shapes = {"tip": (0.6, 0.5), "mid": (0.4, -0.5)}
+        wing = host("wing", (first, second), 0.01, shapes, {(1, 2): between})  # type: ignore[arg-type, dict-item]
+        return structure({}, link("joint", "wing.tip-ground", "k3*d**3 + c*v", **values), hosts=[wing])  # type: ignore[arg-type]
+
+    known_to_within = lw.Coefficient.unknown
+    record = lw.simulate(
+        joined(5.0, 12.0, 0.0, k3=2e4, c=0.05),
+        forces={"wing.mid": "5*sin(2*pi*(2*t + 0.5*t**2))"},
+        duration=8.0,
+        rate=200.0,
+        sensors=["a:wing.tip"],
+    ).with_noise(20.0, seed=4)
+    unknown = joined(
+        known_to_within(5.0, sigma=0.25),
+        known_to_within(12.0, sigma=0.6),
+        known_to_within(0.0, sigma=3.0),
+        k3=lw.Coefficient.unknown(2e4),
+        c=lw.Coefficient.unknown(0.05),
+    )
+    theta = np.array([parameter.start for parameter in unknown.parameters])
+    fit = likelihood_fit([record], unknown, theta)
+    assert fit.status is AnnealingStatus.CONVERGED
+    assert is_regular(lengthened(fit, 50))
+    of_cubic = np.where(np.array(fit.segments.system.parameters.names) == "joint.k3", 4.0, 1.0)
+    assert not is_quadratic(replace(fit, covariance=fit.covariance * np.outer(of_cubic, of_cubic)))
+    system = fit.segments.system
+    without_points = replace(fit.segments, system=replace(system, points=system.points[:0]))
+    assert not is_quadratic(replace(fit, segments=without_points))

@@ -116,6 +116,9 @@ def is_quadratic(
 ) -> bool:
     """Whether the cost rises as the covariance predicts where the parameters are moved by two standard errors and held.
 
+    In a host those of which nothing is known beforehand are, and what is known to within is fitted again: dampings between
+    modes, which records hardly determine, shift frequencies by their squares, so that the cost is no parabola of all together.
+
     Parameters
     ----------
     fit : LikelihoodFit
@@ -132,14 +135,16 @@ def is_quadratic(
     bool
         Whether it does.
     """
-    free = _tested(fit, faint)
-    root = _root_of_covariance(fit, free)
+    tested = _tested(fit, faint)
+    chosen = _unknown_beforehand(fit, tested)
+    root = _root_of_covariance(fit, chosen)
     if root is None:
         return True
-    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(free)))
+    rise = _rise if len(chosen) == len(tested) else _rise_of_profile
+    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(chosen)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     return all(
-        _rises_as_expected(fit, free, side * (root @ direction), factor)
+        _is_expected(*rise(fit, chosen, side * (root @ direction), _DISTANCE), factor)
         for direction in directions
         for side in sides
     )
@@ -229,13 +234,27 @@ def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
     return np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
 
 
+def _unknown_beforehand(fit: LikelihoodFit, parameters: Indices) -> Indices:
+    """Those of some parameters that have no prior, beside hosts and where there are any; else all."""
+    prior = fit.segments.prior
+    if prior is None or not len(fit.segments.system.points):
+        return parameters
+    unknown = parameters[np.isinf(prior.deviation[parameters])]
+    return unknown if len(unknown) else parameters
+
+
+def _covariance(fit: LikelihoodFit) -> Floats:
+    """(p, p) covariance of the parameters as the cost has it, which takes the noise for white."""
+    of_white = fit.optimum.of_white
+    return fit.covariance if of_white is None else of_white
+
+
 def _root_of_covariance(fit: LikelihoodFit, free: Indices) -> Floats | None:
     """(f, f) root of the covariance of the free parameters, as the cost has it, its columns in the order of their variance.
 
     That is of correlations. None where there is none.
     """
-    of_white = fit.optimum.of_white  # as which the cost takes the noise
-    covariance = (fit.covariance if of_white is None else of_white)[np.ix_(free, free)]
+    covariance = _covariance(fit)[np.ix_(free, free)]
     if not len(free) or not np.isfinite(covariance).all():
         return None
     size = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
@@ -243,12 +262,20 @@ def _root_of_covariance(fit: LikelihoodFit, free: Indices) -> Floats | None:
     return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _rises_as_expected(fit: LikelihoodFit, free: Indices, step: Floats, factor: float) -> bool:
-    """Whether the cost rises quadratically, within a factor, when the free parameters are moved by `step` and held."""
-    rise, converged = _rise(fit, free, step, _DISTANCE)
-    if converged:
-        return bool(1.0 / factor < rise < factor)
-    return bool(rise < _IRREGULAR_UNCONVERGED)
+def _is_expected(rise: float, converged: bool, factor: float) -> bool:
+    """Whether a rise of the cost over that expected is quadratic, within a factor."""
+    return bool(1.0 / factor < rise < factor if converged else rise < _IRREGULAR_UNCONVERGED)
+
+
+def _rise_of_profile(fit: LikelihoodFit, moved: Indices, step: Floats, distance: float) -> tuple[float, bool]:
+    """As `_rise` where parameters are moved by `step` and held, and all others fitted again."""
+    covariance = _covariance(fit)
+    size = np.sqrt(np.maximum(covariance.diagonal()[moved], np.finfo(float).tiny))
+    correlation = covariance[np.ix_(moved, moved)] / np.outer(size, size)
+    with_others = covariance[:, moved] / size @ np.linalg.pinv(correlation, hermitian=True) @ (step / size)
+    is_fixed = np.isin(np.arange(len(fit.values)), moved)
+    annealed = _fitted_with(fit.optimum, fit.optimum.point.theta + with_others, is_fixed)
+    return _relative_rise(fit, annealed, distance), annealed.status is AnnealingStatus.CONVERGED
 
 
 def _rise(
