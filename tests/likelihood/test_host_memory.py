@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
+from present import some
 from structures import host, link, structure
 
 import linkwise as lw
 from linkwise.likelihood.starts.host_memory import host_memory_starts
+from linkwise.likelihood.starts.memory import MemorySearch
 
 SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}
 HYSTERETIC = {"k": 100.0, "c": 0.05, "F": 0.5, "s": 0.6, "x0": 2e-3}
@@ -61,6 +64,36 @@ def test_starts_are_near_where_the_motion_is_measured_well(kind: str) -> None:
     found = {p.name: value for p, value in zip(unknown.parameters, best.values, strict=True)}
     for name in ("F", "s", "x0"):  # a search from there converges
         assert found[f"payload.{name}"] == pytest.approx(HYSTERETIC[name], rel=0.5)
+
+
+def test_starts_after_the_lowest_are_far_from_each_other_and_hardly_worse() -> None:
+    """The store hardly slips: its force is that of a spring for many lengths of slip."""
+    unknown = wing().unknown("payload")
+    faint = lw.simulate(
+        wing(),
+        forces={"wing.joint": "0.02*sin(30*t) + 0.02*sin(150*t)"},
+        duration=3.0,
+        rate=400.0,
+        sensors=["a:wing.tip", "a:wing.joint", "a:store"],
+    ).with_noise(20.0, seed=66)
+    lowest, best, *others = host_memory_starts([faint], unknown, {})
+    assert lowest.misfit <= best.misfit
+    assert all(start.misfit <= 1.3 * best.misfit for start in some(others))
+    names = [parameter.name for parameter in unknown.parameters]
+    curved = [names.index("payload.s"), names.index("payload.x0")]
+    pairs = combinations([start.values[curved] for start in (best, *others)], 2)
+    assert all(np.max(np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))) > 0.6 for a, b in some(list(pairs)))
+
+
+def test_sizes_of_coefficients_are_those_of_the_motion_of_links_not_of_modes() -> None:
+    """Modal coordinates are of another size: slip was looked for at lengths that a joint never moved."""
+    unknown, rng = wing().unknown("payload"), np.random.default_rng(5)
+    d = rng.normal(size=(500, len(unknown.links)))
+    is_mode = np.array([entry.name in unknown.modes for entry in unknown.links])
+    d[:, is_mode] *= 100.0
+    force = rng.normal(size=500)
+    search = MemorySearch(unknown, 0.01, d, 10.0 * d, (), {"f:payload": force}, {})
+    assert search.sizes["payload.x0"] == pytest.approx(np.std(d[:, ~is_mode]), rel=1e-12)
 
 
 def test_starts_come_from_the_record_that_moves_most() -> None:

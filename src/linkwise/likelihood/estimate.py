@@ -26,11 +26,7 @@ from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.prescribed.estimate import rig_estimate
 from linkwise.likelihood.profile import profile_ends
-from linkwise.likelihood.random_forces import (
-    Deviations,
-    random_forces,
-    refuse_beside_random_forces,
-)
+from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
 from linkwise.likelihood.record_judgement import judge
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.sensor_priors import errors_to_find, unknown_gains
@@ -49,7 +45,7 @@ from linkwise.likelihood.starts.values import equivalent_values, starting_values
 from linkwise.likelihood.unseen_terms import unseen_terms
 from linkwise.likelihood.unstated_forces import with_limits
 from linkwise.likelihood.untold_gains import require_told
-from linkwise.likelihood.valleys import fit_from_valleys, fit_or_another
+from linkwise.likelihood.valleys import SearchFrom, at_a_glance, fit_from_valleys, fit_or_another
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.channel_units import channel_unit
@@ -309,7 +305,8 @@ class MaximumLikelihood(Estimator):
         if all(p.name in known for p in structure.parameters):
             return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
         if structure.hosts:
-            return fit(lambda: host_memory_starts(framed_ones, structure, given))
+            glance = partial(likelihood_fit, records, structure, options=at_a_glance(options))
+            return fit(lambda: host_memory_starts(framed_ones, structure, given), glance=glance)
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
         if not (knows_masses and needs_integration(framed_ones[0], structure)):
             return fit(lambda: memory_starts(framed_ones, structure, given))
@@ -320,11 +317,11 @@ class MaximumLikelihood(Estimator):
 
 
 def _fit_from(
-    search: Callable[[Floats], LikelihoodFit], starts: Callable[[], tuple[Valley, ...]]
+    search: SearchFrom, starts: Callable[[], tuple[Valley, ...]], *, glance: SearchFrom | None = None
 ) -> LikelihoodFit:
     with one_blas_thread():
         valleys = starts()
-    return fit_from_valleys(search, valleys)
+    return fit_from_valleys(search, valleys, glance=glance)
 
 
 def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:
@@ -359,8 +356,8 @@ def estimate_of(
     structures = (structure,) if offered is None else (offered, structure)
     judgement = judge(fit, identified, structures, records, searched=offered is not None)
     covariance, faint = with_faint_modes(fit, identified)
-    missing = judgement.for_missing_terms
-    added = [part for part in (missing, judgement.for_blocks, judgement.for_input_noise) if part is not None]
+    additions = (judgement.for_missing_terms, judgement.for_blocks, judgement.for_input_noise)
+    added = [addition for addition in additions if addition is not None]
     covariance = sum(added, covariance)
     units = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
@@ -396,5 +393,5 @@ def estimate_of(
         sensor_errors=of_sensors,
         allowances=allowances(fit),
         unseen_terms=unseen,
-        for_dropped_terms=missing,
+        for_dropped_terms=judgement.for_missing_terms,
     )

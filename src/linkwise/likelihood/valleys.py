@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.memory import Valley
 
@@ -18,29 +21,51 @@ _NEAR = 3.0  # times the misfit of the best start beyond which another is not wo
 _ALIKE = 4.0  # standard errors within which two fits are one
 _TIED = 20.0  # in -2 log likelihood: a valley that near is as good
 
+_GLANCE = 2  # steps of a search that puts starts in order
 
-def fit_from_valleys(search: Callable[[Floats], LikelihoodFit], valleys: Sequence[Valley]) -> LikelihoodFit:
+SearchFrom: TypeAlias = Callable[[Floats], LikelihoodFit]
+"""Fits from parameters (p,)."""
+
+
+def at_a_glance(options: LikelihoodOptions) -> LikelihoodOptions:
+    """Options of a search of few steps."""
+    return replace(options, steps=_GLANCE, model_error=False)
+
+
+def fit_from_valleys(
+    search: SearchFrom, valleys: Sequence[Valley], *, glance: SearchFrom | None = None
+) -> LikelihoodFit:
     """Fit from the best starts until a fit explains the records to within their noise.
+
+    With a `glance`, a search of few steps, those after the first start are taken in the order of the cost that it leaves.
 
     Raises IdentificationError if the motion from none of them is finite.
     """
     fits: list[LikelihoodFit] = []
     failures: list[IdentificationError] = []
-    for valley in valleys[:_MOST]:
-        if valley.misfit > _NEAR * valleys[0].misfit:
-            break
+    waiting = [valley for valley in valleys if valley.misfit <= _NEAR * valleys[0].misfit]
+    while waiting and len(fits) + len(failures) < _MOST:
         try:
-            fits.append(search(valley.values))
+            fits.append(search(waiting.pop(0).values))
         except IdentificationError as error:
             failures.append(error)
-            continue
-        if fits[-1].status is AnnealingStatus.INTERRUPTED or _explains(fits[-1]):
+        if fits and (fits[-1].status is AnnealingStatus.INTERRUPTED or _explains(fits[-1])):
             break
+        if glance is not None:
+            waiting, glance = sorted(waiting, key=partial(_cost_after, glance)), None
     if not fits:
         raise failures[0]
     best = min(fits, key=_rank)
     others = tuple(fit.values for fit in fits if fit is not best and _converged(fit) and _as_good(fit, best))
     return replace(best, others=others)
+
+
+def _cost_after(glance: SearchFrom, valley: Valley) -> float:
+    """The cost that a search of few steps leaves, with loose links; infinite where the motion is not finite."""
+    try:
+        return glance(valley.values).misfit.cost(1.0)
+    except IdentificationError:
+        return np.inf
 
 
 def fit_or_another(fit: LikelihoodFit, search: Callable[[], LikelihoodFit]) -> LikelihoodFit:

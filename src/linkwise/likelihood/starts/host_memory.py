@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.hosts import (
     TOO_LITTLE,
@@ -24,6 +25,10 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.signals.integrate import smoothed
+
+_HARDLY_MORE = 1.3  # times the misfit of the best random start
+_APART = 0.6  # relative distance of a parameter beyond which starts are far from each other: a factor of 2.5
+_SPREAD = 10  # of these at most
 
 
 def host_memory_starts(
@@ -43,7 +48,8 @@ def host_memory_starts(
     Returns
     -------
     tuple of Valley
-        Minima of what the laws leave of the forces of links, the lowest first.
+        The lowest minimum of what the laws leave of the forces of links, then starts far from each other that leave hardly
+        more: beside a host these forces are known roughly.
 
     Raises
     ------
@@ -80,7 +86,7 @@ def _valleys(
     given: Mapping[str, float],
     sigma: Mapping[str, float],
 ) -> tuple[Valley, ...]:
-    """Minima along one motion, in all parameters of the structure; those in no open link keep their starts."""
+    """Starts along one motion, in all parameters of the structure; those in no open link keep their starts."""
     fixed: dict[str, float] = {}
     for parameter in structure.parameters:
         if any(link in motion.open for link, _ in parameter.members):
@@ -105,6 +111,26 @@ def _valleys(
     )
     return tuple(
         Valley(np.array([(fixed | values)[p.name] for p in structure.parameters]), valley.misfit)
-        for valley in search.valleys()
+        for valley in (*search.valleys()[:1], *_spread(search))
         for values in [dict(zip((p.name for p in search.structure.parameters), valley.values, strict=True))]
     )
+
+
+def _spread(search: MemorySearch) -> tuple[Valley, ...]:
+    """Random starts far from each other that leave hardly more of the forces than the best of them, that first."""
+    if not search.curved:
+        return ()
+    chosen: list[tuple[Floats, Valley]] = []
+    for curved in search.trials():
+        valley = Valley(*search.solved(curved))
+        if chosen and valley.misfit > _HARDLY_MORE * chosen[0][1].misfit:
+            break
+        if all(_are_apart(curved, earlier) for earlier, _ in chosen):
+            chosen.append((curved, valley))
+    return tuple(valley for _, valley in chosen[:_SPREAD])
+
+
+def _are_apart(first: Floats, second: Floats) -> bool:
+    """Whether a parameter of one start is more than a few times that of another."""
+    sizes = np.maximum(np.maximum(np.abs(first), np.abs(second)), np.finfo(float).tiny)
+    return bool(np.max(np.abs(first - second) / sizes) > _APART)

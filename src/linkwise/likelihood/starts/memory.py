@@ -127,7 +127,7 @@ class MemorySearch:
         """The minima that are found, the lowest first."""
         if not self.curved:
             return (Valley(*self.solved(np.zeros(0))),)
-        refined = self.refined(self._trials(_TRIALS)[:_REFINED])
+        refined = self.refined(self.trials()[:_REFINED])
         lasting = self._forget_start(refined)
         refined = refined[lasting] if lasting.any() else refined
         valleys = [Valley(*self.solved(curved)) for curved in refined]
@@ -137,9 +137,9 @@ class MemorySearch:
         """The best of random starts: quick, to rank structures or motions before any search."""
         if not self.curved:
             return Valley(*self.solved(np.zeros(0)))
-        return Valley(*self.solved(self._trials(_ROUGH_TRIALS)[0]))
+        return Valley(*self.solved(self.trials(_ROUGH_TRIALS)[0]))
 
-    def _trials(self, count: int) -> Floats:
+    def trials(self, count: int = _TRIALS) -> Floats:
         """Starts (B, q) of the curved parameters, the best first, last those whose states amplify their start."""
         rng = np.random.default_rng(_SEED)
         trials = np.stack([self.trial(rng, first=number == 0) for number in range(count)])
@@ -180,7 +180,9 @@ class MemorySearch:
         """A size for each curved parameter, from its unit and the sizes of motion and forces."""
         volts = [values for name, values in self.shown.items() if name.startswith("state:")]
         shown = float(np.std(volts[0])) if volts else None
-        return unit_sizes(self.curved, self.d, self.v, self._force_size(), shown)
+        modes = self.structure.modes  # whose coordinates are larger than a motion in m
+        links = [number for number, link in enumerate(self.structure.links) if link.name not in modes]
+        return unit_sizes(self.curved, self.d[:, links], self.v[:, links], self._force_size(), shown)
 
     def _force_size(self) -> float:
         cells = [values for name, values in self.shown.items() if name.startswith("f:")]
