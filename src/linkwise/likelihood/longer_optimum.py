@@ -19,6 +19,7 @@ from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 
 _LINKS = 0.25  # of -2 log likelihood, of which a coefficient gains 1 by chance: what links cost at most, and gains change by
+_AMONG = 40  # masses that share this cost: of more of them it grows with their number, and of each it remains as small
 _LONGEST = (8, 7, 6, 5, 4)  # short segments in one of the longest, the first that leaves blocks as they are
 _SHIFTED = 1 / 30  # of a block, by which its ends are shifted at most
 
@@ -40,7 +41,8 @@ def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Op
     """
     optimum, misfit = fit.optimum, fit.misfit
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
-    if not exact or not misfit.continuity / optimum.q**2 < _LINKS * optimum.noise**2:
+    most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
+    if not exact or not misfit.continuity / optimum.q**2 < most * optimum.noise**2:
         return optimum, misfit
     longer = LongerSegments.of(optimum.segments, _most_joined(optimum.segments) if longest else None)
     if longer is None:
