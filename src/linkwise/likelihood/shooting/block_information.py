@@ -90,10 +90,10 @@ def followed_states(factor: BorderedFactor) -> Floats:
 def _corners(linear: GaussNewtonModel, weight: float) -> tuple[Floats, Floats]:
     """The gradients (B, p) and the corners (B, p, p) of the border, by blocks."""
     data, defects = linear.data, linear.defects
-    return (
-        data.corner_gradients + weight * defects.corner_gradients,
-        data.corners + weight * defects.corners,
-    )
+    gradients = data.corner_gradients + weight * defects.corner_gradients
+    if isinstance(linear, Linearization):
+        return gradients, linear.data.corners + weight * linear.defects.corners
+    return gradients, linear.data.corners_by_blocks + weight * linear.defects.corners_by_blocks
 
 
 def _transmit(corner: Floats, block: int, passed: Floats) -> None:

@@ -55,7 +55,7 @@ def pull_of_defects(linear: GaussNewtonModel, defects: Floats) -> tuple[Floats, 
         nodes[:-1] = np.einsum("kij,ki->kj", linear.state_ends, defects)
         nodes[1:] -= linear.joined * defects
         return nodes, np.asarray(np.tensordot(defects, linear.right_ends[..., :-1], 2))
-    border = np.zeros(linear.data.corners.shape[1])
+    border = np.zeros(len(linear.data.prior))
     for ends, group in zip(linear.ends, linear.groups, strict=True):
         a, own = len(group.states), defects[:, group.rows]
         nodes[:-1, group.states] += np.einsum("kij,ki->kj", ends[:-1, :, :a], own)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 
+_TOGETHER = 8  # segments whose products are summed in the precision of the rows
+
 
 @dataclass(frozen=True, eq=False)
 class MeetingGroups:
@@ -63,47 +65,97 @@ class PairBlocks:
             self.lower[:, below(first, self.lower.shape[1])],
         )
 
-    def put(self, part: slice, product: NDArray[Any], pieces: Sequence[slice]) -> Floats:
-        """Store the product (k, P, P') of a chunk; returns the corners (b, q, q') of its pieces."""
+    def put(self, part: slice, rows: tuple[NDArray[Any], NDArray[Any]], pieces: Sequence[slice]) -> Floats:
+        """Store the products of `rows` (k, r, P) and (k, r, P') of a chunk; returns the corners (b, q, q') of its pieces."""
         (_, a, _), (_, below, b) = self.upper.shape, self.lower.shape
-        self.upper[part] = product[:, :a]
+        first, second = rows
+        np.matmul(first[:, :, :a].transpose(0, 2, 1), second, out=self.upper[part])
         if below:
-            self.lower[part] = product[:, a:, :b]
-        return sums_over(product[:, a:, b:], pieces)
+            np.matmul(first[:, :, a:].transpose(0, 2, 1), second[:, :, :b], out=self.lower[part])
+        return np.stack([_summed(first[piece, :, a:], second[piece, :, b:]) for piece in pieces])
 
 
 @dataclass(frozen=True, eq=False)
 class LocalQuadraticForm:
-    """One quadratic form over scaled unknowns: `pairs` of blocks, `gradient` (K, m) of the nodes, and by blocks of segments
-    the border's `corners` (B, p, p) and `corner_gradients` (B, p).
+    """One quadratic form over scaled unknowns.
+
+    Attributes
+    ----------
+    pairs : sequence of PairBlocks
+        Blocks of groups that meet.
+    gradient : array of shape (K, m)
+        That of the nodes.
+    corners : sequence of array
+        By blocks of segments the products (B, q, q') of the border of the two groups of each pair.
+    places : sequence of tuple of array of int
+        The columns of the border, (q,) and (q',), of each pair.
+    corner_gradients : array of shape (B, p)
+        By blocks of segments the gradient of the border.
+    prior : array of shape (p,)
+        What is added to the diagonal of the border.
     """
 
     pairs: Sequence[PairBlocks]
     gradient: Floats
-    corners: Floats
+    corners: Sequence[Floats]
+    places: Sequence[tuple[Indices, Indices]]
     corner_gradients: Floats
+    prior: Floats
 
     def within(
         self, meeting: Sequence[MeetingGroups], groups: Sequence[Neighbourhood], border: Indices
     ) -> LocalQuadraticForm:
         """That of these unknowns of the border alone, in arrays of its own."""
-        places = [group.places_of(border) for group in groups]
-        pairs = [
-            blocks.within(places[pair.first], places[pair.second], len(groups[pair.second].states))
-            for pair, blocks in zip(meeting, self.pairs, strict=True)
-        ]
-        corners = self.corners[:, border[:, None], border]
-        return LocalQuadraticForm(pairs, self.gradient, corners, self.corner_gradients[:, border])
+        own = [group.places_of(border) for group in groups]
+        pairs, corners, places = [], [], []
+        for pair, blocks, corner, both in zip(meeting, self.pairs, self.corners, self.places, strict=True):
+            pairs.append(blocks.within(own[pair.first], own[pair.second], len(groups[pair.second].states)))
+            chosen = [below(own[number], len(where)) for number, where in zip(pair.groups, both, strict=True)]
+            corners.append(corner[:, chosen[0][:, None], chosen[1]])
+            first, second = (
+                np.searchsorted(border, where[which]) for where, which in zip(both, chosen, strict=True)
+            )
+            places.append((first, second))
+        return LocalQuadraticForm(
+            pairs, self.gradient, corners, places, self.corner_gradients[:, border], self.prior[border]
+        )
 
     @property
     def corner(self) -> Floats:
-        """(p, p) of all segments."""
-        return np.asarray(self.corners.sum(axis=0))
+        """(p, p) matrix of the border, of all segments."""
+        total = self._placed([corner.sum(axis=0, keepdims=True) for corner in self.corners])[0]
+        total[np.diag_indices(len(total))] += self.prior
+        return np.asarray(total)
+
+    @property
+    def corner_diagonal(self) -> Floats:
+        """(p,) of `corner`."""
+        diagonal = self.prior.copy()
+        for corner, (first, second) in zip(self.corners, self.places, strict=True):
+            if first is second:
+                diagonal[first] += np.einsum("bqq->q", corner)
+        return diagonal
+
+    @property
+    def corners_by_blocks(self) -> Floats:
+        """(B, p, p) matrix of the border by blocks of segments, the first with what is known beforehand."""
+        by_blocks = self._placed(self.corners)
+        by_blocks[0][np.diag_indices(len(self.prior))] += self.prior
+        return by_blocks
 
     @property
     def corner_gradient(self) -> Floats:
         """(p,) of all segments."""
         return np.asarray(self.corner_gradients.sum(axis=0))
+
+    def _placed(self, corners: Sequence[Floats]) -> Floats:
+        p = len(self.prior)
+        placed = np.zeros((len(corners[0]), p, p))
+        for corner, (first, second) in zip(corners, self.places, strict=True):
+            placed[:, first[:, None], second] = corner
+            if first is not second:
+                placed[:, second[:, None], first] = corner.transpose(0, 2, 1)
+        return placed
 
 
 def below(numbers: Indices, limit: int) -> Indices:
@@ -114,6 +166,21 @@ def below(numbers: Indices, limit: int) -> Indices:
 def sums_over(values: NDArray[Any], pieces: Sequence[slice]) -> Floats:
     """(b, ...) sums of values (k, ...) of segments over pieces of these."""
     return np.stack([values[piece].sum(axis=0, dtype=float) for piece in pieces])
+
+
+def _summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
+    """(q, q') sum over segments of the products of rows (k, r, q) and (k, r, q').
+
+    Few segments are multiplied together, so that sums of single precision remain short.
+    """
+    k, r = first.shape[:2]
+    whole = k - k % _TOGETHER
+    total = np.zeros((first.shape[2], second.shape[2]))
+    for some, size in ((slice(whole), _TOGETHER), (slice(whole, k), 1)):
+        count = (some.stop - (some.start or 0)) // size
+        left, right = (rows[some].reshape(count, size * r, rows.shape[2]) for rows in (first, second))
+        total += (left.transpose(0, 2, 1) @ right).sum(axis=0, dtype=float)
+    return total
 
 
 class Order:

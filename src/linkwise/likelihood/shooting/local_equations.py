@@ -70,7 +70,7 @@ class LocalLinearization:
     def factor(self, q: float) -> LocalFactor | None:
         """Factor of `equations`; of nodes that the samples hardly determine, with the least diagonal that makes it one."""
         equations = self.equations(q)
-        nothing = np.zeros(self.data.corners.shape[1])
+        nothing = np.zeros(len(self.data.prior))
         for strength in (0.0, *NEGLIGIBLE):
             nodes = strength * self.diagonal(1.0 / q**2)
             factor = equations.factor(Damping(nodes, nothing) if strength else None)
@@ -82,7 +82,7 @@ class LocalLinearization:
         """`strength` times the diagonal at q = 1, so that a trust region means the same at every q."""
         if strength == 0.0:
             return None
-        border = np.diag(self.data.corner + self.defects.corner)
+        border = self.data.corner_diagonal + self.defects.corner_diagonal
         return Damping(strength * self.diagonal(1.0), strength * border)
 
     def diagonal(self, weight: float) -> Floats:

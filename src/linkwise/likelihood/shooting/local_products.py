@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.local_blocks import (
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.local_rows import LocalRows, as_slice
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
-from linkwise.likelihood.shooting.normal_equations import add_prior, block_ends, blocks_of
+from linkwise.likelihood.shooting.normal_equations import block_ends, blocks_of, border_columns
 
 _AT_ONCE = 400_000  # numbers in the sensitivities of a chunk
 
@@ -47,8 +47,12 @@ def local_linearization(
     segments, groups = rows.segments, rows.groups
     order, pairs, K = Order(groups), _pairs(groups), segments.count
     ends_of_blocks = block_ends(K, blocks)
-    data = _empty(K, groups, pairs, [group.size for group in groups], np.float32, blocks)
-    defects = _empty(K, groups, pairs, [group.moving for group in groups], np.float64, blocks)
+    sizes = [group.size for group in groups], [group.moving for group in groups]
+    data, defects = (
+        [_room(K, groups, pair, of_form, kind) for pair in pairs]
+        for of_form, kind in zip(sizes, (np.float32, np.float64), strict=True)
+    )
+    gradients = np.zeros((2, K, len(order.states)))
     joined = np.append(segments.linked, False).astype(float)
     missed = np.zeros((K, len(order.states)))
     missed[:-1] = rows.misfit.defects.reshape(len(order.states), -1).T
@@ -67,14 +71,14 @@ def local_linearization(
             at, a = order.of_states[number], len(group.states)
             by_data = _gradient(own.data, residuals[:, group.channels].astype(np.float32))
             by_ends = _gradient(exact[number], missed[part][:, order.places[group.rows]])
-            data.gradient[part, at], defects.gradient[part, at] = by_data[:, :a], by_ends[:, :a]
+            gradients[0, part, at], gradients[1, part, at] = by_data[:, :a], by_ends[:, :a]
             slopes.append([sums_over(by_data[:, a:], pieces), sums_over(by_ends[:, a:], pieces)])
         corners = [
             [
-                data.pairs[number].put(
-                    part, _product([by_group[i].data for i in pair.groups], pair.channels), pieces
+                data[number].put(
+                    part, _meeting([by_group[i].data for i in pair.groups], pair.channels), pieces
                 ),
-                defects.pairs[number].put(part, _product([exact[i] for i in pair.groups], pair.rows), pieces),
+                defects[number].put(part, _meeting([exact[i] for i in pair.groups], pair.rows), pieces),
             ]
             for number, pair in enumerate(pairs)
         ]
@@ -90,55 +94,45 @@ def local_linearization(
         for totals, both in zip(sums, of_part, strict=True):
             for total, own in zip(totals, both, strict=True):
                 total[numbers[0] : numbers[-1] + 1] += own
-    for kind, form in enumerate((data, defects)):
-        _put_corners(form, [totals[kind] for totals in sums], groups, pairs)
-    if segments.prior is not None:
-        add_prior(data.corners[0], data.corner_gradients[0], segments.prior, rows.misfit.point, rows.scales)
+    of_data, of_defects = (
+        _form(own, gradient, [totals[kind] for totals in sums], groups, pairs)
+        for kind, (own, gradient) in enumerate(zip((data, defects), gradients, strict=True))
+    )
+    prior, scales = segments.prior, rows.scales
+    if prior is not None:
+        columns = border_columns(scales, len(rows.misfit.point.theta), len(order.border))
+        of_data.prior[columns] += prior.curvature(scales.theta)
+        of_data.corner_gradients[0, columns] += prior.gradient(rows.misfit.point.border, scales.theta)
     unconstrained = segments.unconstrained.astype(float)
-    return LocalLinearization(groups, pairs, data, defects, ends, missed, joined, unconstrained)
+    return LocalLinearization(groups, pairs, of_data, of_defects, ends, missed, joined, unconstrained)
 
 
-def _put_corners(
-    form: LocalQuadraticForm,
+def _form(
+    blocks: Sequence[PairBlocks],
+    gradient: Floats,
     sums: Sequence[Floats],
     groups: Sequence[Neighbourhood],
     pairs: Sequence[MeetingGroups],
-) -> None:
-    """Put the `sums` over blocks, gradients (B, q) of groups and then corners (B, q, q') of pairs, to their places."""
-    for group, total in zip(groups, sums, strict=False):
-        form.corner_gradients[:, group.border[: total.shape[1]]] = total
-    for pair, total in zip(pairs, sums[len(groups) :], strict=True):
-        first, second = (
-            groups[i].border[:size] for i, size in zip(pair.groups, total.shape[1:], strict=True)
-        )
-        form.corners[:, first[:, None], second] = total
-        if pair.first != pair.second:
-            form.corners[:, second[:, None], first] = total.transpose(0, 2, 1)
-
-
-def _empty(
-    K: int,
-    groups: Sequence[Neighbourhood],
-    pairs: Sequence[MeetingGroups],
-    sizes: Sequence[int],
-    kind: type,
-    blocks: int,
 ) -> LocalQuadraticForm:
-    """Room for the products of as many columns of each group."""
-    m, p = (
-        sum(len(part) for part in parts)
-        for parts in zip(*((g.states, g.border) for g in groups), strict=True)
-    )
-    products = [
-        PairBlocks.empty(
-            K,
-            (groups[pair.first], groups[pair.second]),
-            (sizes[pair.first], sizes[pair.second]),
-            kind,
-        )
-        for pair in pairs
-    ]
-    return LocalQuadraticForm(products, np.zeros((K, m)), np.zeros((blocks, p, p)), np.zeros((blocks, p)))
+    """The form of `blocks` with `sums` over blocks of segments: gradients (B, q) of groups, corners (B, q, q') of pairs."""
+    p = sum(len(group.border) for group in groups)
+    gradients = np.zeros((len(sums[0]), p))
+    for group, total in zip(groups, sums, strict=False):
+        gradients[:, group.border[: total.shape[1]]] = total
+    corners, places = sums[len(groups) :], []
+    for pair, total in zip(pairs, corners, strict=True):
+        first = groups[pair.first].border[: total.shape[1]]
+        second = first if pair.first == pair.second else groups[pair.second].border[: total.shape[2]]
+        places.append((first, second))
+    return LocalQuadraticForm(blocks, gradient, corners, places, gradients, np.zeros(p))
+
+
+def _room(
+    K: int, groups: Sequence[Neighbourhood], pair: MeetingGroups, sizes: Sequence[int], kind: type
+) -> PairBlocks:
+    """Room for the products of as many columns of each group of a pair."""
+    first, second = pair.groups
+    return PairBlocks.empty(K, (groups[first], groups[second]), (sizes[first], sizes[second]), kind)
 
 
 def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:
@@ -170,12 +164,13 @@ def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
     return np.asarray((missed.reshape(k, 1, -1) @ rows.reshape(k, -1, size))[:, 0])
 
 
-def _product(rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]) -> NDArray[Any]:
-    """(k, P, P') of two groups, from the rows (k, r, ..., P) that they have in `common`."""
+def _meeting(
+    rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rows (k, r, P) and (k, r, P') of two groups: those (k, r, ..., P) that they have in `common`."""
     first, second = (
         block[:, own] if isinstance(own := as_slice(which), slice) else np.take(block, own, axis=1)
         for block, which in zip(rows, common, strict=True)
     )
-    k = len(first)
-    left, right = first.reshape(k, -1, first.shape[-1]), second.reshape(k, -1, second.shape[-1])
-    return np.asarray(left.transpose(0, 2, 1) @ right)
+    k, r = len(first), int(np.prod(first.shape[1:-1]))
+    return first.reshape(k, r, first.shape[-1]), second.reshape(k, r, second.shape[-1])

@@ -191,9 +191,15 @@ def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, sc
 
 def add_prior_curvature(matrix: Floats, prior: Prior, scales: Scales, parameters: int) -> Indices:
     """Add the priors to a square matrix: parameters come first in it, offsets, gains and delays last; gives their columns."""
-    columns = np.arange(len(scales.theta))
-    columns[parameters:] += len(matrix) - len(columns)
+    columns = border_columns(scales, parameters, len(matrix))
     matrix[columns, columns] += prior.curvature(scales.theta)
+    return columns
+
+
+def border_columns(scales: Scales, parameters: int, size: int) -> Indices:
+    """The columns in a border of a `size` of what `scales` are of: parameters come first in it, the others last."""
+    columns = np.arange(len(scales.theta))
+    columns[parameters:] += size - len(columns)
     return columns
 
 
