@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -85,26 +85,42 @@ def local_linearization(
         return slopes + corners
 
     parts = _chunks(groups, K)
-    sums: list[list[Floats]] = []  # of each group and pair, of both forms, by blocks
     by_part = map(work, parts) if executor is None else executor.map(work, parts)
-    for part, of_part in zip(parts, by_part, strict=True):
-        numbers = [block for block, _ in blocks_of(part, ends_of_blocks)]
-        if not sums:
-            sums = [[np.zeros((blocks, *own.shape[1:])) for own in both] for both in of_part]
-        for totals, both in zip(sums, of_part, strict=True):
-            for total, own in zip(totals, both, strict=True):
-                total[numbers[0] : numbers[-1] + 1] += own
+    sums = _by_blocks(
+        by_part, [[block for block, _ in blocks_of(part, ends_of_blocks)] for part in parts], blocks
+    )
     of_data, of_defects = (
         _form(own, gradient, [totals[kind] for totals in sums], groups, pairs)
         for kind, (own, gradient) in enumerate(zip((data, defects), gradients, strict=True))
     )
-    prior, scales = segments.prior, rows.scales
-    if prior is not None:
-        columns = border_columns(scales, len(rows.misfit.point.theta), len(order.border))
-        of_data.prior[columns] += prior.curvature(scales.theta)
-        of_data.corner_gradients[0, columns] += prior.gradient(rows.misfit.point.border, scales.theta)
+    _add_prior(of_data, rows)
     unconstrained = segments.unconstrained.astype(float)
     return LocalLinearization(groups, pairs, of_data, of_defects, ends, missed, joined, unconstrained)
+
+
+def _by_blocks(
+    by_part: Iterable[list[list[Floats]]], numbers: Sequence[Sequence[int]], blocks: int
+) -> list[list[Floats]]:
+    """The sums over blocks of segments, of each group and then of each pair, of both forms.
+
+    They come part by part of the segments, for the blocks, by `numbers`, that each part meets.
+    """
+    sums: list[list[Floats]] = []
+    for own_numbers, of_part in zip(numbers, by_part, strict=True):
+        if not sums:
+            sums = [[np.zeros((blocks, *own.shape[1:])) for own in both] for both in of_part]
+        for totals, both in zip(sums, of_part, strict=True):
+            for total, own in zip(totals, both, strict=True):
+                total[own_numbers[0] : own_numbers[-1] + 1] += own
+    return sums
+
+
+def _add_prior(form: LocalQuadraticForm, rows: LocalRows) -> None:
+    prior, scales, point = rows.segments.prior, rows.scales, rows.misfit.point
+    if prior is not None:
+        columns = border_columns(scales, len(point.theta), len(form.prior))
+        form.prior[columns] += prior.curvature(scales.theta)
+        form.corner_gradients[0, columns] += prior.gradient(point.border, scales.theta)
 
 
 def _form(
