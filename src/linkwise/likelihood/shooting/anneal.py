@@ -13,9 +13,11 @@ J. Ye et al., Phys. Rev. E 92, 052901 (2015), for annealing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from math import log10
 
 import numpy as np
@@ -24,7 +26,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.curved_step import curved_step, is_settled
 from linkwise.likelihood.shooting.damped_step import SLIGHT, DampedEquations, bounds, freedom
-from linkwise.likelihood.shooting.linear_model import Factor, covariance, firm_factor, linear_model
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, covariance, firm_factor, linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
@@ -304,10 +306,11 @@ def anneal(
             "another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over the "
             "motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
         )
-    linear = linear_model(segments, misfit, scales, loss, executor)
+    linear: GaussNewtonModel | None = None
     damped: DampedEquations | None = None
     try:
         while len(path) < schedule.max_steps:
+            linear = linear or linear_model(segments, misfit, scales, loss, executor)
             if control.damping > _MAX_DAMPING:
                 status = AnnealingStatus.STUCK
                 break
@@ -336,19 +339,18 @@ def anneal(
                 status = AnnealingStatus.CONVERGED
                 break
             control = control.after(step, schedule, samples)
-            if step.reduction > 0.0:
-                damped = None
-                linear = linear_model(segments, misfit, scales, loss, executor)
+            linear, damped = (None, None) if step.reduction > 0.0 else (linear, damped)
     except KeyboardInterrupt:
         status = AnnealingStatus.INTERRUPTED
     factor = None if damped is None else damped.undamped_factor(control.q)
-    factor, damped = factor or firm_factor(linear, control.q), None
-    return _fit(segments, factor, misfit, scales, loss, control.q, status, tuple(path))
+    linear, damped = linear or linear_model(segments, misfit, scales, loss, executor), None
+    errors = partial(covariance, factor or firm_factor(linear, control.q), scales)
+    return _fit(segments, errors, misfit, scales, loss, control.q, status, tuple(path))
 
 
 def _fit(
     segments: Segments,
-    factor: Factor | None,
+    errors: Callable[[Bools], Floats],
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
@@ -363,7 +365,7 @@ def _fit(
         misfit,
         q,
         scales,
-        covariance(factor, scales, free),
+        errors(free),
         ~free,
         misfit.cost(q) / (freedom(segments) * loss.expected),
         int(segments.observed.sum()),

@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.linear_model import Factor, GaussNewtonModel
 from linkwise.likelihood.shooting.local_equations import LocalFactor, LocalLinearization, LocalSystem
 from linkwise.likelihood.shooting.normal_equations import Linearization, block_ends
 
-_AT_ONCE = 64  # unknowns whose states are held together, of many masses
+_AT_ONCE = 128  # unknowns whose states are held together, of many masses
 
 
 @dataclass(frozen=True, eq=False)
