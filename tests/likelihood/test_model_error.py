@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy
+from present import present
 from problems import chain_record, truth
+from random_force import random_force
+from structures import oscillator
 
 import linkwise as lw
-from linkwise.likelihood import model_error
+from linkwise.likelihood import explained_fit, model_error
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
@@ -43,3 +49,40 @@ def test_a_search_for_a_model_error_that_creeps_is_given_up(monkeypatch: pytest.
     _, fit = refitted(reports)
     assert fit.status is AnnealingStatus.EXHAUSTED  # told as not converged
     assert len(reports) < 15
+
+
+@pytest.fixture(scope="module")
+def dragged() -> tuple[lw.Record, lw.Structure]:
+    """An oscillator with drag under a random force, 70 dB, and laws without the drag."""
+    rate, duration = 100.0, 100.0
+    force = random_force(np.random.default_rng(11), duration, rate, rms=4.0)
+    with_drag = oscillator("k*d + c*v + k3*d**3 + q*v*abs(v)", k=400.0, c=1.0, k3=1e5, q=0.05)
+    record = lw.simulate(with_drag, forces={"m1": force}, duration=duration, rate=rate)
+    without = oscillator("k*d + c*v + k3*d**3", k=400.0, c=1.0, k3=1e5)
+    return record.with_noise(70.0, seed=11), without.unknown("all")
+
+
+def filtered(record: lw.Record) -> lw.Record:
+    """All channels through the same low-pass filter at 0.6 of the Nyquist frequency."""
+    filter_ = scipy.signal.butter(2, 0.6, output="sos")
+    return replace(record, values=scipy.signal.sosfilt(filter_, record.values, axis=0))
+
+
+def test_small_coloured_residuals_of_inexact_laws_are_judged_by_blocks(
+    dragged: tuple[lw.Record, lw.Structure],
+) -> None:
+    """Filters leave residuals above the noise of their stop band; at 0.5 % of the motion they decide nothing by themselves."""
+    record, structure = dragged
+    whole, seen = lw.identify(record, structure), lw.identify(filtered(record), structure)
+    assert whole.trusted and seen.trusted and present(seen.chi_square_per_sample) > 2.0
+    z = (seen.values - whole.values) / np.sqrt(seen.covariance.diagonal())
+    assert np.max(np.abs(z)) < 3.0
+
+
+def test_large_coloured_residuals_of_inexact_laws_take_trust(
+    dragged: tuple[lw.Record, lw.Structure], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record, structure = dragged
+    monkeypatch.setattr(explained_fit, "_SMALL", 1e-4)
+    fit = lw.identify(filtered(record), structure)
+    assert fit.verdicts == (lw.Verdict.NOISE_MISMATCH,)

@@ -20,6 +20,7 @@ _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise
 _LEAST_ROBUST = 0.5  # of the cost of normal noise; Student's t with 3 degrees of freedom leaves 0.80 to 0.92
 _ROUNDED = 1.0 + 1e-9
 _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
+_SMALL = 0.005  # of what each channel shows: coloured residuals that blocks can judge, a tenth of what a free run may leave
 
 
 @dataclass(frozen=True)
@@ -159,13 +160,14 @@ def _with_model_error(
 ) -> ExplainedFit:
     fit, factor = candidate.fit, candidate.noise
     chi_square = factor**2
-    unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit)
     ratios: Floats | None = np.ones(len(fit.covariance))
     if not did_not_converge(fit):
         scatter = block_scatter(
             segments, fit.misfit, fit.scales, annealer.loss, q=fit.q, noise=factor, free=~fit.at_bound
         )
         ratios = None if scatter is None else scatter.ratios
+    judged = ratios is not None and _are_small(segments, fit)
+    unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit) and not judged
     p = segments.system.parameters.size
     widened = np.full(len(fit.covariance), factor)
     if ratios is not None:
@@ -179,6 +181,15 @@ def _with_model_error(
         factor,
         ratios,
     )
+
+
+def _are_small(segments: Segments, fit: AnnealingFit) -> bool:
+    """Whether the residuals are a small part of how far each channel moves from its mean."""
+    count = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    mean = segments.samples.sum(axis=(0, 2)) / count
+    motion = np.where(segments.observed, segments.samples - mean[:, None], 0.0)
+    residuals = fit.misfit.residuals * fit.scales.sigma[:, None]
+    return bool(np.all(np.sum(residuals**2, axis=(0, 2)) <= _SMALL**2 * np.sum(motion**2, axis=(0, 2))))
 
 
 def _is_coloured(fit: AnnealingFit) -> bool:
