@@ -11,6 +11,7 @@ from problems import chain_record, linear_chain
 import linkwise as lw
 from linkwise.discovery import screen as module
 from linkwise.discovery.candidates import Candidates, candidates_for
+from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.screen import ScreenResult, screen
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.integrated_displacements import with_displacements
@@ -81,6 +82,22 @@ def test_elimination_that_left_nearly_all_does_not_count(
     monkeypatch.setattr(module, "_significant", lambda *_: list(left))
     pool = candidates_for([noisy_record(30.0, 1000)], masses(lw.bnes_chain(4)), "cubic")
     assert module._significant_in_one(Regression(), pool) == set(expected)  # type: ignore[arg-type]
+
+
+def test_additions_to_a_column_that_is_noise_leave_some_bias_in() -> None:
+    """A stated link that hardly moves: without the noise bias its column may have a negative square."""
+    pool = candidates_for([noisy_record(30.0, 1000)], masses(lw.bnes_chain(4)), "cubic")
+    first, second, *_ = pool.by_name
+
+    class Regression:
+        names = ("stiff.k", first, second)
+
+        def quadratic(self, bias: float) -> QuadraticModel:
+            return QuadraticModel(
+                self.names, np.diag([0.2 * bias - 0.05, 1.0, 1.0]), np.array([0.1, 9.0, 0.1]), np.eye(3)
+            )
+
+    assert module._significant_in_one(Regression(), pool) == {0, 1}  # type: ignore[arg-type]
 
 
 def test_measured_displacements_stay_as_they_are() -> None:

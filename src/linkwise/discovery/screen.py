@@ -141,7 +141,7 @@ def _significant_at(
     structure: Structure,
     candidates: Candidates,
 ) -> set[str]:
-    """The candidates that are significant in the equation of one mass of a structure, by number."""
+    """The names of the candidates that are significant in the equation of the mass of this number in a structure."""
     equations = _equations(records, motions, structure, only=(number,))
     regression = WeakRegression.of([(equation.patches, equation) for equation in equations])
     names = {regression.names[k] for k in _significant_in_one(regression, candidates)}
@@ -155,10 +155,22 @@ def _significant_in_one(regression: WeakRegression, candidates: Candidates) -> s
     elimination where the noise makes hundreds of columns dependent, so that it ends early with most of them. It does not count
     then.
     """
-    always = _always(regression, candidates)
-    added = forward_selection(regression.quadratic(0.0), always, _FIRST_LIMIT)
+    added = _added(regression, _always(regression, candidates), _FIRST_LIMIT)
     left = _significant(regression, candidates, _FIRST_LIMIT)
     return {*added, *(left if len(left) <= _MOST_LEFT * len(added) + _FEW else ())}
+
+
+def _added(regression: WeakRegression, always: frozenset[int], limit: float) -> list[int]:
+    """The coefficients of a forward selection, by number; `always` alone where their columns are dependent.
+
+    Some noise bias is left in where the normal matrix of `always` without it is not positive definite.
+    """
+    for bias in _BIAS:
+        try:
+            return forward_selection(regression.quadratic(bias), always, limit)
+        except np.linalg.LinAlgError:
+            continue
+    return sorted(always)
 
 
 def _equations(

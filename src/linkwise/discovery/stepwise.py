@@ -161,7 +161,8 @@ def backward_elimination(
 def forward_selection(quadratic: QuadraticModel, always: frozenset[int], limit: float) -> list[int]:
     """Add the coefficient with the largest |z| to `always`, drop what it makes insignificant, until no |z| is above `limit`.
 
-    Of hundreds of columns that the noise makes nearly dependent only a few are ever solved for together.
+    Of hundreds of columns that the noise makes nearly dependent only a few are ever solved for together. Raises
+    numpy.linalg.LinAlgError if the columns of `always` are linearly dependent.
     """
     chosen = sorted(always)
     visited: set[tuple[int, ...]] = set()
