@@ -226,6 +226,21 @@ def test_blocks_of_segments_say_what_their_rows_do(name: str) -> None:
         assert np.allclose(by_block[1].sum(axis=0), whole, atol=1e-6 * np.max(scale**2))
 
 
+def test_some_unknowns_of_the_border_have_the_corner_that_they_have_among_all() -> None:
+    """Products of a group with itself lie on the diagonal, of which they are also asked alone."""
+    local, _ = both("chain", whole=False, blocks=3)
+    every = np.arange(len(local.data.prior))
+    for border in (every, every[::2]):
+        own = local.within(border)
+        for whole, form in ((local.data, own.data), (local.defects, own.defects)):
+            expected = whole.corner[np.ix_(border, border)]
+            scale = np.sqrt(np.maximum(expected.diagonal(), np.finfo(float).tiny))
+            np.testing.assert_allclose(form.corner_diagonal, expected.diagonal(), rtol=1e-12)
+            rounded = np.abs(form.corner - expected) / np.outer(scale, scale)
+            assert np.max(rounded) < 1e-6  # of single precision
+            np.testing.assert_allclose(form.corners_by_blocks.sum(axis=0), form.corner, rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_what_is_left_out_hardly_moves_the_answer(name: str) -> None:
     """A step by less than 2 % of the longest, in standard errors, and these by less than 1 %."""

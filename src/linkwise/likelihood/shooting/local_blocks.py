@@ -88,7 +88,7 @@ class LocalQuadraticForm:
     corners : sequence of array
         By blocks of segments the products (B, q, q') of the border of the two groups of each pair.
     places : sequence of tuple of array of int
-        The columns of the border, (q,) and (q',), of each pair.
+        The columns of the border, (q,) and (q',), of each pair; of a group with itself one array twice.
     corner_gradients : array of shape (B, p)
         By blocks of segments the gradient of the border.
     prior : array of shape (p,)
@@ -112,9 +112,9 @@ class LocalQuadraticForm:
             pairs.append(blocks.within(own[pair.first], own[pair.second], len(groups[pair.second].states)))
             chosen = [below(own[number], len(where)) for number, where in zip(pair.groups, both, strict=True)]
             corners.append(corner[:, chosen[0][:, None], chosen[1]])
-            first, second = (
-                np.searchsorted(border, where[which]) for where, which in zip(both, chosen, strict=True)
-            )
+            first = np.searchsorted(border, both[0][chosen[0]])
+            apart = pair.first != pair.second
+            second = np.searchsorted(border, both[1][chosen[1]]) if apart else first
             places.append((first, second))
         return LocalQuadraticForm(
             pairs, self.gradient, corners, places, self.corner_gradients[:, border], self.prior[border]
