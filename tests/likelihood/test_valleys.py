@@ -59,3 +59,20 @@ def test_a_glance_puts_the_starts_after_the_first_in_order() -> None:
     fit = fit_from_valleys(from_near, starts, glance=glance)
     assert searched == [4.0 * TRUE[0], 1.01 * TRUE[0]]
     assert fit.status is AnnealingStatus.CONVERGED
+
+
+def test_an_interrupt_at_a_glance_ends_the_search_with_the_best_so_far() -> None:
+    searched, glanced = [], []
+
+    def from_far(values: Floats) -> LikelihoodFit:
+        searched.append(values)
+        return replace(search(values), status=AnnealingStatus.EXHAUSTED)
+
+    def glance(values: Floats) -> LikelihoodFit:
+        glanced.append(values)
+        return replace(search(values), status=AnnealingStatus.INTERRUPTED)
+
+    starts = [Valley(factor * TRUE, 0.1) for factor in (1.01, 1.02, 1.03)]
+    fit = fit_from_valleys(from_far, starts, glance=glance)
+    assert len(searched) == len(glanced) == 1
+    assert fit.status is AnnealingStatus.EXHAUSTED

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -52,7 +51,7 @@ def fit_from_valleys(
         if fits and (fits[-1].status is AnnealingStatus.INTERRUPTED or _explains(fits[-1])):
             break
         if glance is not None:
-            waiting, glance = sorted(waiting, key=partial(_cost_after, glance)), None
+            waiting, glance = _in_order(waiting, glance), None
     if not fits:
         raise failures[0]
     best = min(fits, key=_rank)
@@ -60,12 +59,22 @@ def fit_from_valleys(
     return replace(best, others=others)
 
 
-def _cost_after(glance: SearchFrom, valley: Valley) -> float:
-    """The cost that a search of few steps leaves, with loose links; infinite where the motion is not finite."""
-    try:
-        return glance(valley.values).misfit.cost(1.0)
-    except IdentificationError:
-        return np.inf
+def _in_order(valleys: Sequence[Valley], glance: SearchFrom) -> list[Valley]:
+    """Starts in the order of the cost that a search of few steps leaves, with loose links; none after an interrupt.
+
+    Those from which the motion is not finite come last.
+    """
+    costs = []
+    for valley in valleys:
+        try:
+            fit = glance(valley.values)
+        except IdentificationError:
+            costs.append(np.inf)
+            continue
+        if fit.status is AnnealingStatus.INTERRUPTED:
+            return []
+        costs.append(fit.misfit.cost(1.0))
+    return [valleys[number] for number in np.argsort(costs, kind="stable").tolist()]
 
 
 def fit_or_another(fit: LikelihoodFit, search: Callable[[], LikelihoodFit]) -> LikelihoodFit:
