@@ -149,6 +149,11 @@ def test_whiteness_of_a_channel(correlation: float, coloured: bool) -> None:
     assert told[1].startswith("x:m1: not white" if coloured else "x:m1: white")
 
 
+def test_too_few_residuals_are_not_told_as_white() -> None:
+    assert whiteness_text("x:m1", np.ones(31)) == "x:m1: not tested for whiteness, which takes 32 samples."
+    assert whiteness_text("x:m1", np.random.default_rng(1).normal(size=32)).startswith("x:m1: white")
+
+
 def test_a_model_error_that_follows_the_motion_is_no_excuse() -> None:
     """Six masses whose sinks have a quintic part, identified as cubic: the fit says which force it lacks."""
     chain = lw.bnes_chain(6)

@@ -62,9 +62,12 @@ def whiteness_text(channel: str, series: Floats) -> str:
     Returns
     -------
     str
-        Whether they are white and, where they are not, at which part of the band most is too much or too little.
+        Whether they are white and, where they are not, at which part of the band most is too much or too little; or that
+        there are too few samples.
     """
     departure, count, place = _departure(series)
+    if count < _FEWEST // 2:
+        return f"{channel}: not tested for whiteness, which takes {_FEWEST} samples."
     if is_white(series):
         return f"{channel}: white, by the cumulative periodogram."
     return (
@@ -75,10 +78,13 @@ def whiteness_text(channel: str, series: Floats) -> str:
 
 
 def _departure(series: Floats) -> tuple[float, int, float]:
-    """The largest departure of the cumulative periodogram, the number of frequencies, and the place in the band."""
+    """The largest departure of the cumulative periodogram, the number of frequencies, and the place in the band.
+
+    Zeros where there are fewer samples than a spectrum takes.
+    """
     samples = series[np.isfinite(series) & (series != 0.0)]
     if len(samples) < _FEWEST:
-        return 0.0, len(samples), 0.0
+        return 0.0, 0, 0.0
     power = np.abs(np.fft.rfft(samples - samples.mean()))[1:] ** 2
     count = len(power)
     departures = np.abs(np.cumsum(power) / power.sum() - np.arange(1, count + 1) / count)
