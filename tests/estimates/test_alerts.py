@@ -80,9 +80,12 @@ def test_a_hum_is_allowed_for_where_all_of_its_lines_are_estimated() -> None:
     [alert] = lw.inspect(humming).alerts
     np.testing.assert_allclose(alert.frequencies, (50.0, 150.0), atol=0.02)
     asked = lw.bnes_chain(2).unknown("nes")
-    one, both = (lw.identify(humming, asked, hums={"x:m2": lines}) for lines in (50.0, [50.0, 150.0]))
+    one, both, beside = (
+        lw.identify(humming, asked, hums={"x:m2": lines}) for lines in (50.0, [50.0, 150.0], [50.3, 150.0])
+    )
     assert [told.kind for told in one.alerts] == ["hum"]
     assert both.alerts == ()
+    assert [told.kind for told in beside.alerts] == ["hum"] and not beside.trusted
 
 
 def test_gaps_that_nobody_marked_are_told() -> None:

@@ -14,7 +14,9 @@ from linkwise.records.record import Record
 Allowance: TypeAlias = tuple[str, str, float | None]
 """The kind of an error, as of an `Alert`, and the channel; of a hum the frequency in Hz at which it is estimated."""
 
-_NEAR = 0.5  # Hz by which a stated hum may differ from the line that an alert names
+# turns by which a stated hum may differ from the line at the end of a record: a tone beside it leaves most of the line
+_TURN = 0.25
+_TOLD = 0.01  # Hz to which an alert names the line
 
 
 def unanswered_alerts(records: Sequence[Record], allowances: Collection[Allowance] = ()) -> tuple[Alert, ...]:
@@ -34,20 +36,21 @@ def unanswered_alerts(records: Sequence[Record], allowances: Collection[Allowanc
     """
     names = labels(tuple(records))
     marked = {name: marked_channels(record) for name, record in zip(names, records, strict=True)}
+    near = {name: _TURN / record.duration + _TOLD for name, record in zip(names, records, strict=True)}
     return tuple(
         alert
         for alert in inspect(records).alerts
-        if not _is_allowed_for(alert, allowances)
+        if not _is_allowed_for(alert, allowances, near[alert.record])
         and not (alert.is_of_gaps and alert.channel in marked[alert.record])
     )
 
 
-def _is_allowed_for(alert: Alert, allowances: Collection[Allowance]) -> bool:
-    """Whether what an alert names is estimated, all of its lines where it is a hum."""
+def _is_allowed_for(alert: Alert, allowances: Collection[Allowance], near: float) -> bool:
+    """Whether what an alert names is estimated, all of its lines where it is a hum, each within `near` in Hz."""
     stated = [
         frequency for kind, channel, frequency in allowances if (kind, channel) == (alert.kind, alert.channel)
     ]
     return bool(stated) and all(
-        any(frequency is not None and abs(line - frequency) < _NEAR for frequency in stated)
+        any(frequency is not None and abs(line - frequency) < near for frequency in stated)
         for line in alert.frequencies
     )
