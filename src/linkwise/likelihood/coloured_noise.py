@@ -27,9 +27,8 @@ _HIGHEST_ORDER = 24  # that is tried: differenced noise needs as many to be whit
 _SMOOTHED = 100  # lags of what an autoregression leaves: its spectrum is then known to 10 % from 6000 samples
 _SAMPLES_PER_LAG = 50  # at least
 _LARGEST_POLE = 0.95  # that remembers 20 samples; drifts and resonances of the motion remember more
-_LIGHTLY_DAMPED = (
-    0.15  # damping ratio; that of the sharpest poles of Butterworth's filter of order eight is 0.2
-)
+# damping ratio; that of the sharpest poles of Butterworth's filter of order eight is 0.2
+_LIGHTLY_DAMPED = 0.15
 _BESIDE = 4.0  # half widths of a peak: one of a single mode is 17 times as high as its sides there
 _PROMINENT = 4.0  # above both sides: one side of the edge of a filter is as high
 _BLOCKS = 20  # whose innovations are compared in size

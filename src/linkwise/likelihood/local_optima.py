@@ -116,15 +116,15 @@ def is_quadratic(
 ) -> bool:
     """Whether the cost rises as the covariance predicts where the parameters are moved by two standard errors and held.
 
-    In a host those of which nothing is known beforehand are, and what is known to within is fitted again: dampings between
-    modes, which records hardly determine, shift frequencies by their squares, so that the cost is no parabola of all together.
+    Beside a host only parameters without a prior are moved, and all others are fitted again: dampings between modes, which
+    records hardly determine, shift frequencies by their squares, so that the cost is no parabola of all together.
 
     Parameters
     ----------
     fit : LikelihoodFit
         The fit.
     faint : sequence of str, optional
-        Parameters that stay where they are.
+        Parameters that are not moved.
     factor : float, optional
         By which the rise may differ from the prediction.
     sides : sequence of float, optional
@@ -235,7 +235,7 @@ def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
 
 
 def _unknown_beforehand(fit: LikelihoodFit, parameters: Indices) -> Indices:
-    """Those of some parameters that have no prior, beside hosts and where there are any; else all."""
+    """Those of some parameters that have no prior; all of them where none is without, or the structure has no host."""
     prior = fit.segments.prior
     if prior is None or not len(fit.segments.system.points):
         return parameters

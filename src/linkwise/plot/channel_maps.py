@@ -20,9 +20,8 @@ from linkwise.records.record import Record
 _MOST = 10  # strips that still can be read on one page
 _DECADES = 8.0  # of the power that colours tell apart, below its largest value
 _CHANCE = 0.05
-_SHARED = (
-    1.0 + 2.0 / 36.0
-)  # blocks in place of one: neighbours under Hann windows that overlap by half (Welch 1967)
+# blocks in place of one: neighbours under Hann windows that overlap by half (Welch 1967)
+_SHARED = 1.0 + 2.0 / 36.0
 
 
 @checked

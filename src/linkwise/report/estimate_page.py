@@ -73,7 +73,7 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
         return None
     text = (
         "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
-        "noise, and its mean over the motion of a link beside what noise alone gives 95 % of such means."
+        "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
     )
     return Section(
         "Residuals",

@@ -123,7 +123,7 @@ def _maps(inspection: Inspection, number: int) -> Section | None:
     """The channels of one record over time and frequency."""
     if number >= PICTURED:
         return None
-    text = "Power spectral density over time and frequency, dark where it is large; a steady line is hum."
+    text = "Power spectral density over time and frequency, dark where it is large; a steady line may be hum."
     return Section(
         _titled("Time and frequency", inspection, number),
         [text],

@@ -344,13 +344,13 @@ def anneal(
         status = AnnealingStatus.INTERRUPTED
     factor = None if damped is None else damped.undamped_factor(control.q)
     linear, damped = linear or linear_model(segments, misfit, scales, loss, executor), None
-    errors = partial(covariance, factor or firm_factor(linear, control.q), scales)
-    return _fit(segments, errors, misfit, scales, loss, control.q, status, tuple(path))
+    covariance_of = partial(covariance, factor or firm_factor(linear, control.q), scales)
+    return _fit(segments, covariance_of, misfit, scales, loss, control.q, status, tuple(path))
 
 
 def _fit(
     segments: Segments,
-    errors: Callable[[Bools], Floats],
+    covariance_of: Callable[[Bools], Floats],
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
@@ -365,7 +365,7 @@ def _fit(
         misfit,
         q,
         scales,
-        errors(free),
+        covariance_of(free),
         ~free,
         misfit.cost(q) / (freedom(segments) * loss.expected),
         int(segments.observed.sum()),
