@@ -12,7 +12,7 @@ from problems import chain_record, truth
 from structures import link, structure
 
 import linkwise as lw
-from linkwise.likelihood.coloured_noise import ColouredNoise, _parzen, in_time
+from linkwise.likelihood.coloured_noise import ColouredNoise, _parzen, _resonates, in_time
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.profile import profile_ends
@@ -186,6 +186,16 @@ def test_a_damped_mode_at_few_samples_a_period_is_no_noise() -> None:
     """Laws that miss a link leave it; it was taken for noise that remembers less than twenty samples."""
     assert estimated_noise(_ringing(1, 0.05)) is None
     assert estimated_noise(_ringing(1, 0.3)) is not None
+
+
+@pytest.mark.parametrize("samples", [3.0, 4.0, 5.0, 8.0, 15.0])
+@pytest.mark.parametrize(("damping", "is_mode"), [(0.03, True), (0.14, True), (0.16, False), (0.5, False)])
+def test_a_mode_resonates_up_to_its_damping_at_any_number_of_samples_a_period(
+    samples: float, damping: float, is_mode: bool
+) -> None:
+    pole = np.exp(2.0 * np.pi / samples * (-damping + 1j * np.sqrt(1.0 - damping**2)))
+    coefficients = np.asarray(-np.poly([pole, pole.conj()]).real[1:], dtype=np.float64)
+    assert _resonates(coefficients) is is_mode
 
 
 @pytest.mark.parametrize("kind", ["average", "filter", "notch"])

@@ -193,9 +193,10 @@ def _autoregression(series: Floats) -> Floats | None:
 
 
 def _resonates(coefficients: Floats) -> bool:
-    """Whether most power is in a peak as narrow as that of a lightly damped mode, at any number of samples a period.
+    """Whether most power is in a peak as narrow as that of a lightly damped mode, at three or more samples a period.
 
-    Poles near the circle alone do not tell: noise whose spectrum has a notch has them all around it.
+    Poles near the circle alone do not tell: noise whose spectrum has a notch has them all around it. At fewer samples a period
+    one side of a peak is its mirror image at the sampling rate less its frequency, which may be as high.
     """
     poles = np.roots(np.append(1.0, -coefficients))
     turning = poles[(poles.imag > 0.0) & (np.abs(poles) > 0.0)]
