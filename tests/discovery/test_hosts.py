@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -24,7 +24,11 @@ from structures import (
 import linkwise as lw
 from linkwise.discovery.candidates import all_candidates
 from linkwise.discovery.host_screen import screen_links
+from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.discovery.terms import parse_terms
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.starts.values import starting_values
+from linkwise.progress import silent
 from linkwise.verdict import Verdict
 
 SINK = bodies({"sink": 0.03})
@@ -111,6 +115,29 @@ def test_the_screen_finds_the_link_before_its_law_is_known() -> None:
     candidates = all_candidates(SINK, parse_terms("v, d"), hosts=(beam(CANTILEVER_SHAPES),))
     screened = screen_links(record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")), candidates)
     assert screened == {"sink-beam.mid.c", "sink-beam.mid.k"}
+
+
+def selected_beside(stated: str, first: set[str]) -> Selection:
+    """The selection of a record of a sink at mid-span, with a link stated, from a `first` subset of the candidates."""
+    sink = link("nes", f"sink-beam.{stated}", NES)
+    candidates = all_candidates(
+        SINK, parse_terms("v, d, d**3"), stated=(sink,), hosts=(beam(CANTILEVER_SHAPES),)
+    )
+    records = [record("mid", ("a:beam.tip", "a:beam.mid", "a:sink"))]
+    start, every = partial(starting_values, records), frozenset(candidates.by_name)
+    search = TermSearch(records, candidates, every, start, silent, LikelihoodOptions(), restarts=True)
+    return select_structure(search, first)
+
+
+def test_stated_links_that_explain_a_record_come_before_what_the_screen_says() -> None:
+    selection = selected_beside("mid", {"beam.mid-beam.tip.k", "beam.mid-beam.tip.c"})
+    assert (selection.chosen, selection.settled, selection.rounds) == (frozenset(), True, 1)
+    assert selection.is_exact
+
+
+def test_a_stated_link_at_the_wrong_point_leaves_the_search_to_the_screen() -> None:
+    selection = selected_beside("tip", {"sink-beam.mid.k", "sink-beam.mid.k3", "sink-beam.mid.c"})
+    assert {"sink-beam.mid.k", "sink-beam.mid.k3", "sink-beam.mid.c"} <= selection.chosen
 
 
 def test_candidates_join_points_that_can_move_apart() -> None:

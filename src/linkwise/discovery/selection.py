@@ -168,10 +168,14 @@ class TermSearch:
     ) -> LikelihoodFit:
         """A fit from the start that the search has for `structure`, as tight as its laws allow."""
         theta, spread = self.start(structure)
-        options = replace(
-            self.sensors, model_error=False, ceiling=ceiling, steps=steps, progress=self.progress
-        )
+        options = replace(self.options(self.progress, self.sensors.nodes), ceiling=ceiling, steps=steps)
         return likelihood_fit(self.records, structure, theta, spread=spread, options=options)
+
+    def options(self, progress: Progress, nodes: Floats | None) -> LikelihoodOptions:
+        """Those of a fit that may lack terms and starts from `nodes`."""
+        return replace(
+            self.sensors, progress=progress, nodes=nodes, model_error=False, ceiling=_CEILING, steps=_STEPS
+        )
 
     def fit(
         self, structure: Structure, theta: Floats, spread: Floats | None, options: LikelihoodOptions
@@ -217,8 +221,12 @@ def select_structure(search: TermSearch, chosen: Collection[str]) -> Selection:
     If it has links that `chosen` had not, the best subset on the links of `chosen` alone is searched as well, and the better
     of both is taken: terms on false links may substitute for a term that the local model did not show. If the rounds run out,
     or the search returns to a subset that it had left, `settled` is False and the result the best subset visited. The progress
-    of `search` is called with the number of the round and each step of its fit.
+    of `search` is called with the number of the round and each step of its fit. Beside hosts the search begins with the stated
+    links alone where these leave only noise: a screen without displacements may take others for them.
     """
+    stated = _fit_of_stated_links(search)
+    if stated is not None and (leaves_only_noise(stated) or stated.status is AnnealingStatus.INTERRUPTED):
+        return _descend(search, frozenset(), 1, stated)
     first = _descend(search, frozenset(chosen), 1)
     own = search.candidates.on_links_of(chosen)
     if first.fit.status is AnnealingStatus.INTERRUPTED or first.chosen <= own:
@@ -230,26 +238,39 @@ def select_structure(search: TermSearch, chosen: Collection[str]) -> Selection:
     return replace(second, quadratic=quadratic, penalty=penalty)
 
 
-def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selection:
-    """Rounds of fit and change, from the round `number` on, until the subset does not change."""
+def _fit_of_stated_links(search: TermSearch) -> LikelihoodFit | None:
+    """The fit of the stated links of a structure with hosts; None where there are none, or they cannot be fitted alone."""
+    if not (search.candidates.hosts and any(pair.stated for pair in search.candidates.pairs)):
+        return None
+    try:
+        structure = search.candidates.structure(())
+        theta, spread = search.start(structure)
+        options = search.options(round_progress(search.progress, 1), search.sensors.nodes)
+        return search.fit(structure, theta, spread, options)
+    except (
+        IdentificationError,
+        np.linalg.LinAlgError,
+    ):  # a mass without a link, or laws with which the motion runs away
+        return None
+
+
+def _descend(
+    search: TermSearch, chosen: frozenset[str], number: int, known: LikelihoodFit | None = None
+) -> Selection:
+    """Rounds of fit and change, from the round `number` on, until the subset does not change.
+
+    The fit of the `chosen` is made here unless it is `known`.
+    """
     visited: dict[frozenset[str], Selection] = {}
     structure = search.candidates.structure(chosen)
-    theta, spread = search.start(structure)
+    theta, spread = search.start(structure) if known is None else (known.values, None)
     nodes = search.sensors.nodes
     last = number + _ROUNDS - 1
     while True:
         inside = list(range(len(structure.parameters)))
         progress = round_progress(search.progress, number)
-        options = replace(
-            search.sensors,
-            progress=progress,
-            nodes=nodes,
-            model_error=False,
-            ceiling=_CEILING,
-            steps=_STEPS,
-        )
         try:
-            fit = search.fit(structure, theta, spread, options)
+            fit = known or search.fit(structure, theta, spread, search.options(progress, nodes))
             progress(ProgressReport(1.0, f"testing {len(search.tested)} candidates"))
             quadratic, penalty = search.local_model(fit, structure, chosen)
             after = local_search(quadratic, penalty, inside) if fit.optimum.q > _TIGHT else inside
@@ -272,7 +293,7 @@ def _descend(search: TermSearch, chosen: frozenset[str], number: int) -> Selecti
             return replace(best_of([*visited.values()]), rounds=number)
         chosen, structure = names, search.candidates.structure(names)
         theta, spread = starts_of(quadratic, after, structure, fit)
-        nodes, number = fit.optimum.point.nodes, number + 1
+        nodes, number, known = fit.optimum.point.nodes, number + 1, None
 
 
 def starts_of(
