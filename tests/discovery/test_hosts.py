@@ -140,6 +140,13 @@ def test_a_stated_link_at_the_wrong_point_leaves_the_search_to_the_screen() -> N
     assert {"sink-beam.mid.k", "sink-beam.mid.k3", "sink-beam.mid.c"} <= selection.chosen
 
 
+def test_known_links_that_explain_a_record_leave_nothing_to_find() -> None:
+    known = with_sink("mid", CANTILEVER_SHAPES)
+    discovery = lw.discover(record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")), known, terms="v, d, d**3")
+    assert (discovery.trusted, tuple(discovery.kept)) == (True, ())
+    assert "1 link" in str(discovery)
+
+
 def test_candidates_join_points_that_can_move_apart() -> None:
     shapes = {"tip": (3.2, -3.2, 3.2), "twin": (3.2, -3.2, 3.2), "clamp": (0.0, 0.0, 0.0)}
     pairs = all_candidates(SINK, parse_terms("d"), hosts=(beam(shapes),)).pairs

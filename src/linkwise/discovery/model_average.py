@@ -199,7 +199,8 @@ def model_average(selection: Selection, candidates: Candidates, errors: Floats) 
     factors = np.ones(len(members))
     own = np.sqrt(np.maximum(covariances[0].diagonal()[: len(errors)], 0.0))
     factors[: len(errors)] = np.maximum(np.divide(errors, own, out=np.ones_like(own), where=own > 0.0), 1.0)
-    factors[len(errors) :] = np.median(factors[: len(errors)])
+    if len(errors):
+        factors[len(errors) :] = np.median(factors[: len(errors)])
     names = [quadratic.names[number] for number in members]
     return ModelAverage(
         models=tuple(

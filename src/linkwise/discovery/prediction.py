@@ -81,7 +81,7 @@ class BlockParabolas:
     def _paid(self, chosen: Collection[int]) -> Floats:
         """(B,) what the model pays for each block, fitted to the others."""
         places = {self.numbers[k] for k in chosen}
-        free = np.array([k for k in range(len(self.values)) if k in places or k >= len(self.numbers)])
+        free = np.flatnonzero([k in places or k >= len(self.numbers) for k in range(len(self.values))])
         move = -self.values
         move[free] = 0.0
         whole, slope = self.curvatures.sum(axis=0), self.slopes.sum(axis=0)
