@@ -80,8 +80,8 @@ def _with_term(structure: Structure, force: CandidateForce, size: float) -> Stru
 
 
 def _log_determinant(part: Optimum, structure: Structure, masses: Sequence[str]) -> float:
-    system = system_with(structure, masses)
-    segments = replace(part.segments, system=system)
+    sample = float(np.min(part.segments.step)) * part.segments.refine
+    segments = replace(part.segments, system=system_with(structure, masses, sample))
     misfit = evaluate(segments, part.point, part.scales, part.loss)
     factor = linearise(segments, misfit, part.scales, part.loss).equations(part.q).factor()
     return float("nan") if factor is None else 2.0 * float(np.log(factor.chol[0]).sum())

@@ -86,7 +86,7 @@ def shooting_problem(
         If it needs more memory than is free.
     """
     places = [force.place for force in sensing.random]
-    system = system_with(structure, places)
+    system = system_with(structure, places, min(record.step for record in records))
     count = sum(-(-len(record) // sensing.samples) for record in records)
     require_room(count, structure.size, system.dimension, system.parameters.size)
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))

@@ -22,6 +22,7 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.link_state import LinkState
+from linkwise.model.slider_corners import LAG
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -237,9 +238,11 @@ def with_random_forces(structure: Structure, places: Sequence[str]) -> Structure
     return replace(structure, links=(*structure.links, *links))
 
 
-def system_with(structure: Structure, places: Sequence[str]) -> System:
-    """The system of `with_random_forces`; an error of the acceleration of the base acts on all masses, in m/s^2."""
-    system = System.of(with_random_forces(structure, places))
+def system_with(structure: Structure, places: Sequence[str], step: float) -> System:
+    """The system of `with_random_forces` for samples a `step` in s apart; an error of the acceleration of the base acts on all
+    masses, in m/s^2.
+    """
+    system = System.of(with_random_forces(structure, places), lag=LAG * step)
     incidence = system.incidence.copy()
     error = None
     for number, place in enumerate(places, start=len(structure.links)):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present, some
 from rigs import BOUC_WEN, hysteretic, measured, rig, run
 from structures import link, named, structure
 
@@ -35,6 +36,27 @@ def test_a_hysteretic_link_is_found_without_starts_within_its_intervals() -> Non
             scores.append((estimate.value - value) / estimate.standard_error)
     assert inside >= 88
     assert 0.7 < np.std(scores) < 1.4  # far from it: 3 standard deviations of the scatter of 20 seeds
+
+
+def test_sliders_are_identified_by_their_corners() -> None:
+    """The rate of a slider jumps where it begins to slide, and no derivative of it tells at which force."""
+    for name, values in some(
+        (
+            ("jenkins", {"k": 8e4, "Fs": 100.0}),
+            ("iwan(2)", {"KT": 8e4, "FS": 100.0, "chi": -0.4, "beta": 0.7}),
+        )
+    ):
+        true = structure({}, named("damper", "base-ground", name, **values), name="rig")
+        fit = lw.identify(measured(run(true, duration=4.0), 1), true.unknown("damper"))
+        assert fit.trusted, str(fit)
+        for key, value in values.items():
+            estimate = fit.coefficient(f"damper.{key}")
+            assert abs(estimate.value - value) < 4.0 * present(estimate.standard_error)
+
+
+def test_a_slider_is_refused_on_a_record_of_smooth_hysteresis(record: lw.Record) -> None:
+    slider = structure({}, named("damper", "base-ground", "jenkins"), name="rig")
+    assert not lw.identify(measured(record, 1), slider).trusted
 
 
 def test_errors_of_the_motion_widen_the_intervals(record: lw.Record) -> None:

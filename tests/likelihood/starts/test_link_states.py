@@ -42,3 +42,33 @@ def test_states_that_decay_alone_are_those_of_the_steps(name: str, alone: bool) 
     assert _decay_alone(law) is alone and not _decay_alone(stepped)
     # identity, but for rounding in a thousand steps
     np.testing.assert_allclose(filtered, steps, atol=1e-12 * float(np.abs(steps).max()))
+
+
+@pytest.mark.parametrize(("name", "count"), [("jenkins", 1), ("iwan(3)", 4)])
+def test_sliders_follow_the_elongation_within_their_bounds(name: str, count: int) -> None:
+    """Without the error of steps over their corners: one state, `beside`, makes the law step as others do."""
+    law = named("link", "a-b", name).law
+    beside = {rate.name: rate.text for rate in law.rates} | {"beside": "-beside**3"}
+    stepped = Law.parse(law.text, beside)
+    values: dict[str, float | Floats] = {"k": 2e3, "Fs": np.array([[5.0], [9.0]]), "KT": 2e3, "FS": 9.0}
+    values |= {"chi": -0.4, "beta": np.array([[0.5], [2.0]])}
+    errors = []
+    for samples in (1501, 6001):
+        time = np.linspace(0.0, 3.0, samples)
+        d, v = 1e-2 * np.sin(40.0 * time), 0.4 * np.cos(40.0 * time)
+        slid = follow_states(law, values, d, v, time[1], 2)
+        steps = follow_states(stepped, values, d, v, time[1], 2)[:-1]
+        assert slid.shape == (count, 2, samples)
+        errors.append(float(np.sqrt(np.mean((slid - steps) ** 2)) / np.abs(slid).max()))
+    assert errors[0] < 0.1 and errors[1] < 0.5 * errors[0]  # those of the steps, of order 1: a quarter
+
+
+def test_a_slider_has_a_slope_by_the_force_at_which_it_slides() -> None:
+    law = named("link", "a-b", "jenkins").law
+    time = np.linspace(0.0, 3.0, 1501)
+    d, v = 1e-2 * np.sin(40.0 * time), 0.4 * np.cos(40.0 * time)
+    lower, upper = (
+        follow_states(law, {"k": 2e3, "Fs": largest}, d, v, time[1])[0, 0] for largest in (5.0, 5.001)
+    )
+    assert np.abs(upper - lower).max() == pytest.approx(0.001, rel=1e-6)
+    assert np.mean((upper - lower) ** 2) > 0.2e-6

@@ -18,6 +18,7 @@ from linkwise.likelihood.shooting.segments import Iterate, Scales
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.rig_support import refuse_rig
+from linkwise.model.slider_corners import LAG
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
@@ -118,9 +119,8 @@ def limit(
             f"{_SHORTEST / (rate * refinement):.2g} s at {rate:g} Hz"
         )
     progress(ProgressReport(0.5, "sensitivities"))
-    segments = cut_segments(
-        pieces, unknown_structure, System.of(unknown_structure), samples=samples * refinement, refine=1
-    )
+    system = System.of(unknown_structure, lag=LAG * record.step)
+    segments = cut_segments(pieces, unknown_structure, system, samples=samples * refinement, refine=1)
     names = [f"{true.links[index].name}.{state}" for index, state in segments.system.states]
     point = Iterate(_nodes(pieces, samples * refinement, names), values, np.zeros(0))
     units = np.where(values == 0.0, 1.0, np.abs(values))

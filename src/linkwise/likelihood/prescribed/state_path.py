@@ -16,6 +16,7 @@ from scipy.linalg import lapack
 from linkwise.arrays import Floats
 from linkwise.expression import Program, differentiate
 from linkwise.model.law import Law
+from linkwise.model.slider_corners import smooth_rates
 
 _NEWTON = 40  # iterations, at most
 _TOLERANCE = 1e-9  # of the size of the states
@@ -25,7 +26,7 @@ _LARGEST = 1e12  # a state that gets larger has run away
 @lru_cache(maxsize=256)
 def _programs(law: Law, free: tuple[str, ...]) -> tuple[Program, Program]:
     """Rates and their derivatives by states; then the derivatives of force and rates by d, v, states and coefficients."""
-    rates = [rate.expression for rate in law.rates]
+    rates = smooth_rates(law)
     names = (*law.variables, *law.coefficients)
     newton = [*rates, *(differentiate(rate, state) for rate in rates for state in law.states)]
     by = ("d", "v", *law.states, *free)

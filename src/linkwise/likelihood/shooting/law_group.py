@@ -7,9 +7,10 @@ from functools import cached_property, lru_cache
 from types import EllipsisType
 
 from linkwise.arrays import Floats
-from linkwise.expression import Program, differentiate
+from linkwise.expression import Expression, Program, differentiate
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
+from linkwise.model.slider_corners import smooth_rates
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class LawGroup:
         Position of their first state on the state axis: state by state, link by link.
     free : tuple of str
         Coefficients that are unknown in one of these links at least.
+    lag : float or None
+        Time in s by which a slider may lag behind its corner, which is rounded; None takes rates as they are written.
     """
 
     law: Law
@@ -35,6 +38,7 @@ class LawGroup:
     first: int
     first_state: int
     free: tuple[str, ...]
+    lag: float | None = None
 
     @property
     def states(self) -> slice:
@@ -49,14 +53,14 @@ class LawGroup:
     @cached_property
     def force(self) -> Program:
         """Program for the force and the rates of the states from d, v, the states and the coefficients."""
-        return _force_program(self.law)
+        return _force_program(self.law, self.lag)
 
     @cached_property
     def partials(self) -> Program:
         """Program for the partial derivatives of the force with respect to d, v, the unknown coefficients and the states, and
         then of each rate.
         """
-        return _slope_program(self.law, self.free)
+        return _slope_program(self.law, self.free, self.lag)
 
     @property
     def rows(self) -> slice:
@@ -96,14 +100,20 @@ class LawGroup:
 
 
 @lru_cache(maxsize=512)
-def _force_program(law: Law) -> Program:
-    trees = [law.expression, *(rate.expression for rate in law.rates)]
+def _force_program(law: Law, lag: float | None) -> Program:
+    trees = _trees(law, lag)
     return Program(trees, (*law.variables, *law.coefficients), wide=law.variables)
 
 
 @lru_cache(maxsize=512)
-def _slope_program(law: Law, free: tuple[str, ...]) -> Program:
+def _slope_program(law: Law, free: tuple[str, ...], lag: float | None) -> Program:
     names = (*VARIABLES, *free, *law.states)
-    trees = [law.expression, *(rate.expression for rate in law.rates)]
+    trees = _trees(law, lag)
     slopes = [differentiate(tree, name) for tree in trees for name in names]
     return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+def _trees(law: Law, lag: float | None) -> list[Expression]:
+    """The force of a law and the rates of its states."""
+    rates = [rate.expression for rate in law.rates] if lag is None else smooth_rates(law, lag)
+    return [law.expression, *rates]

@@ -66,13 +66,16 @@ class System:
         return 2 * len(self.incidence) + len(self.states)
 
     @classmethod
-    def of(cls, structure: Structure) -> System:
+    def of(cls, structure: Structure, *, lag: float | None = None) -> System:
         """The system of a structure.
 
         Parameters
         ----------
         structure : Structure
             The structure.
+        lag : float, optional
+            Time in s by which sliders may lag behind their corners, which are rounded then; by default rates are as they are
+            written.
 
         Returns
         -------
@@ -91,7 +94,7 @@ class System:
                 for name in law.coefficients
                 if any((index, name) in unknown for index in indices.tolist())
             )
-            groups.append(LawGroup(law, slice(links, links + len(indices)), rows, len(states), free))
+            groups.append(LawGroup(law, slice(links, links + len(indices)), rows, len(states), free, lag))
             states += [(index, name) for name in law.states for index in indices.tolist()]
             owners += [links + number for _ in law.states for number in range(len(indices))]
             links, rows = links + len(indices), rows + len(indices) * len(law.coefficients)

@@ -14,6 +14,7 @@ from linkwise.expression import Number, differentiate, symbols
 from linkwise.lazy import lazy_module
 from linkwise.model.law import Law
 from linkwise.model.law_programs import rates_program
+from linkwise.model.slider_corners import slider_parts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.integrate import smoothed
@@ -79,7 +80,8 @@ def follow_states(
     `values` are numbers, or (B, 1) for a `batch` of B links.
 
     The record is cut into pieces that run side by side; each begins at `start` some periods before the samples it gives.
-    States whose rates are linear are filtered, which gives the same to rounding.
+    States whose rates are linear are filtered, which gives the same to rounding; those of sliders follow the elongation within
+    their bounds.
     """
     if not law.states:
         return np.empty((0, batch, len(d)))
@@ -92,6 +94,8 @@ def follow_states(
     run_d = np.concatenate([lead[0], d, tail[0]])
     run_v = np.concatenate([lead[1], v, tail[1]])
     along_d, along_v = (sliding_window_view(run, 2 * piece)[::piece].T.copy() for run in (run_d, run_v))
+    if slider_parts(law) is not None:
+        return _slid(law, values, along_d, batch, start)[..., : len(d)]
     middle_d, middle_v = (0.5 * (along[:-1] + along[1:]) for along in (along_d, along_v))
     if _decay_alone(law):
         motion = np.stack([along_d.T, along_v.T]), np.stack([middle_d.T, middle_v.T])
@@ -123,6 +127,30 @@ def follow_states(
         np.add(states, first, states)
     out[..., piece - 1] = states
     return out.reshape(len(law.states), batch, -1)[..., : len(d)]
+
+
+def _slid(law: Law, values: Mapping[str, float | Floats], along: Floats, batch: int, start: float) -> Floats:
+    """States (r, B, C M) of sliders from elongations (2 M, C) of pieces, the first half of which leads to what is given.
+
+    A step from one sample to the next, in which d goes one way, has no error, and the largest size of a state enters it.
+    """
+    parts = slider_parts(law)
+    assert parts is not None
+    numbers = parts(*(np.asarray(values[name], dtype=np.float64) for name in law.coefficients))
+    count, piece = len(law.states), len(along) // 2
+    shape = (2 * count, batch, along.shape[1])
+    stiffness, largest = np.split(np.stack([np.broadcast_to(number, shape[1:]) for number in numbers]), 2)
+    out, states = np.empty((count, *shape[1:], piece)), np.full((count, *shape[1:]), start)
+    lowest, moved = -largest, np.empty_like(states)
+    for number, change in enumerate(np.diff(along, axis=0)):
+        if number >= piece:
+            out[..., number - piece] = states
+        np.multiply(stiffness, change, moved)
+        np.add(states, moved, states)
+        np.minimum(states, largest, out=states)
+        np.maximum(states, lowest, out=states)
+    out[..., piece - 1] = states
+    return out.reshape(count, batch, -1)
 
 
 def _value_at(value: float | Floats, k: int) -> float:

@@ -1,0 +1,98 @@
+"""Rates of sliders for estimators: as written but next to the corner, and with a derivative by the largest force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from present import some
+
+import linkwise as lw
+from linkwise.expression import Program, differentiate
+from linkwise.model.slider_corners import slider_parts, smooth_rates
+
+VALUES = {"k": 200.0, "Fs": 12.0}
+LAW = lw.Law.parse(lw.named_law("jenkins").law, lw.named_law("jenkins").states)
+NAMES = (*LAW.variables, *LAW.coefficients)
+FORCES = np.array([-11.6, -11.0, 0.0, 5.0, 11.6])  # N
+NUMBERS = tuple(VALUES[name] for name in LAW.coefficients)
+
+
+def test_a_slider_sticks_as_its_law_says_and_slides_at_its_largest_force() -> None:
+    program = Program(list(smooth_rates(LAW)), NAMES, wide=LAW.variables)
+    for v in some((-0.3, 0.3)):
+        (rate,) = program(0.0, v, FORCES, *NUMBERS)
+        exact = LAW.state_rates(0.0, v, {**VALUES, "q": FORCES})[0]
+        np.testing.assert_allclose(rate, exact, rtol=1e-12)
+        (rate,) = program(0.0, v, np.array([-12.0, 12.0]), *NUMBERS)
+        np.testing.assert_allclose(rate, [200.0 * max(v, 0.0), 200.0 * min(v, 0.0)], atol=1e-12)
+
+
+def test_a_force_beyond_the_largest_is_pulled_back_to_it() -> None:
+    program = Program(list(smooth_rates(LAW)), NAMES, wide=LAW.variables)
+    (rate,) = program(0.0, 0.3, np.array([12.1]), *NUMBERS)
+    assert rate[0] < 0.0
+    assert LAW.state_rates(0.0, 0.3, {**VALUES, "q": 12.1})[0] == 0.0
+
+
+def test_the_rate_at_the_corner_tells_the_largest_force() -> None:
+    for trees, tells in (
+        (smooth_rates(LAW), True),
+        (tuple(rate.expression for rate in LAW.rates), False),
+    ):
+        slope = Program([differentiate(trees[0], "Fs")], NAMES, wide=LAW.variables)
+        (by_largest,) = slope(0.0, 0.3, np.array([11.9]), *NUMBERS)
+        assert (by_largest[0] > 0.0) == tells
+
+
+def test_every_slider_of_iwan_is_rounded_and_other_rates_are_as_written() -> None:
+    iwan = lw.named_law("iwan(3)")
+    law = lw.Law.parse(iwan.law, iwan.states)
+    written = tuple(rate.expression for rate in law.rates)
+    assert all(rounded != tree for rounded, tree in zip(smooth_rates(law), written, strict=True))
+    as_written: list[Mapping[str, lw.LinkState | str]] = [
+        lw.named_law("bouc-wen").states,
+        lw.named_law("backlash-slip").states,
+        {"z": "v*(1 - 0.25*(1 + sign(abs(z) - abs(d)))*(1 + sign(z*v)))"},  # its limit moves
+        {"z": "v*(1 - 0.5*(1 + sign(abs(z) - x0)))"},
+    ]
+    for states in some(as_written):
+        other = lw.Law.parse("F*z", states)
+        assert smooth_rates(other) == tuple(rate.expression for rate in other.rates)
+
+
+def test_a_slider_that_slides_fast_lags_by_a_time() -> None:
+    """Its rate changes with its force no faster than the reciprocal of the time, however fast it slides."""
+    for lag, v in some(((1e-3, 0.3), (1e-3, 300.0), (0.1, 3.0))):
+        rates = smooth_rates(LAW, lag)
+        slope = Program([differentiate(rates[0], "q")], NAMES, wide=LAW.variables)
+        (by_force,) = slope(0.0, v, np.array([11.9999, 12.0001]), *NUMBERS)
+        steepest = VALUES["k"] * v / (0.03 * VALUES["Fs"] + lag * VALUES["k"] * v)
+        np.testing.assert_allclose(by_force, -steepest, rtol=1e-9)
+        assert steepest < 1.0 / lag
+        (rate,) = Program(list(rates), NAMES, wide=LAW.variables)(0.0, v, np.array([12.0]), *NUMBERS)
+        assert abs(rate[0]) < 1e-9 * VALUES["k"] * v
+
+
+def test_sliders_alone_are_told_by_stiffness_and_largest_size() -> None:
+    for name, values, expected in some(
+        (
+            ("jenkins", (200.0, 12.0), ([200.0], [12.0])),
+            ("iwan(1)", None, ([1.0, 1.0], None)),
+        )
+    ):
+        named = lw.named_law(name)
+        law = lw.Law.parse(named.law, named.states)
+        parts = slider_parts(law)
+        assert parts is not None
+        stiffness, largest = expected
+        numbers = parts(*(values or (0.7, -0.4, 15.0, 300.0)[: len(law.coefficients)]))
+        assert [float(number) for number in numbers[: len(stiffness)]] == stiffness
+        if largest is not None:
+            assert [float(number) for number in numbers[len(stiffness) :]] == largest
+    for other in some(("bouc-wen", "lugre", "dahl", "maxwell", "zener", "backlash-slip")):
+        named = lw.named_law(other)
+        assert slider_parts(lw.Law.parse(named.law, named.states)) is None
+    beside: Mapping[str, lw.LinkState | str] = {"q": lw.named_law("jenkins").states["q"], "z": "v - z"}
+    assert slider_parts(lw.Law.parse("q + z", beside)) is None
+    assert slider_parts(lw.Law.parse("k*d")) is None
