@@ -73,6 +73,14 @@ def test_what_the_answer_allows_for_is_no_alert() -> None:
     assert kinds == {"x:m1": [("drift", "x:m2")], "x:m2": []}
 
 
+def test_samples_that_a_record_lacks_beside_marked_ones_are_told() -> None:
+    marked = lw.mark_missing(clipped_record(), "clipped")
+    values = marked.values.copy()
+    values[600:700, 1] = np.nan
+    fit = lw.identify(replace(marked, values=values), lw.bnes_chain(2).unknown("nes"))
+    assert [(alert.kind, alert.channel) for alert in fit.alerts] == [("dropped", "x:m2")]
+
+
 def test_a_hum_is_allowed_for_where_all_of_its_lines_are_estimated() -> None:
     clean = chain(2, 30.0)
     lines = 1e-3 * np.sin(2.0 * np.pi * np.outer(clean.time, [50.0, 150.0])).sum(axis=1)

@@ -81,8 +81,8 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
     return replace(record, values=values, notes=(*record.notes, *notes))
 
 
-def marked_channels(record: Record) -> set[str]:
-    """Channels of which `mark_missing` marked samples, by the notes of the record.
+def marked_samples(record: Record) -> dict[str, int]:
+    """How many samples of each channel `mark_missing` marked, by the notes of the record.
 
     Parameters
     ----------
@@ -91,8 +91,12 @@ def marked_channels(record: Record) -> set[str]:
 
     Returns
     -------
-    set of str
-        Their names.
+    dict of str to int
+        By the names of the channels of which it marked any.
     """
-    marks = [note for note in record.notes if _MARKED in note]
-    return {channel for channel in record.channels for mark in marks if mark.startswith(f"{channel}: ")}
+    counts: dict[str, int] = {}
+    for note in record.notes:
+        channel, _, rest = note.rpartition(": ")
+        if _MARKED in rest and channel in record.channels:
+            counts[channel] = counts.get(channel, 0) + int(rest.split()[0])
+    return counts

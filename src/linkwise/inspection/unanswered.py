@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import TypeAlias
 
+import numpy as np
+
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.inspect import inspect
-from linkwise.inspection.mark_missing import marked_channels
+from linkwise.inspection.mark_missing import marked_samples
 from linkwise.inspection.result import labels
 from linkwise.records.record import Record
 
@@ -35,7 +37,7 @@ def unanswered_alerts(records: Sequence[Record], allowances: Collection[Allowanc
         As of `inspect`.
     """
     names = labels(tuple(records))
-    marked = {name: marked_channels(record) for name, record in zip(names, records, strict=True)}
+    marked = {name: _marked_alone(record) for name, record in zip(names, records, strict=True)}
     near = {name: _TURN / record.duration + _TOLD for name, record in zip(names, records, strict=True)}
     return tuple(
         alert
@@ -43,6 +45,15 @@ def unanswered_alerts(records: Sequence[Record], allowances: Collection[Allowanc
         if not _is_allowed_for(alert, allowances, near[alert.record])
         and not (alert.is_of_gaps and alert.channel in marked[alert.record])
     )
+
+
+def _marked_alone(record: Record) -> set[str]:
+    """Channels that lack no more samples than were marked as missing."""
+    return {
+        channel
+        for channel, count in marked_samples(record).items()
+        if np.isnan(record.channel(channel)).sum() <= count
+    }
 
 
 def _is_allowed_for(alert: Alert, allowances: Collection[Allowance], near: float) -> bool:
