@@ -10,18 +10,14 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from linkwise.argument_types import checked
-from linkwise.arrays import Floats
 from linkwise.inspection.result import Inspection
-from linkwise.inspection.spectrum import Spectrogram
+from linkwise.inspection.spectrum import Coherence, Spectrogram
 from linkwise.plot.palette import MEASURED, SERIES
 from linkwise.plot.style import axes_for, literal, sheet
 from linkwise.records.record import Record
 
 _MOST = 10  # strips that still can be read on one page
 _DECADES = 8.0  # of the power that colours tell apart, below its largest value
-_CHANCE = 0.05
-# blocks in place of one: neighbours under Hann windows that overlap by half (Welch 1967)
-_SHARED = 1.0 + 2.0 / 36.0
 
 
 @checked
@@ -49,7 +45,7 @@ def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
     >>> lw.plot.spectrogram(record, "x:m1").get_xlabel()
     'time, s'
     """
-    density = Spectrogram.of(_filled(record, name), record.rate)
+    density = Spectrogram.of(record.channel(name), record.rate)
     largest = float(density.power.max(initial=0.0))
     with axes_for(ax) as axes:
         if largest > 0.0:
@@ -98,30 +94,17 @@ def coherence(
     >>> lw.plot.coherence(record, "x:m1", "x:m2").get_xlabel()
     'frequency, Hz'
     """
-    of_first, of_second = (Spectrogram.transformed(_filled(record, name)) for name in (first, second))
-    cross = np.abs(np.mean(of_first * of_second.conj(), axis=0)) ** 2
-    power = np.mean(np.abs(of_first) ** 2, axis=0) * np.mean(np.abs(of_second) ** 2, axis=0)
-    values = np.divide(cross, power, out=np.zeros(len(cross)), where=power > 0.0)
-    frequency = np.linspace(0.0, 0.5 * record.rate, len(values))
-    blocks = len(of_first) / _SHARED
+    estimate = Coherence.of(record.channel(first), record.channel(second), record.rate)
     with axes_for(ax, legend=legend) as axes:
-        axes.plot(frequency[1:], values[1:], color=SERIES[0], linewidth=0.9, label="coherence")
-        if blocks > 1.0:
-            by_chance = 1.0 - _CHANCE ** (1.0 / (blocks - 1.0))
-            axes.axhline(by_chance, color=MEASURED, linestyle="--", linewidth=0.8, label="noise")
+        axes.plot(
+            estimate.frequency[1:], estimate.values[1:], color=SERIES[0], linewidth=0.9, label="coherence"
+        )
+        axes.axhline(estimate.by_chance, color=MEASURED, linestyle="--", linewidth=0.8, label="noise")
         axes.set_xlim(0.0, 0.5 * record.rate)
         axes.set_ylim(0.0, 1.0)
         axes.set_xlabel("frequency, Hz")
         axes.set_ylabel(f"{literal(first)}\n{literal(second)}")
     return axes
-
-
-def _filled(record: Record, name: str) -> Floats:
-    """The samples of a channel, straight lines over gaps; zeros where there are none."""
-    values = record.channel(name)
-    present = ~np.isnan(values)
-    index = np.arange(len(values))
-    return np.interp(index, index[present], values[present]) if present.any() else np.zeros(len(values))
 
 
 @checked

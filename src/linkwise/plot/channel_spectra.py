@@ -48,11 +48,7 @@ def spectrum(
     >>> ax.get_xlabel()
     'frequency, Hz'
     """
-    values = record.channel(name)
-    present = ~np.isnan(values)
-    index = np.arange(len(values))
-    filled = np.interp(index, index[present], values[present]) if present.any() else np.zeros(len(values))
-    spectrogram = Spectrogram.of(filled, record.rate)
+    spectrogram = Spectrogram.of(record.channel(name), record.rate)
     density = np.sqrt(spectrogram.mean[1:])
     color = SERIES[record.channels.index(name) % len(SERIES)]
     noisy = noise is not None and noise > 0.0 and bool(density.any())

@@ -10,6 +10,7 @@ from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.mean_residuals import MeanResiduals
 from linkwise.inspection.spectrum import Spectrogram
 from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL, scale
@@ -18,9 +19,7 @@ from linkwise.text import near_miss
 
 _MOST = 4  # channels that still can be read on one page
 _SHARED = 2  # first columns, with the same axis for all channels
-_BINS = 24  # of the motion of a link, each with as many samples
-_FEWEST = 20  # samples in a bin
-_TWO = 2.0  # standard errors of a mean, between which noise leaves 95 % of them
+_ORDINATES = ("", "density / white", "mean / noise")  # over time, over frequency, over the motion of a link
 
 
 @checked
@@ -92,7 +91,7 @@ def _links(estimate: Estimate) -> list[str]:
 
 def _over_frequency(axes: Axes, values: Floats, rate: float) -> None:
     """The spectral density in units of that of white noise."""
-    spectrogram = Spectrogram.of(np.nan_to_num(values), rate)
+    spectrogram = Spectrogram.of(values, rate)
     density = spectrogram.mean[1:] * (0.5 * rate)
     axes.plot(spectrogram.frequency[1:], density, color=IDENTIFIED, linewidth=0.9, label="residuals")
     axes.axhline(1.0, color=WELL, linestyle="--", linewidth=0.8, label="white noise")
@@ -106,17 +105,11 @@ def _over_motion(axes: Axes, values: Floats, estimate: Estimate, quantity: str) 
     """Means over parts of the range with equally many samples."""
     kind, _, link = quantity.partition(" of ")
     along = (estimate.motion.d if kind == "d" else estimate.motion.v)[:, _links(estimate).index(link)]
-    present = np.flatnonzero(~np.isnan(values))
-    order = present[np.argsort(along[present], kind="stable")]
-    parts = np.array_split(order, max(min(_BINS, len(order) // _FEWEST), 1))
+    means = MeanResiduals.along(along, values)
     factor, unit = scale(float(np.max(np.abs(along))), "m" if kind == "d" else "m/s")
-    places = factor * np.array([along[part].mean() for part in parts])
-    chance = np.array([_TWO / np.sqrt(len(part)) for part in parts])
-    axes.fill_between(
-        places, -chance, chance, color=MEASURED, alpha=0.3, linewidth=0.0, label="95 % of noise"
-    )
-    means = [values[part].mean() for part in parts]
-    axes.plot(places, means, color=IDENTIFIED, linewidth=1.2, marker="o", markersize=2.5, label="mean")
+    place, chance = factor * means.place, means.by_chance
+    axes.fill_between(place, -chance, chance, color=MEASURED, alpha=0.3, linewidth=0.0, label="95 % of noise")
+    axes.plot(place, means.mean, color=IDENTIFIED, linewidth=1.2, marker="o", markersize=2.5, label="mean")
     axes.set_xlabel(f"{literal(quantity)}, {unit}")
 
 
@@ -159,7 +152,7 @@ def residuals_figure(estimate: Estimate) -> Figure:
                 axes = residuals(estimate, name, quantity, legend=False, ax=panels[4 * row + column])
                 axes.locator_params(axis="x", nbins=4)
                 if column:
-                    axes.set_ylabel("")
+                    axes.set_ylabel(_ORDINATES[min(column, _SHARED)])
                 if column < _SHARED and row + 1 < len(names):
                     axes.set_xlabel("")
                     axes.tick_params(labelbottom=False)
