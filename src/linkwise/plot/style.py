@@ -204,14 +204,14 @@ def _without_glyph_warnings() -> Iterator[None]:
 
 
 @checked
-def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
+def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
     """Write a figure as PNG and as SVG.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
         The figure.
-    stem : pathlib.Path
+    stem : str or pathlib.Path
         Folder and name of both files, without suffix.
 
     Returns
@@ -235,7 +235,8 @@ def save(figure: Figure, stem: Path) -> tuple[Path, Path]:
     >>> [path.name for path in paths]
     ['motion.png', 'motion.svg']
     """
-    png, svg = stem.with_name(f"{stem.name}.png"), stem.with_name(f"{stem.name}.svg")
+    folder, name = Path(stem).parent, Path(stem).name
+    png, svg = folder / f"{name}.png", folder / f"{name}.svg"
     for path, content in zip((png, svg), encoded(figure), strict=True):
         path.write_bytes(content)
     return png, svg
