@@ -97,6 +97,7 @@ from linkwise.inspection.levels.ring_down import RingDown as RingDown
 from linkwise.inspection.mark_missing import mark_missing as mark_missing
 from linkwise.inspection.result import ChannelSummary as ChannelSummary
 from linkwise.inspection.result import Inspection as Inspection
+from linkwise.inspection.unanswered import EstimatedError as EstimatedError
 from linkwise.likelihood.estimate import MaximumLikelihood as MaximumLikelihood
 from linkwise.likelihood.fisher_information import Precision as Precision
 from linkwise.likelihood.profile import profile_interval as profile_interval

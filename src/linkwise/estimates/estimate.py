@@ -27,7 +27,7 @@ from linkwise.estimates.sensor_error import SensorErrorEstimate
 from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
-from linkwise.inspection.unanswered import unanswered_alerts
+from linkwise.inspection.unanswered import EstimatedError, unanswered_alerts
 from linkwise.model.host_damping import is_between_modes
 from linkwise.model.link import Link
 from linkwise.model.parameters import SHAPE_UNIT, Parameter
@@ -80,8 +80,8 @@ class Estimate(JudgedView):
         The records that were fitted together with `record`.
     random_forces, sensor_errors : tuple of RandomForceEstimate, tuple of SensorErrorEstimate
         Ambient forces and noise of applied forces; offsets, gains and delays of sensors that were found with the coefficients.
-    allowances : tuple of tuple of str, str, float or None
-        Drifts and hums of sensors that were found with the coefficients: kind, channel and frequency in Hz of a hum.
+    disturbances : tuple of EstimatedError
+        Drifts and hums of sensors that were found with the coefficients.
     unseen_terms : tuple of UnseenTerm
         Terms that exact laws may lack without a sign in the records, though they would move a coefficient, the farthest first.
     links_in_doubt : frozenset of str
@@ -126,7 +126,7 @@ class Estimate(JudgedView):
     more_records: tuple[Record, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
-    allowances: tuple[tuple[str, str, float | None], ...] = ()
+    disturbances: tuple[EstimatedError, ...] = ()
     unseen_terms: tuple[UnseenTerm, ...] = ()
     links_in_doubt: frozenset[str] = frozenset()
     for_dropped_terms: Floats | None = None
@@ -232,8 +232,8 @@ class Estimate(JudgedView):
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
         """What is wrong with channels of the records by themselves and is not allowed for, worst first, as of `inspect`."""
-        of_sensors = ((error.kind, error.channel, None) for error in self.sensor_errors)
-        return unanswered_alerts((self.record, *self.more_records), (*of_sensors, *self.allowances))
+        of_sensors = (EstimatedError(error.kind, error.channel) for error in self.sensor_errors)
+        return unanswered_alerts((self.record, *self.more_records), (*of_sensors, *self.disturbances))
 
     @checked
     def coefficient(self, name: str) -> CoefficientEstimate:

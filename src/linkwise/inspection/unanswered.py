@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,22 +13,45 @@ from linkwise.inspection.mark_missing import marked_samples
 from linkwise.inspection.result import labels
 from linkwise.records.record import Record
 
-Allowance: TypeAlias = tuple[str, str, float | None]
-"""The kind of an error, as of an `Alert`, and the channel; of a hum the frequency in Hz at which it is estimated."""
-
 # turns by which a stated hum may differ from the line at the end of a record: a tone beside it leaves most of the line
 _TURN = 0.25
 _TOLD = 0.01  # Hz to which an alert names the line
 
 
-def unanswered_alerts(records: Sequence[Record], allowances: Collection[Allowance] = ()) -> tuple[Alert, ...]:
+class EstimatedError(NamedTuple):
+    """An error of a sensor that is estimated with the coefficients.
+
+    Attributes
+    ----------
+    kind : str
+        As of an `Alert`.
+    channel : str
+        The channel.
+    frequency : float or None
+        In Hz, of a hum.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.EstimatedError("hum", "a:m1", 50.0).frequency
+    50.0
+    """
+
+    kind: str
+    channel: str
+    frequency: float | None = None
+
+
+def unanswered_alerts(
+    records: Sequence[Record], estimated: Collection[EstimatedError] = ()
+) -> tuple[Alert, ...]:
     """Alerts of records that an answer does not allow for, worst first.
 
     Parameters
     ----------
     records : sequence of Record
         The records.
-    allowances : collection of Allowance, optional
+    estimated : collection of EstimatedError, optional
         Errors that are estimated with the coefficients. Samples that were marked as missing are left out in any answer.
 
     Returns
@@ -42,7 +65,7 @@ def unanswered_alerts(records: Sequence[Record], allowances: Collection[Allowanc
     return tuple(
         alert
         for alert in inspect(records).alerts
-        if not _is_allowed_for(alert, allowances, near[alert.record])
+        if not _is_estimated(alert, estimated, near[alert.record])
         and not (alert.is_of_gaps and alert.channel in marked[alert.record])
     )
 
@@ -56,10 +79,10 @@ def _marked_alone(record: Record) -> set[str]:
     }
 
 
-def _is_allowed_for(alert: Alert, allowances: Collection[Allowance], near: float) -> bool:
+def _is_estimated(alert: Alert, estimated: Collection[EstimatedError], near: float) -> bool:
     """Whether what an alert names is estimated, all of its lines where it is a hum, each within `near` in Hz."""
     stated = [
-        frequency for kind, channel, frequency in allowances if (kind, channel) == (alert.kind, alert.channel)
+        error.frequency for error in estimated if (error.kind, error.channel) == (alert.kind, alert.channel)
     ]
     return bool(stated) and all(
         any(frequency is not None and abs(line - frequency) < near for frequency in stated)

@@ -18,7 +18,7 @@ from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.estimates.unseen_term import unseen_remark
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.fit_remarks import allowances, fit_remarks, inseparable, sensor_errors
+from linkwise.likelihood.fit_remarks import estimated_disturbances, fit_remarks, inseparable, sensor_errors
 from linkwise.likelihood.fitted_motion import motion_of_links
 from linkwise.likelihood.force_scale import require_force_scale
 from linkwise.likelihood.local_optima import lower_of_two
@@ -391,7 +391,7 @@ def estimate_of(
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
-        allowances=allowances(fit),
+        disturbances=estimated_disturbances(fit),
         unseen_terms=unseen,
         for_dropped_terms=judgement.for_missing_terms,
     )

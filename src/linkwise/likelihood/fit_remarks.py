@@ -8,7 +8,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.sensor_error import ErrorKind, SensorErrorEstimate
-from linkwise.inspection.unanswered import Allowance
+from linkwise.inspection.unanswered import EstimatedError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
 from linkwise.records.channel import Channel
@@ -132,7 +132,7 @@ def sensor_errors(
     )
 
 
-def allowances(fit: LikelihoodFit) -> tuple[Allowance, ...]:
+def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
     """Drifts and hums of sensors that were found with the coefficients.
 
     Parameters
@@ -142,12 +142,13 @@ def allowances(fit: LikelihoodFit) -> tuple[Allowance, ...]:
 
     Returns
     -------
-    tuple of Allowance
+    tuple of EstimatedError
         One for each channel and frequency.
     """
     places = dict.fromkeys((disturbance.channel, disturbance.frequency) for disturbance in fit.disturbances)
     return tuple(
-        ("drift" if frequency is None else "hum", channel, frequency) for channel, frequency in places
+        EstimatedError("drift" if frequency is None else "hum", channel, frequency)
+        for channel, frequency in places
     )
 
 
