@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from problems import chain_record
 from record_faults import Fault, chain, faulty, forced, kinds
 from structures import oscillator
 
@@ -192,3 +193,19 @@ def test_nothing_in_a_record_stops_an_inspection() -> None:
         inspection = lw.inspect(lw.Record(0.0, 10.0 ** rng.uniform(-2, 6), names, values))
         assert len(inspection.channels) == len(names) and str(inspection)
         assert set(inspection.to_dict()) == {"verdicts", "trusted", "channels", "alerts", "records"}
+
+
+@pytest.mark.parametrize("kind", ["x", "v", "a"])
+@pytest.mark.parametrize("decibels", [0.0, 3.0, 6.0, 10.0])
+def test_noise_is_no_fast_motion_and_hides_no_channel(kind: str, decibels: float) -> None:
+    """What noise scatters beyond its mean over frequency was told as motion up to half the rate; weak motion as none."""
+    clean = chain_record(2, duration=20.0, sensors=(kind,))
+    for seed in range(3):
+        assert not lw.inspect(clean.with_noise(decibels, seed=seed)).alerts
+
+
+def test_a_channel_of_noise_alone_is_dead() -> None:
+    rng = np.random.default_rng(91)
+    for _ in range(20):
+        noise = lw.Record.from_arrays(np.arange(5000) / 1000.0, {"x:m1": rng.normal(size=5000)})
+        assert kinds(noise) == {"dead"}

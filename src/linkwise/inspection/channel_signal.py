@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.inspection.rest import rest_period
-from linkwise.inspection.spectrum import Spectrogram
+from linkwise.inspection.spectrum import SHARED_BLOCKS, Spectrogram
 from linkwise.records.channel import Channel
 
 _EVEN = 0.02  # of a step: how far the differences of levels are from multiples of it
@@ -18,6 +18,12 @@ _LOOKED_AT = 300  # samples whose digits are counted
 _PRINTED = 11  # digits from which on decimal rounding is no coarser than any measurement
 # of the power of a motion: below the frequency that this share lies under, it is to be resolved
 _CARRYING = 0.99
+_DEVIATIONS = (
+    5.0  # of the power that noise leaves above a frequency, whose sums over few frequencies are skew
+)
+_NOISE_SAMPLES = (
+    8.0  # of a record, each worth one for the variance of its noise, as it is taken from differences
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +124,22 @@ class ChannelSignal:
 
     @cached_property
     def highest(self) -> float:
-        """Frequency in Hz below which lie 99 % of the power beyond the noise; 0 for a channel without motion."""
+        """Frequency in Hz below which lie 99 % of the power beyond the noise, as far as the noise lets it be seen; 0 where
+        no power is beyond the noise.
+        """
         spectrum = self.spectrogram
         noise = 0.0 if np.isnan(self.sigma) else 2.0 * self.sigma**2 / self.rate
-        power = np.cumsum(np.maximum(spectrum.mean[1:] - noise, 0.0))
-        if not power.size or not power[-1] > 0.0:
-            return 0.0
-        return float(spectrum.frequency[1:][np.searchsorted(power, _CARRYING * power[-1])])
+        above = np.cumsum((spectrum.mean[1:-1] - noise)[::-1])[::-1]
+        count = np.arange(len(above), 0, -1)
+        of_blocks = np.sqrt(SHARED_BLOCKS / len(spectrum.time) / count)
+        by_noise = _DEVIATIONS * noise * count * np.hypot(of_blocks, self.noise_power_error)
+        resolved = above > (1.0 - _CARRYING) * above.max(initial=0.0) + by_noise
+        return float(spectrum.frequency[1:-1][resolved].max(initial=0.0))
+
+    @property
+    def noise_power_error(self) -> float:
+        """Relative standard error of the power of the noise."""
+        return float(np.sqrt(_NOISE_SAMPLES / max(len(self.observed), 1)))
 
     @cached_property
     def rest(self) -> slice | None:

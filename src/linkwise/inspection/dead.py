@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from linkwise.inspection.alert import Alert
+from linkwise.inspection.channel_signal import ChannelSignal
 from linkwise.inspection.record_signals import RecordSignals
 
-_MOTION = 1.2  # times the power of its noise: what has less holds no motion; noise scatters by a few per cent
+_MOTION = 0.2  # of the power of its noise: a channel with more moves, however short it is
+_DEVIATIONS = 5.0  # of the power of the noise of a long channel
 
 
 def dead(signals: RecordSignals) -> Iterator[Alert]:
@@ -23,9 +25,15 @@ def dead(signals: RecordSignals) -> Iterator[Alert]:
                 "leave the channel out, and check sensor and cable"
             )
             yield Alert("dead", signal.name, message, np.inf)
-        elif not signal.is_input and signal.rms**2 < _MOTION * signal.sigma**2:
+        elif not signal.is_input and _is_noise(signal):
             message = (
                 f"holds nothing but noise of {signal.sigma:.3g} {signal.channel.unit}: nothing of the motion is in it; check "
                 "sensor, cable and range, excite more strongly, or leave the channel out"
             )
             yield Alert("dead", signal.name, message, np.inf)
+
+
+def _is_noise(signal: ChannelSignal) -> bool:
+    """Whether it has no more power than its noise, neither in all nor at some frequency."""
+    motion = min(_MOTION, _DEVIATIONS * signal.noise_power_error)
+    return signal.rms**2 < (1.0 + motion) * signal.sigma**2 and signal.highest == 0.0

@@ -13,7 +13,7 @@ _LONGEST = 512  # samples of a block
 _BLOCKS = 8  # that fit into a record side by side, where it is long enough
 _CHANCE = 0.05
 # blocks in place of one: neighbours under Hann windows that overlap by half (Welch 1967)
-_SHARED = 1.0 + 2.0 / 36.0
+SHARED_BLOCKS = 1.0 + 2.0 / 36.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,9 @@ class Spectrogram:
         first, block, window = _blocks(len(values))
         time = np.asarray((first + 0.5 * block) / rate, dtype=float)
         power = np.abs(_transformed(values)) ** 2 * (2.0 / (rate * np.sum(window**2)))
+        power[:, 0] *= 0.5
+        if block % 2 == 0:
+            power[:, -1] *= 0.5
         return cls(_frequencies(len(values), rate), time, np.asarray(power, dtype=float))
 
     @property
@@ -78,7 +81,7 @@ class Coherence:
         cross = np.abs(np.mean(of_first * of_second.conj(), axis=0)) ** 2
         power = np.mean(np.abs(of_first) ** 2, axis=0) * np.mean(np.abs(of_second) ** 2, axis=0)
         values = np.divide(cross, power, out=np.zeros(len(cross)), where=power > 0.0)
-        blocks = len(of_first) / _SHARED
+        blocks = len(of_first) / SHARED_BLOCKS
         by_chance = 1.0 - _CHANCE ** (1.0 / (blocks - 1.0)) if blocks > 1.0 else 1.0
         return cls(_frequencies(len(first), rate), values, by_chance)
 
