@@ -112,3 +112,21 @@ def test_an_encoder_may_rest() -> None:
 def test_held_samples_are_told_as_doubled() -> None:
     for make in RECORDS.values():
         assert "doubled" in kinds(faulty(make(), CHANNEL, hold), CHANNEL)
+
+
+def test_accelerations_jump_where_dry_friction_turns() -> None:
+    """Jumps were told as spikes, which are to be marked as missing; a spike among them still is."""
+    law = lw.Law.parse("k*d + c*v + F*tanh(v/w)")
+    values = {
+        name: lw.Coefficient.number(value)
+        for name, value in {"k": 4e3, "c": 1.0, "F": 12.0, "w": 1e-3}.items()
+    }
+    joint = lw.Link("joint", ("m1", "ground"), law, values)
+    rig = lw.Structure("rig", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (joint,))
+    driven = lw.simulate(rig, forces={"m1": "40*sin(20*t)"}, duration=3.0, rate=2000.0, sensors=["a"])
+    for seed in range(3):
+        record = driven.with_noise(40.0, seed=seed)
+        assert "spikes" not in kinds(record)
+        values_of_all = record.values.copy()
+        values_of_all[2500, record.channels.index("a:m1")] += 60.0
+        assert "spikes" in kinds(lw.Record(record.start, record.rate, record.channels, values_of_all), "a:m1")

@@ -77,10 +77,8 @@ def jumps(signal: ChannelSignal) -> Indices:
 
 
 def _spikes(signal: ChannelSignal) -> Indices:
-    """The outliers that stand alone."""
+    """The outliers that stand alone, not those at which the motion jumps or turns, as by dry friction or a stop."""
     rows = _outliers(signal)
-    if signal.channel.kind != "x":
-        return rows
     return np.array([row for row in rows if _jump(signal.filled, int(row)) is None], dtype=int)
 
 
