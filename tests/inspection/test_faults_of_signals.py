@@ -209,3 +209,14 @@ def test_a_channel_of_noise_alone_is_dead() -> None:
     for _ in range(20):
         noise = lw.Record.from_arrays(np.arange(5000) / 1000.0, {"x:m1": rng.normal(size=5000)})
         assert kinds(noise) == {"dead"}
+
+
+def test_a_structure_that_is_driven_does_not_rest() -> None:
+    """A mass that a slow force moves within its noise was told to have an offset while nothing moves."""
+    time = np.arange(6000) / 1000.0
+    rng = np.random.default_rng(92)
+    velocity = np.where(time < 3.0, np.sin(40.0 * time), 0.0) + np.where(time >= 3.0, 0.02, 0.0)
+    channels = {"v:m1": velocity + 0.01 * rng.normal(size=6000), "force:m1": np.sin(3.0 * time)}
+    assert "offset" not in kinds(lw.Record.from_arrays(time, channels))
+    channels["force:m1"] = np.where(time < 3.0, np.sin(40.0 * time), 0.0)
+    assert "offset" in kinds(lw.Record.from_arrays(time, channels), "v:m1")

@@ -24,13 +24,14 @@ _SLOPES_AGREE = 4.0
 def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of velocities and accelerations that are not zero while nothing moves; a mass may rest in a well."""
     for signal in signals.responses:
-        if signal.rest is None or signal.channel.kind not in "va":
+        rest = signals.rest_of(signal)
+        if rest is None or signal.channel.kind not in "va":
             continue
-        value, error = _mean(signal.filled[signal.rest])
+        value, error = _mean(signal.filled[rest])
         if abs(value) < max(_LEVEL * signal.rms, _CERTAIN * error):
             continue
         message = (
-            f"is {value:.3g} +- {error:.1g} {signal.channel.unit} while nothing moves, {_when(signal)}: this offset acts like "
+            f"is {value:.3g} +- {error:.1g} {signal.channel.unit} while nothing moves, {_when(signal, rest)}: it acts like "
             "a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
         )
         yield Alert("offset", signal.name, message, abs(value) / signal.rms, arguments=("offsets",))
@@ -39,9 +40,10 @@ def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
 def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses that change steadily while nothing moves."""
     for signal in signals.responses:
-        if signal.rest is None or signal.rest.stop - signal.rest.start < _LONG * len(signal.values):
+        rest = signals.rest_of(signal)
+        if rest is None or rest.stop - rest.start < _LONG * len(signal.values):
             continue
-        piece = signal.filled[signal.rest]
+        piece = signal.filled[rest]
         slope, error = _slope(piece)
         halves = [_slope(half) for half in np.array_split(piece, 2)]
         apart = abs(halves[0][0] - halves[1][0])
@@ -52,8 +54,8 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         if abs(slope) < _CERTAIN * error or abs(over) < _CHANGE * signal.rms or apart > allowed:
             continue
         message = (
-            f"drifts by {slope * signal.rate:.3g} {signal.channel.unit}/s while nothing moves, {_when(signal)}, which is "
-            f"{over:.3g} {signal.channel.unit} over the record: a drift acts like a slow force, and biases stiffness; let the "
+            f"drifts by {slope * signal.rate:.3g} {signal.channel.unit}/s while nothing moves, {_when(signal, rest)}: by "
+            f"{over:.3g} {signal.channel.unit} over the record: it acts like a slow force, and biases stiffness; let the "
             "sensor warm up, subtract the trend, or use shorter pieces"
         )
         yield Alert(
@@ -65,9 +67,8 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         )
 
 
-def _when(signal: ChannelSignal) -> str:
-    assert signal.rest is not None
-    ends = [signal.start + sample / signal.rate for sample in (signal.rest.start, signal.rest.stop - 1)]
+def _when(signal: ChannelSignal, rest: slice) -> str:
+    ends = [signal.start + sample / signal.rate for sample in (rest.start, rest.stop - 1)]
     return f"from {ends[0]:.4g} to {ends[1]:.4g} s"
 
 

@@ -48,9 +48,10 @@ def aliasing(signals: RecordSignals) -> Iterator[Alert]:
 def coloured(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose noise at rest is not white."""
     for signal in signals.responses:
-        if signal.rest is None:
+        rest = signals.rest_of(signal)
+        if rest is None:
             continue
-        values = _detrended(signal.filled[signal.rest])
+        values = _detrended(signal.filled[rest])
         sigma = float(values.std())
         tilt, error = _tilt(values)
         if sigma < max(_QUIET * signal.rms, 2.0 * signal.step) or abs(tilt) < max(_TILTED, _CERTAIN * error):

@@ -9,6 +9,7 @@ import numpy as np
 
 from linkwise.inspection.channel_signal import ChannelSignal
 from linkwise.inspection.kinematics import KinematicFit, kinematic_fits
+from linkwise.inspection.rest import QUIET
 from linkwise.records.record import Record
 from linkwise.signals.noise import noise_sigma
 
@@ -40,6 +41,17 @@ class RecordSignals:
     def responses(self) -> tuple[ChannelSignal, ...]:
         """Channels of masses that are not constant."""
         return tuple(signal for signal in self.moving if not signal.is_input)
+
+    def rest_of(self, signal: ChannelSignal) -> slice | None:
+        """The samples at an end in which a channel rests and nothing drives the structure; None where there are none."""
+        if signal.rest is None:
+            return None
+        driven = (
+            float(np.std(given.filled[signal.rest])) > QUIET * given.rms
+            for given in self.moving
+            if given.is_input
+        )
+        return None if any(driven) else signal.rest
 
     @cached_property
     def kinematics(self) -> tuple[KinematicFit, ...]:

@@ -9,7 +9,7 @@ from linkwise.arrays import Floats
 _BLOCKS = 40  # in which a record is looked at
 _FEWEST = 6  # blocks of rest
 _SHORTEST = 240  # samples of rest
-_QUIET = 0.2  # of the root mean square of the record
+QUIET = 0.2  # of the root mean square of the record
 # ratio of the root mean squares of blocks at rest, greatest to least; correlated noise scatters more
 _STEADY = 1.8
 _ORDER = 8  # of the autoregression that tells resonances
@@ -38,7 +38,7 @@ def _quiet_blocks(values: Floats) -> int:
     count = 0
     for signal in level:
         least, greatest = min(least, signal), max(greatest, signal)
-        if greatest > _STEADY * least or greatest > _QUIET * values.std():
+        if greatest > _STEADY * least or greatest > QUIET * values.std():
             break
         count += 1
     return count * size if count >= _FEWEST and count * size >= _SHORTEST else 0

@@ -19,12 +19,13 @@ _MEDIAN = 0.6745  # of a normal deviation's size
 _BLOCK = 32  # samples whose median deviation is the usual one
 _FAR = 8.0  # usual deviations where they are noise: of 1e12 normal samples one
 _FARTHER = 16.0  # where they are motion, whose deviations come and go
+_SCATTER = 0.75  # of the noise, by which usual deviations that are noise alone may seem to be motion
 _SHARP = 0.3  # of the root mean square of an acceleration, which a force that changes sign can turn within a sample
 # of the deviation that neighbours may have once the sample is mended: a jump or a kink leaves more
 _LEFT = 0.35
 
-
 _REACH = 6  # samples on either side of an outlier by which a jump is told from a spike
+_ROUGH = 0.3  # of the squared deviation, that a quartic leaves of all neighbours: of noise 0.1 at most, at a kink from 0.8 on
 _SMOOTH = 0.2  # of what a motion without a jump leaves there: jumps leave 0.05 at most, spikes 1e4
 
 
@@ -78,8 +79,22 @@ def jumps(signal: ChannelSignal) -> Indices:
 
 def _spikes(signal: ChannelSignal) -> Indices:
     """The outliers that stand alone, not those at which the motion jumps or turns, as by dry friction or a stop."""
-    rows = _outliers(signal)
-    return np.array([row for row in rows if _jump(signal.filled, int(row)) is None], dtype=int)
+    values, rows = signal.filled, _outliers(signal)
+    alone = [row for row in rows.tolist() if _is_spike(values, row) and _jump(values, row) is None]
+    return np.array(alone, dtype=int)
+
+
+def _is_spike(values: Floats, row: int) -> bool:
+    """Whether the neighbours of an outlier go on smoothly without it."""
+    near = values[row - _HALF : row + _HALF + 1]
+    return _left_by_neighbours(values, row) < _ROUGH * float(_deviations(near)[_HALF]) ** 2
+
+
+def _left_by_neighbours(values: Floats, row: int) -> float:
+    """Sum of squares that a quartic leaves of the neighbours of an outlier, without it."""
+    near = np.arange(max(row - _REACH, 0), min(row + _REACH + 1, len(values)))
+    near = near[near != row]
+    return _left((near - row) / _REACH, values[near], 4)
 
 
 def _jump(values: Floats, row: int) -> int | None:
@@ -90,8 +105,7 @@ def _jump(values: Floats, row: int) -> int | None:
     time, piece = np.arange(-_REACH, _REACH + 1) / _REACH, values[first:last]
     splits = range(_REACH - 1, _REACH + 3)
     apart = [_left(time[:at], piece[:at], 2) + _left(time[at:], piece[at:], 2) for at in splits]
-    around = np.delete(np.arange(len(time)), _REACH)
-    if min(apart) > _SMOOTH * _left(time[around], piece[around], 4):
+    if min(apart) > _SMOOTH * _left_by_neighbours(values, row):
         return None
     return first + splits[int(np.argmin(apart))]
 
@@ -118,7 +132,7 @@ def _outliers(signal: ChannelSignal) -> Indices:
     )
     usual = widest[np.minimum(np.arange(len(size)) // _BLOCK, len(blocks) - 1)]
     noise = np.maximum(_NOISE * np.nan_to_num(signal.sigma), signal.grain)
-    limit = np.maximum(np.where(usual > 1.5 * noise, _FARTHER, _FAR) * usual, _FAR * noise)
+    limit = np.maximum(_FAR * np.maximum(usual, noise), _FARTHER * (usual - _SCATTER * noise))
     if signal.channel.kind == "a":
         limit = np.maximum(limit, _SHARP * signal.rms)
     candidates = np.flatnonzero(size > limit)
