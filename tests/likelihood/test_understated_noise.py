@@ -51,3 +51,13 @@ def test_laws_that_lack_a_term_are_not_taken_for_noise() -> None:
     linear = structure({"m1": 1.0, "m2": 0.01}, chain.links[0], link("nes1", "m2-m1", "k*d + c*v"))
     fit = lw.identify(record, linear)
     assert not fit.trusted and "stated too small" not in fit.message
+
+
+def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> None:
+    """Nothing converges with it, and what is left is no noise: the samples themselves tell, before any law."""
+    chain = lw.bnes_chain(2)
+    record = record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}, chain)
+    fit = lw.identify(record, chain.unknown("all"))
+    assert fit.fit_verdicts == (Verdict.NOT_CONVERGED,)
+    assert "neighbouring samples scatter by far more" in fit.message
+    assert "times in x:m1" in fit.message and "times in x:m2" not in fit.message

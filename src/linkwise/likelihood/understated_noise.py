@@ -12,10 +12,13 @@ from linkwise.likelihood.judgement import Judgement
 from linkwise.likelihood.whiteness import is_white
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.signals.noise import noise_sigma
 from linkwise.verdict import Verdict
 
 # times the noise: 1.44 in chi-square, which no number of samples that a fit has gives by chance
 _EXCEEDED = 1.2
+# times the noise: what neighbouring samples scatter by is noise within a few per cent where the motion is resolved
+_SCATTERED = 100.0
 _DOUBTED = (Verdict.NOT_CONVERGED, Verdict.NOISE_MISMATCH)
 
 
@@ -26,7 +29,13 @@ def with_understated_noise(
 
     What laws lack leaves residuals that follow the motion, from one sample to the next; those of noise are white.
     """
-    if judgement.verdict not in _DOUBTED or fit.random_forces or not np.isfinite(fit.chi_square):
+    if judgement.verdict not in _DOUBTED or fit.random_forces:
+        return None
+    if judgement.verdict is Verdict.NOT_CONVERGED:
+        scattered = _beyond_statement(records)
+        if scattered:
+            return replace(judgement, message=f"{judgement.message} {scattered}")
+    if not np.isfinite(fit.chi_square):
         return None
     stated = {name for record in records for name in record.noise}
     exceeded = []
@@ -49,4 +58,24 @@ def with_understated_noise(
             f"it is stated too small, and no interval is given.{' The search did not converge with it.' if unsettled else ''} "
             "State what it is, or leave it out, so that it is found with the laws."
         ),
+    )
+
+
+def _beyond_statement(records: Sequence[Record]) -> str:
+    """A sentence on channels whose samples scatter far more than the noise that is stated of them; empty where none does."""
+    scatters: dict[str, tuple[float, float]] = {}
+    for record in records:
+        for name, sigma in zip(record.channels, noise_sigma(record.values).tolist(), strict=True):
+            ratio = sigma / record.noise.get(name, np.inf)
+            if ratio > max(_SCATTERED, scatters.get(name, (0.0, 0.0))[0]):
+                scatters[name] = ratio, sigma
+    if not scatters:
+        return ""
+    which = " and ".join(
+        f"{ratio:.2g} times in {name}, {sigma:.2g} {Channel.parse(name).unit}"
+        for name, (ratio, sigma) in scatters.items()
+    )
+    return (
+        f"Before any law, neighbouring samples scatter by far more than the noise that is stated ({which}): state what it is, "
+        "or leave it out, so that it is found with the laws."
     )
