@@ -1,4 +1,4 @@
-"""Every channel clipped at 80 % of its peak: errors of the coefficients where clipped samples are taken as missing.
+"""Every channel clipped at 80 % of its peak: errors of the coefficients where clipped samples are taken as bounds.
 
 The paper's chain of two masses at 20 and 40 dB, 20 seeds each.
 """

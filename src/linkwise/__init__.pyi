@@ -146,6 +146,7 @@ from linkwise.model.topology import Topology as Topology
 from linkwise.progress import Progress as Progress
 from linkwise.progress import ProgressReport as ProgressReport
 from linkwise.records.channel import Channel as Channel
+from linkwise.records.clipped_samples import ClippedSamples as ClippedSamples
 from linkwise.records.delays import without_delays as without_delays
 from linkwise.records.joining import beside as beside
 from linkwise.records.joining import continued as continued

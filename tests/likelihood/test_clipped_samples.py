@@ -45,3 +45,26 @@ def test_the_largest_samples_of_a_record_with_another_fault_are_none() -> None:
     values[:, record.channels.index("x:m2")] *= 1.05
     fit = lw.identify(replace(record, values=values, simulated=None), CHAIN.unknown("all"), method="ml")
     assert fit.diagnosis and "clipped" not in {cause.kind for cause in fit.diagnosis}
+
+
+def test_as_bounds_they_tell_more_than_as_missing() -> None:
+    """Large motions tell the stiffening; chance is beyond 4.5 standard errors once in 30 000."""
+    record = lw.mark_missing(clipped(0.5, 20.0, seed=83))
+    bounds, missing = (
+        lw.identify(each, CHAIN.unknown("nes"), method="ml") for each in (record, replace(record, clipped={}))
+    )
+    assert bounds.trusted
+    narrow, wide = (fit.coefficient("nes1.beta").standard_error for fit in (bounds, missing))
+    assert narrow is not None and wide is not None and narrow < wide
+    assert abs(bounds.coefficient("nes1.beta").value - 1e6) < 4.5 * narrow
+
+
+def test_a_channel_that_was_changed_has_no_bounds() -> None:
+    record = lw.mark_missing(clipped(0.8, 40.0, seed=81))
+    own = record.clipped["x:m2"]
+    assert own.of(record.channel("x:m2")) is own
+    doubled = replace(record, values=2.0 * record.values)
+    assert doubled.clipped["x:m2"].of(doubled.channel("x:m2")) is None
+    part = record.between(0.1, 2.0)
+    assert part.clipped["x:m2"].of(part.channel("x:m2")) is not None
+    assert np.nansum(part.clipped["x:m2"].sides ** 2) < np.nansum(own.sides**2)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from linkwise.arrays import Bools
+from linkwise.arrays import Bools, Floats
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.channel_signal import ChannelSignal
 from linkwise.inspection.record_signals import RecordSignals
@@ -52,6 +52,14 @@ def clipped_samples(signal: ChannelSignal) -> Bools:
     for value, side in ends:
         clipped |= side * (motion - value) > -reach
     return clipped & signal.present
+
+
+def clipped_readings(signal: ChannelSignal, marked: Bools) -> tuple[Floats, Floats]:
+    """Readings (N,) of the `marked` samples (N,), NaN elsewhere, and on which sides of them the motion is: 0 where exact."""
+    sides = np.zeros(len(signal.values))
+    for value, side in rails(signal):
+        sides[marked & (signal.values == value)] = side
+    return np.where(marked, signal.values, np.nan), sides
 
 
 def rails(signal: ChannelSignal) -> tuple[tuple[float, float], ...]:

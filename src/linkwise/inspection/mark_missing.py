@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from linkwise.argument_types import checked
-from linkwise.arrays import Bools
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal
-from linkwise.inspection.clipped import clipped_samples
+from linkwise.inspection.clipped import clipped_readings, clipped_samples
 from linkwise.inspection.record_signals import RecordSignals
 from linkwise.inspection.spikes import spiked_samples
+from linkwise.records.clipped_samples import ClippedSamples
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 
@@ -29,8 +30,8 @@ _MARKED = "samples were marked as missing"
 def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spikes")) -> Record:
     """Mark samples that show a fault in place of the motion as missing.
 
-    Maximum likelihood uses the samples that are left: what lies beyond the range of a sensor costs information, and no
-    longer pulls stiffness and damping.
+    Other estimators than maximum likelihood use the samples that are left. Maximum likelihood takes clipped samples as
+    bounds: their probability is that of a reading at the end of the range or beyond. Neither pulls stiffness and damping.
 
     Parameters
     ----------
@@ -45,7 +46,8 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
     -------
     Record
         The record with these samples of its responses missing and a note of how many; `record` itself where there are none.
-        Inputs stay as they are: what moves the structure must be known at all times.
+        Inputs stay as they are: what moves the structure must be known at all times. Clipped readings are kept beside the
+        channels, `Record.clipped`, until these are changed.
 
     Raises
     ------
@@ -69,16 +71,33 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
     """
     names = (faults,) if isinstance(faults, str) else tuple(faults)
     functions = {name: FAULTY_SAMPLES.lookup(name) for name in names}
-    values, notes = record.values.copy(), []
+    values, notes, clipped = record.values.copy(), [], {}
     for signal in RecordSignals.of(record).responses:
-        for name, faulty_samples in functions.items():
-            faulty = faulty_samples(signal)
-            if faulty.any():
-                values[faulty, record.channels.index(signal.name)] = np.nan
-                notes.append(f"{signal.name}: {int(faulty.sum())} {_MARKED} ({name}).")
+        column = record.channels.index(signal.name)
+        marked = {name: faulty for name, of in functions.items() if (faulty := of(signal)).any()}
+        for name, faulty in marked.items():
+            values[faulty, column] = np.nan
+            notes.append(f"{signal.name}: {int(faulty.sum())} {_MARKED} ({name}).")
+        if (beyond := _clipped(record, signal, marked, values[:, column].copy())) is not None:
+            clipped[signal.name] = beyond
     if not notes:
         return record
-    return replace(record, values=values, notes=(*record.notes, *notes))
+    return replace(record, values=values, notes=(*record.notes, *notes), clipped=clipped)
+
+
+def _clipped(
+    record: Record, signal: ChannelSignal, marked: Mapping[str, Bools], samples: Floats
+) -> ClippedSamples | None:
+    """What a channel, of which `samples` (N,) are left, read where it was clipped; spikes that were clipped tell nothing."""
+    before = record.clipped.get(signal.name)
+    before = None if before is None else before.of(signal.values)
+    if "clipped" not in marked:
+        return None if before is None else replace(before, samples=samples)
+    readings, sides = clipped_readings(signal, marked["clipped"] & ~spiked_samples(signal))
+    if before is not None:
+        old = np.isfinite(before.readings)
+        readings, sides = np.where(old, before.readings, readings), np.where(old, before.sides, sides)
+    return ClippedSamples(samples, readings, sides)
 
 
 def marked_samples(record: Record) -> dict[str, int]:

@@ -93,7 +93,7 @@ def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tup
         return 1.0, np.inf
     freedom = degrees_of_freedom(segments, fit)
     defects = segments.system.dimension * int(segments.linked.sum())
-    noise = np.sqrt(fit.misfit.cost(q) / (freedom * loss.expected))
+    noise = np.sqrt(fit.misfit.cost_of_samples(q) / (freedom * loss.expected))
     return float(noise), float(
         2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(~fit.at_bound)
     )

@@ -200,7 +200,7 @@ def _in_longer_segments(
         fit,
         point=point,
         misfit=misfit,
-        chi_square=misfit.cost(fit.q) / (freedom(segments) * annealer.loss.expected),
+        chi_square=misfit.cost_of_samples(fit.q) / (freedom(segments) * annealer.loss.expected),
         path=(*near.path, *fit.path),
     )
 

@@ -186,6 +186,7 @@ class SensorModel:
             ),
             prior=self.prior(structure.parameters),
             waveforms=self._waveforms(records),
+            clipped=None if self.random else segments.clipped,
         )
         segments = in_moving_coordinates(segments, self.frames)
         return with_uncertain_forces(segments, records, structure, self.gains, self.delays)

@@ -15,12 +15,13 @@ class ChannelAttribute:
 
     `label` is what messages call it. `stored` is the type that files store it as, a mapping by channel of numbers or texts;
     None for one that formats write in a way of their own. `absent` stands for no value in formats that hold one for every
-    channel.
+    channel. One `of_samples` belongs to those of a record, not to its sensors.
     """
 
     label: str
     stored: Any = None
     absent: float | str = ""
+    of_samples: bool = False
 
     @property
     def is_text(self) -> bool:
@@ -37,6 +38,7 @@ OF_CHANNELS = {
     "interpolation": ChannelAttribute("interpolation", stored=dict[str, str], absent=BAND_LIMITED),
     "units": ChannelAttribute("unit"),  # of a column, which holds it in its header
     "uncertainty": ChannelAttribute("uncertainty"),  # see files/sensor_attributes.py
+    "clipped": ChannelAttribute("clipped samples", of_samples=True),
 }
 STORED = {name: attribute for name, attribute in OF_CHANNELS.items() if attribute.stored is not None}
 """Those that the formats of files store without knowing them."""

@@ -194,6 +194,8 @@ def _refuse_common(record: Record, added: Record) -> None:
 def _refuse_other_statements(record: Record, continuation: Record) -> None:
     """Raise RecordError where a part of a record states another noise, uncertainty or interpolation of a channel."""
     for kind, attribute in OF_CHANNELS.items():
+        if attribute.of_samples:
+            continue
         first, second = getattr(record, kind), getattr(continuation, kind)
         for name in first:
             if name in second and first[name] != second[name]:

@@ -18,6 +18,7 @@ from linkwise.html import NotebookView
 from linkwise.records.channel import Channel
 from linkwise.records.channel_attributes import OF_CHANNELS
 from linkwise.records.checks import check_names, check_values
+from linkwise.records.clipped_samples import ClippedSamples
 from linkwise.records.decimation import check_complete, check_factor, check_interpolation, lowpass_for
 from linkwise.records.immutable import read_only
 from linkwise.records.measured import sampled_columns
@@ -59,6 +60,8 @@ class Record(NotebookView):
         Units that a file stated of states of links, by channel, to be checked against the link; `values` are SI.
     uncertainty : mapping of str to SensorUncertainty, optional
         How well gain, offset and delay of sensors are known, by channel; ``"common"`` is a gain that all share.
+    clipped : mapping of str to ClippedSamples, optional
+        Readings at the end of a sensor's range, marked as missing by `mark_missing`, by channel.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class Record(NotebookView):
     interpolation: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     uncertainty: Mapping[str, SensorUncertainty] = field(default_factory=dict)
+    clipped: Mapping[str, ClippedSamples] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, kind in (("start", float), ("rate", float), ("channels", tuple), ("notes", tuple)):
@@ -147,16 +151,8 @@ class Record(NotebookView):
         Record of 200 samples at 100 Hz, 0 to 1.99 s: x:m1
         """
         timeline, values, remarks = sampled_columns(time, channels, file, lines)
-        return cls(
-            timeline.start,
-            timeline.rate,
-            tuple(channels),
-            values,
-            noise or {},
-            None,
-            source or (file or ""),
-            (*notes, *remarks),
-        )
+        grid = timeline.start, timeline.rate, tuple(channels)
+        return cls(*grid, values, noise or {}, None, source or (file or ""), (*notes, *remarks))
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
         values = (getattr(self, member.name) for member in fields(self))
@@ -296,6 +292,7 @@ class Record(NotebookView):
             self,
             start=self.start + first / self.rate,
             values=self.values[first:last],
+            clipped={name: clipped.rows(slice(first, last)) for name, clipped in self.clipped.items()},
             simulated=self.simulated and self.simulated.rows(slice(first, last)),
         )
 

@@ -367,7 +367,7 @@ def _fit(
         scales,
         covariance_of(free),
         ~free,
-        misfit.cost(q) / (freedom(segments) * loss.expected),
+        misfit.cost_of_samples(q) / (freedom(segments) * loss.expected),
         int(segments.observed.sum()),
         status,
         path,

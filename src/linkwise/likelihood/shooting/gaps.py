@@ -35,11 +35,11 @@ def split_at_gaps(segments: Segments) -> Segments:
         The same with fewer linked pairs.
     """
     linked = segments.linked.copy()
-    for first, last in _gaps(segments.observed):
+    for first, last in _gaps(segments.informed):
         linked[max(first - 1, 0) : last] = False
     sensors = segments.sensors
     for mass in np.unique(sensors.mass[sensors.of_masses]):
-        for _, last in _gaps(segments.observed[:, sensors.of_masses & (sensors.mass == mass)]):
+        for _, last in _gaps(segments.informed[:, sensors.of_masses & (sensors.mass == mass)]):
             linked[last - 1 : last] = False
     return replace(segments, linked=linked)
 
@@ -70,7 +70,7 @@ def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
     unobserved = np.zeros((len(point.nodes), segments.count), dtype=bool)
     for mass in np.unique(sensors.mass[sensors.of_masses & (sensors.mass < n)]):
         shows = sensors.of_masses & (sensors.mass == mass)
-        unobserved[[mass, n + mass]] = ~segments.observed[:, shows].any(axis=(0, 1))
+        unobserved[[mass, n + mass]] = ~segments.informed[:, shows].any(axis=(0, 1))
     unobserved[:, 0] = False
     unobserved[:, 1:] &= segments.linked
     depth = np.zeros(segments.count, dtype=int)

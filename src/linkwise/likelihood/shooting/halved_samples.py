@@ -82,7 +82,7 @@ def halved(
     """
     sensors, known = segments.sensors, segments.observed[::2]
     plain = np.isin(sensors.kind, (X, V)).all() and not sensors.delays and segments.waveforms is None
-    if not plain or segments.random is not None or len(segments.samples) % 2:
+    if not plain or segments.random is not None or segments.clipped is not None or len(segments.samples) % 2:
         return None
     chains = list(_chains(segments))
     if min(stop for _, stop in chains) < 2 * _FEWEST or not _is_smooth(chains, rough):

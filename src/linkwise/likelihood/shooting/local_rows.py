@@ -60,8 +60,7 @@ class LocalRows:
     def part(self, part: slice) -> tuple[list[GroupRows], Floats]:
         """The rows of some segments by group, and the whitened residuals (k, C, M)."""
         segments, misfit = self.segments, self.misfit
-        residuals = misfit.residuals[..., part]
-        root = segments.roots(self.loss.weight(residuals), part)
+        root = misfit.roots(segments, self.loss, part)
         whiten = (root / self.scales.sigma[:, None]).astype(np.float32)
         if segments.relative_noise is not None:
             whiten /= segments.relative_noise[:, part].astype(np.float32)
@@ -73,7 +72,7 @@ class LocalRows:
         inputs = segments.inputs.part(part)
         forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
         rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
-        return rows, (root * residuals).transpose(2, 1, 0)
+        return rows, (root * misfit.pulling[..., part]).transpose(2, 1, 0)
 
     def _of_group(
         self,

@@ -59,6 +59,9 @@ class LongerSegments:
             waveforms=None
             if waveforms is None
             else replace(waveforms, values=_end_to_end(waveforms.values, parts)),
+            clipped=None
+            if shorter.clipped is None
+            else shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),
         )
         return cls(together, parts)
 
@@ -77,6 +80,9 @@ class LongerSegments:
             point=self.point(shorter.point),
             trajectories=orbit.end_to_end(parts),
             residuals=_end_to_end(shorter.residuals, parts, _once(parts)),
+            clipped=None
+            if shorter.clipped is None
+            else shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),
             defects=defects,
             continuity=float(np.vdot(defects, defects)),
         )

@@ -37,9 +37,8 @@ def in_moving_coordinates(segments: Segments, frames: Sequence[FramedRecord]) ->
     base, inside = _late_base(segments, frames)
     observed = segments.observed & inside
     samples_inside = np.where(observed, segments.samples, 0.0)
-    return replace(
-        segments, inputs=inputs, carried=carried, late_base=base, observed=observed, samples=samples_inside
-    )
+    segments = replace(segments, observed=observed, samples=samples_inside, clipped=None)
+    return replace(segments, inputs=inputs, carried=carried, late_base=base)
 
 
 def _late_base(segments: Segments, frames: Sequence[FramedRecord]) -> tuple[LateBase, Bools]:

@@ -232,7 +232,7 @@ def whitened_jacobian(
     moving = width - (0 if errors is None else len(errors.channel))
     root, whiten = _weights(segments, misfit, scales, loss, part)
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
-    jacobian[..., P] = (root * misfit.residuals[..., part]).transpose(2, 0, 1)
+    jacobian[..., P] = (root * misfit.pulling[..., part]).transpose(2, 0, 1)
     columns = (moving, (width + columns_of_forces(segments)).tolist())
     put = _put_carried if segments.by_transitions else _put_marched
     ends = put(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
@@ -349,7 +349,7 @@ def _weights(
     segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice
 ) -> tuple[Floats, Single]:
     """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
-    root = segments.roots(loss.weight(misfit.residuals[..., part]), part)
+    root = misfit.roots(segments, loss, part)
     whiten = (root / scales.sigma[:, None]).astype(np.float32)
     if segments.relative_noise is not None:
         whiten /= segments.relative_noise[:, part].astype(np.float32)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.likelihood.shooting.clipped_readings import ClippedMisfit
 from linkwise.likelihood.shooting.flow import Trajectories, flow
 from linkwise.likelihood.shooting.late_sensors import late_motion
-from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
 from linkwise.likelihood.shooting.system import NumericSystem
 
@@ -32,6 +34,8 @@ class Misfit:
         Cost of the residuals, and of the defects for q = 1.
     prior : float
         Cost of the unknowns' distances from what is known of them beforehand, and of random forces.
+    clipped : ClippedMisfit or None
+        What clipped readings say, beside the samples.
     """
 
     point: Iterate
@@ -41,6 +45,17 @@ class Misfit:
     data: float
     continuity: float
     prior: float = 0.0
+    clipped: ClippedMisfit | None = None
+
+    @cached_property
+    def pulling(self) -> Floats:
+        """(M, C, K) residuals, also of the observations that stand for clipped readings."""
+        return self.residuals if self.clipped is None else self.residuals + self.clipped.residuals
+
+    def roots(self, segments: Segments, loss: Loss, part: slice) -> Floats:
+        """(M, C, k) square roots of the weights of the residuals that pull, in some segments; 0 where there is none."""
+        roots = segments.roots(loss.weight(self.residuals[..., part]), part)
+        return roots if self.clipped is None else roots + self.clipped.roots[..., part]
 
     def cost(self, q: float) -> float:
         """Total cost.
@@ -53,9 +68,26 @@ class Misfit:
         Returns
         -------
         float
-            data + prior + continuity / q^2.
+            data + prior + continuity / q^2, and the cost of clipped readings.
         """
+        return self.cost_of_samples(q) + (0.0 if self.clipped is None else self.clipped.cost)
+
+    def cost_of_samples(self, q: float) -> float:
+        """The cost without that of clipped readings, which is not that of as many residuals."""
         return self.data + self.prior + self.continuity / q**2
+
+
+def _whitened(residuals: Floats, segments: Segments, scales: Scales, loss: Loss) -> ClippedMisfit | None:
+    """Divide residuals (M, C, K) by the noise, with 0 for missing samples; gives the misfit of clipped readings."""
+    unit = scales.sigma[:, None]
+    if segments.relative_noise is not None:
+        unit = unit * segments.relative_noise
+    residuals /= unit
+    clipped = None
+    if segments.clipped is not None and isinstance(loss, Gaussian):
+        clipped = segments.clipped.misfit(residuals, unit)
+    residuals *= segments.observed
+    return clipped
 
 
 def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> Misfit:
@@ -120,10 +152,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     if segments.waveforms is not None:
         for channel in np.unique(segments.waveforms.channel).tolist():
             residuals[:, channel] -= segments.waveforms.added(channel, point.offsets[sensors.constants :])
-    residuals *= segments.observed
-    residuals /= scales.sigma[:, None]
-    if segments.relative_noise is not None:
-        residuals /= segments.relative_noise
+    clipped = _whitened(residuals, segments, scales, loss)
     ends = orbit.ends(segments.step)
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.linked
@@ -131,9 +160,8 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     if segments.random is not None:
         defects *= segments.continuous[:, None]
         prior += segments.random.cost(point.nodes, point.border)
-    return Misfit(
-        point, orbit, residuals, defects, loss.total(residuals), float(np.vdot(defects, defects)), prior
-    )
+    data, continuity = loss.total(residuals), float(np.vdot(defects, defects))
+    return Misfit(point, orbit, residuals, defects, data, continuity, prior, clipped)
 
 
 def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Trajectories) -> Floats:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.shooting.clipped_readings import ClippedReadings
 from linkwise.likelihood.shooting.flow import Inputs
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
@@ -82,6 +84,7 @@ def cut_segments(
         relative_noise=None
         if relative_noise is None
         else np.repeat(np.stack(relative_noise, axis=1), counts, axis=1),
+        clipped=ClippedReadings.of(records, channels, partial(cut, samples=samples)),
     )
 
 

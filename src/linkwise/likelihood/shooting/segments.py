@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.shooting.clipped_readings import ClippedReadings
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories
 from linkwise.likelihood.shooting.late_base import LateBase
 from linkwise.likelihood.shooting.prior import Prior
@@ -132,7 +133,8 @@ class Segments:
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
     `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `waveforms` what
     sensors add over time, None without any; `counts` (M, C, K) is how many samples of the record each stands for, None for 1;
-    `by_transitions` says whether tangents follow from transitions over half steps.
+    `by_transitions` says whether tangents follow from transitions over half steps; `clipped` are readings at the ends of the
+    ranges of sensors, which are missing in `samples`, None without any.
     """
 
     system: System
@@ -152,6 +154,7 @@ class Segments:
     waveforms: Waveforms | None = None
     counts: Floats | None = None
     by_transitions: bool = False
+    clipped: ClippedReadings | None = None
 
     @property
     def count(self) -> int:
@@ -194,6 +197,7 @@ class Segments:
             random=None if self.random is None else self.random.chosen(which),
             waveforms=None if self.waveforms is None else self.waveforms.chosen(which),
             counts=None if self.counts is None else self.counts[..., which],
+            clipped=None if self.clipped is None else self.clipped.chosen(which),
         )
 
     def roots(self, weight: Floats, part: slice) -> Floats:
@@ -203,10 +207,15 @@ class Segments:
         return np.asarray(np.sqrt(weight) * self.observed[..., part])
 
     @cached_property
+    def informed(self) -> Bools:
+        """(M, C, K) where there is a sample or a clipped reading."""
+        return self.observed if self.clipped is None else self.observed | self.clipped.present
+
+    @cached_property
     def unconstrained(self) -> Bools:
         """(K,) segments without data: no sample, and no neighbour that they are linked to."""
         before, after = np.append(False, self.linked), np.append(self.linked, False)
-        return np.asarray(~(before | after | self.observed.any(axis=(0, 1))))
+        return np.asarray(~(before | after | self.informed.any(axis=(0, 1))))
 
     @property
     def chains(self) -> int:

@@ -115,6 +115,8 @@ def calibrate_gains(
         relative = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
         sigma = scales.sigma[channel] * relative
         predicted = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
+        if misfit.clipped is not None:
+            predicted = predicted + misfit.clipped.shown[:, channel, part]
         if segments.carried is not None:
             predicted = predicted + segments.carried[0, :, channel, part] / sigma
         if sensors.offset[channel] >= 0:

@@ -1,0 +1,71 @@
+"""Readings of a sensor at and beside an end of its range, which a channel marks as missing and which still tell something."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkwise.arrays import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ClippedSamples:
+    """What a sensor read where it was overloaded or nearly so, as `mark_missing` keeps it in `Record.clipped`.
+
+    Attributes
+    ----------
+    samples : array of shape (N,)
+        The channel as it is with these readings marked as missing, NaN.
+    readings : array of shape (N,)
+        The readings there, in the unit of the channel; NaN elsewhere.
+    sides : array of shape (N,)
+        1 where the true reading is the one given or more, -1 where it is the one given or less, 0 where it is exact.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> x = record.channel("x:m1")
+    >>> peak = 0.8 * np.abs(x).max()
+    >>> overloaded = {"x:m1": np.clip(x, -peak, peak), "x:m2": record.channel("x:m2")}
+    >>> marked = lw.mark_missing(lw.Record.from_arrays(record.time, overloaded))
+    >>> sides = marked.clipped["x:m1"].sides
+    >>> int((sides > 0).sum()), int((sides < 0).sum())
+    (22, 22)
+    """
+
+    samples: Floats
+    readings: Floats
+    sides: Floats
+
+    def of(self, samples: Floats) -> ClippedSamples | None:
+        """The readings of a channel, if it is as it was when they were marked.
+
+        Parameters
+        ----------
+        samples : array of shape (N,)
+            The channel.
+
+        Returns
+        -------
+        ClippedSamples or None
+            None where it was changed since, so that the readings are those of another signal.
+        """
+        return self if np.array_equal(self.samples, samples, equal_nan=True) else None
+
+    def rows(self, which: slice) -> ClippedSamples:
+        """The readings among some samples.
+
+        Parameters
+        ----------
+        which : slice
+            The samples.
+
+        Returns
+        -------
+        ClippedSamples
+            Those of the samples alone.
+        """
+        return ClippedSamples(self.samples[which], self.readings[which], self.sides[which])
