@@ -83,6 +83,23 @@ def test_what_is_found_beside_a_value_that_was_removed_is_told() -> None:
         assert told not in with_statements(record, {"x:m1": statement(offset=offset)}).notes
 
 
+@pytest.mark.parametrize(
+    ("units", "known", "removed"),
+    [
+        ({"state:piezo.V": "mV"}, "5 mV", "0.3 mV"),
+        ({}, "0.005 in its SI unit", "0.0003 in its SI unit"),
+    ],
+)
+def test_notes_on_a_voltmeter_have_the_unit_of_the_file(
+    units: dict[str, str], known: str, removed: str
+) -> None:
+    record = lw.Record(0.0, 200.0, ("state:piezo.V",), MOTION[:, None], units=units)
+    stated = lw.SensorStatement.of({"offset": "0.3 mV +- 5 mV"}, "state:piezo.V")
+    notes = with_statements(record, {"state:piezo.V": stated}).notes
+    assert f"state:piezo.V: its offset is known to {known}." in notes
+    assert f"state:piezo.V: an offset of {removed} was removed, as known." in notes
+
+
 def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
     known = lw.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf)
     again = lw.SensorStatement.of(attributes_of(known, "v:m1"), "v:m1")

@@ -14,7 +14,7 @@ from linkwise.errors import LinkwiseError, RecordError
 from linkwise.records.channel import UNITS, Channel
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
+from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, size_in_unit
 from linkwise.text import near_miss
 from linkwise.units import to_si
 
@@ -241,7 +241,9 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
         if known:
             uncertainty[name] = known
         if any(0.0 < sigma < inf for sigma in (known.gain, known.offset, known.delay)):
-            notes.append(known.described(name))  # what is unknown is found, and told then
+            notes.append(
+                known.described(name, record.units.get(name, ""))
+            )  # what is unknown is found, and told then
         if name == COMMON:
             continue
         if name not in record.channels:
@@ -259,7 +261,7 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             values[:, column] = (values[:, column] - offset.value) / gain.value
             if name in noise:
                 noise[name] /= abs(gain.value)
-            notes.append(_taken_out(name, gain.value, offset.value))
+            notes.append(_taken_out(name, gain.value, offset.value, record.units.get(name, "")))
         if statement.delay is not None and statement.delay.value:
             late[name] = statement.delay.value
         corrected = {"gain": gain.value != 1.0, "offset": offset.value, "delay": late.get(name)}
@@ -293,9 +295,8 @@ def _require_gain_around_one(common: SensorStatement, file: str | None) -> None:
         )
 
 
-def _taken_out(name: str, gain: float, offset: float) -> str:
-    unit = Channel.parse(name).unit.replace("?", "").strip()
-    errors = [f"an offset of {offset:g} {unit}".rstrip()] if offset else []
+def _taken_out(name: str, gain: float, offset: float, of_state: str) -> str:
+    errors = [f"an offset of {size_in_unit(offset, name, of_state)}"] if offset else []
     errors += [f"a gain of {gain:g}"] if gain != 1.0 else []
     return f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} removed, as known."
 

@@ -9,6 +9,7 @@ from math import isinf, isnan
 from linkwise.argument_types import checked_class
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
+from linkwise.units import factor_to_si
 
 COMMON = "common"  # in place of a channel: a gain that all sensors share
 
@@ -59,25 +60,26 @@ class SensorUncertainty:
     def __bool__(self) -> bool:
         return bool(self.gain or self.offset or self.delay)
 
-    def described(self, channel: str) -> str:
+    def described(self, channel: str, of_state: str = "") -> str:
         """Say what is known of the sensor of a channel.
 
         Parameters
         ----------
         channel : str
             The channel, or ``"common"``.
+        of_state : str, optional
+            The unit that a file stated of the channel, of a state of a link.
 
         Returns
         -------
         str
             A sentence.
         """
-        unit = "" if channel == COMMON else Channel.parse(channel).unit
         known = [
             (
                 f"its {name} is unknown"
                 if isinf(sigma)
-                else f"its {name} is known to {_size(sigma, name, unit)}"
+                else f"its {name} is known to {_size(sigma, name, channel, of_state)}"
             )
             for name, sigma in (("gain", self.gain), ("offset", self.offset), ("delay", self.delay))
             if sigma
@@ -85,10 +87,20 @@ class SensorUncertainty:
         return f"{'The gain that all sensors share' if channel == COMMON else channel}: {', '.join(known)}."
 
 
-def _size(sigma: float, name: str, unit: str) -> str:
+def _size(sigma: float, name: str, channel: str, of_state: str) -> str:
     if name == "gain":
         return f"{100.0 * sigma:.3g} %"
-    return f"{sigma:.3g} {'s' if name == 'delay' else unit}".replace(" ?", "")
+    return f"{sigma:.3g} s" if name == "delay" else size_in_unit(sigma, channel, of_state, digits=3)
+
+
+def size_in_unit(size: float, channel: str, of_state: str = "", *, digits: int = 6) -> str:
+    """A size in SI with the unit of a channel; that of a state in the unit that a file stated, else with words for it."""
+    unit = "" if channel == COMMON else Channel.parse(channel).unit
+    if "?" not in unit:
+        return f"{size:.{digits}g} {unit}"
+    if not of_state:
+        return f"{size:.{digits}g} in its SI unit"
+    return f"{size / factor_to_si(of_state, '?'):.{digits}g} {of_state}"
 
 
 def check_uncertainty(channels: tuple[str, ...], uncertainty: Mapping[str, SensorUncertainty]) -> None:
