@@ -229,3 +229,14 @@ def test_forces_are_those_of_the_links_they_are_told_of() -> None:
     simulated = true.elongations(np.stack([record.channel(f"x:m{i}") for i in (1, 2, 3)], axis=1))
     expected = np.sqrt(np.mean((simulated * stiffness) ** 2, axis=0))
     assert forces == pytest.approx(expected, rel=0.02)  # noise of 0.3 %, and a damper of 0.3 % of its spring
+
+
+@pytest.mark.parametrize("seed", [5202711, 5202713])
+def test_a_missing_damper_is_named_where_chi_square_hardly_shows_it(seed: int) -> None:
+    """With the first noise a term of a link stands for it, with the second the motion is held loosely to the laws."""
+    chain = lw.bnes_chain(4)
+    damped = with_links(chain, link("extra", "m2-ground", "c*v", c=0.02))
+    record = lw.simulate(damped, release={"v:m1": 3.0}, duration=4.0, rate=1000.0).with_noise(15.0, seed=seed)
+    fit = lw.identify(record, chain.unknown("all"))
+    first = fit.diagnosis[0]
+    assert not fit.trusted and (first.kind, first.where, first.term) == ("link", "m2-ground", "v")

@@ -62,9 +62,10 @@ _CONTRADICTED = 16.0  # square of the standard errors by which records may diffe
 
 
 def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool) -> Diagnosis:
-    """The causes that are significant, that with the largest gain first; all missing terms only where `terms` is true.
+    """The causes that are significant, that with the largest gain first; `channels` are those of the record.
 
-    `channels` are those of the record.
+    All missing terms and links are tested where `terms` is true, and where one of the others is significant, which may
+    stand for one of them.
     """
     causes: tuple[Cause, ...] = ()
     tested, remark = None, ""
@@ -75,6 +76,9 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
             else:
                 tested = tested_causes(fit, identified, channels, terms=terms)
                 causes = _significant(tested, fit, identified)
+                if causes and not terms:
+                    tested = tested_causes(fit, identified, channels, terms=True)
+                    causes = _significant(tested, fit, identified)
                 remark = _not_tested(tested, len(fit.values))
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED

@@ -97,7 +97,7 @@ def assess(
     chance = 0.0 if len(identified.links) - len(identified.modes) <= _FEW_LINKS else _CHANCE
     imperfect = (
         coloured is not None
-        or fit.model_error > 0.0
+        or max(fit.model_error, fit.optimum.q) > AnnealingSchedule.final_q  # laws lacking much fit then too
         or fit.chi_square > 1.0 + chance * np.sqrt(2.0 / fit.samples)
     )
     diagnosis = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
