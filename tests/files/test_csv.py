@@ -249,6 +249,10 @@ def test_the_rate_stands_in_for_a_time_column(read: Reader) -> None:
             text(HEADER, body(rows={4: "0.04,inf,1"})),
             "line 6, channel x:m1: the value is infinite; leave the cell of an overloaded sample empty",
         ),
+        (
+            text("time,x:m1[mm],force:m1", body(rows={4: "0.04,-9.9E+37,1"})),
+            "line 6, channel x:m1: the value is -9.9e+37, which instruments write for an overload or no reading",
+        ),
         (text(HEADER, body(rows={4: "0.04,0.1"})), "line 6: 2 cells where the header has 3"),
         (text(HEADER, body(rows={4: "0.04,0.1,1,7"})), "line 6: 4 cells where the header has 3"),
         (

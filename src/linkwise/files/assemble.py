@@ -23,6 +23,9 @@ from linkwise.records.sensor_statement import SensorStatement, StatedError, with
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.records.timeline import JITTER
 
+_OVERLOAD, _NO_NUMBER = 9.899e37, 9.911e37
+"""Around 9.9e37, infinity to instruments, and 9.91e37, which is no number to them (SCPI-99, volume 1, numeric data)."""
+
 
 @dataclass(frozen=True)
 class ReadOptions:
@@ -134,6 +137,22 @@ def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None
     )
 
 
+def _refuse_overloads(table: Table, file: str, name: str, values: NDArray[Any]) -> None:
+    """Raise RecordError for numbers that instruments write in place of a reading, in whatever unit."""
+    overloads = np.flatnonzero((np.abs(values) > _OVERLOAD) & (np.abs(values) < _NO_NUMBER))
+    if len(overloads):
+        row = int(overloads[0])
+        line = None if table.lines is None else int(table.lines[row])
+        where = "" if line else f" (sample {row})"
+        raise RecordError(
+            f"the value is {values[row]:.3g}{where}, which instruments write for an overload or no reading; leave such cells "
+            "empty",
+            file,
+            line,
+            name,
+        )
+
+
 def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
     """(N,) values of a chosen column in SI units; integers without a unit stay integers, so that a note mentions them."""
     column = table.columns[choice.column]
@@ -154,6 +173,7 @@ def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
             )
         text, line = (column.bad.text, column.bad.line) if column.bad else ("", None)
         raise RecordError(f"{text!r} is not a number; {advice}", file, line, choice.name, arguments=arguments)
+    _refuse_overloads(table, file, choice.name, column.values)
     if not choice.unit:
         return column.values
     factor = si_factor(choice.unit, choice.kind, file=file, line=table.header_line, channel=choice.name)
