@@ -24,6 +24,7 @@ DECIBEL, DURATION, RATE = 30.0, 6.0, 1000.0
 DEGREES = 3.0  # of Student's t
 FAR = 5.0  # standard errors
 LEAST, MOST = 0.90, 0.98  # of intervals of 95 %
+WALKS = 40  # records with a random walk
 FEWEST = 200  # coefficients of trusted answers whose share scatters by 0.015
 
 
@@ -115,3 +116,33 @@ def test_intervals_cover_or_are_not_trusted(case: Case) -> None:
     if found.size >= FEWEST:
         assert LEAST <= np.mean(found < 1.96) <= MOST
     assert not len(z) or found.max() < FAR
+
+
+@pytest.mark.parametrize(("snr_db", "size"), [(20.0, 0.3), (40.0, 0.05)])
+def test_pieces_of_a_drift_follow_a_random_walk(snr_db: float, size: float) -> None:
+    """A walk in one of two channels that ends at `size` of the motion on average, in pieces of a 60th of the record."""
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("all")
+    true = np.array([chain.coefficient(p.name).value for p in asked.parameters], dtype=float)
+    clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=DURATION, rate=RATE)
+    off: dict[float, list[np.ndarray]] = {DURATION / 8.0: [], DURATION / 60.0: []}
+    trusted: Counter[float] = Counter()
+    for seed in range(FIRST, FIRST + WALKS):
+        record = clean.with_noise(snr_db, seed=seed)
+        steps = np.random.default_rng([seed, 20261126]).normal(size=len(record))
+        walk = size * np.std(clean.values[:, 1]) / np.sqrt(len(record)) * np.cumsum(steps)
+        drifting = replace(record, values=record.values + np.outer(walk, [0.0, 1.0]), simulated=None)
+        for seconds, errors in off.items():
+            fit = lw.identify(drifting, asked, drifts={"x:m2": seconds})
+            errors.append(np.abs(fit.values - true) / np.sqrt(fit.covariance.diagonal()))
+            trusted[seconds] += fit.trusted
+    for seconds, errors in off.items():
+        covered = np.mean(np.array(errors) < 1.96)
+        print(
+            f"\nrandom walk of {size:.0%} at {snr_db:g} dB, pieces of {seconds:g} s: {trusted[seconds]} of {WALKS} trusted; "
+            f"all answers: covered {covered:.1%}, worst {np.max(errors):.1f}",
+            flush=True,
+        )
+    short = DURATION / 60.0
+    assert trusted[short] >= LEAST * WALKS
+    assert np.mean(np.array(off[short]) < 1.96) >= LEAST and np.max(off[short]) < FAR
