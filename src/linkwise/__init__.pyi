@@ -89,6 +89,7 @@ from linkwise.identification.validation.validate import validate as validate
 from linkwise.inspection.alert import Alert as Alert
 from linkwise.inspection.inspect import inspect as inspect
 from linkwise.inspection.levels.acceleration_surface import AccelerationSurface as AccelerationSurface
+from linkwise.inspection.levels.bridged_gaps import BridgedGaps as BridgedGaps
 from linkwise.inspection.levels.compare import compare_levels as compare_levels
 from linkwise.inspection.levels.distortion import Distortion as Distortion
 from linkwise.inspection.levels.response_function import ResponseFunction as ResponseFunction

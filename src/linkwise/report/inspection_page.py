@@ -65,10 +65,11 @@ def _ring_down(reported: Reported[Inspection]) -> Section | None:
         "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from windows of "
         "the decay."
     )
-    if levels.with_gaps:
-        text = f"{text} {gaps_text(levels)}"
     return Section(
-        "Ring-down", [text], rows=ring_down_rows(levels), figure=lambda: plot.ring_down_figure(levels)
+        "Ring-down",
+        [f"{text} {gaps_text(levels)}".rstrip()],
+        rows=ring_down_rows(levels),
+        figure=lambda: plot.ring_down_figure(levels),
     )
 
 

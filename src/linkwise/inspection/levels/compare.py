@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.argument_types import checked
-from linkwise.arrays import Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.acceleration_surface import acceleration_surfaces
+from linkwise.inspection.levels.bridged_gaps import bridged_gaps, forces_bridged
 from linkwise.inspection.levels.distortion import distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, UNDAMPED, LevelComparison
@@ -20,6 +21,7 @@ from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
 from linkwise.records.sequence import record_list
 from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.short_gaps import short_gaps_bridged
 
 _SHORTEST = 50  # samples of a decay
 _MOST = 6  # modes that are followed, where their number is not given: those that respond most
@@ -81,26 +83,28 @@ def compare_levels(
     >>> found.first_nonlinear, found.moved(1), found.moved(2)
     (2, (), (1,))
     """
-    records = record_list(records, "records")
-    if not records:
+    given = record_list(records, "records")
+    if not given:
         raise RecordError("levels are compared between two records or more, or one that rings down; got none")
+    records = [forces_bridged(record) for record in given]
     _require_same_channels(records)
     forced = any(name.startswith("force:") for name in records[0].channels)
-    channel = None if forced else _loudest(records[0])
-    levels = np.array([_level(record, channel) for record in records])
+    channel, levels = _levels(records, forced=forced)
     order = np.argsort(levels, kind="stable").tolist()
     ordered = [records[place] for place in order]
+    complete = [short_gaps_bridged(record) or record for record in ordered]
+    labels = _labels(ordered)
     measured = [_measurement(record, forced=forced) for record in ordered]
     of_highest = channel_noise(ordered[-1])
-    rings = ring_downs(ordered[-1], of_highest)
-    gaps = tuple(name for name in _shown(ordered[-1]) if name not in motions(ordered[-1]))
+    rings = ring_downs(complete[-1], of_highest)
+    gaps = tuple(name for name in _shown(ordered[-1]) if name not in motions(complete[-1]))
     if len(records) == 1 and not rings:
         raise RecordError(_no_ring_down(gaps))
     if modes is not None or (forced and len(records) > 1):
         pursued = pursued_modes(measured[0], modes, part(progress, 0.0, 0.5))
         start = np.stack([pursued.frequencies, pursued.damping], axis=1)
     else:
-        start = decaying_modes(decay_of(ordered[0]), channel_noise(ordered[0]))
+        start = decaying_modes(decay_of(complete[0]), channel_noise(ordered[0]))
     if not len(start):
         raise RecordError(
             "no mode stands above the noise at the lowest level; excite the structure more strongly"
@@ -115,7 +119,7 @@ def compare_levels(
         frequencies, damping = by_level[-1].frequencies, by_level[-1].damping
     response, force = _channels(ordered[0]) if forced else ("", "")
     return LevelComparison(
-        labels=_labels(ordered),
+        labels=labels,
         levels=levels[order],
         channel=channel,
         unit="N" if channel is None else ordered[0].unit(channel),
@@ -130,10 +134,11 @@ def compare_levels(
             [_noise_share(record, refined) for record, refined in zip(ordered, by_level, strict=True)]
         ),
         responses=tuple(ResponseFunction.of(record, response, force) for record in ordered if forced),
-        distortions=tuple(distortion(record, response, force) if forced else None for record in ordered),
+        distortions=tuple(distortion(record, response, force) if forced else None for record in complete),
         ring_downs=rings,
         with_gaps=gaps,
-        surfaces=acceleration_surfaces(ordered[-1], by_level[0].frequencies, of_highest),
+        bridged=bridged_gaps(labels, [given[place] for place in order], complete),
+        surfaces=acceleration_surfaces(complete[-1], by_level[0].frequencies, of_highest),
     )
 
 
@@ -142,12 +147,18 @@ def _no_ring_down(gaps: Sequence[str]) -> str:
     if gaps:
         return (
             f"no mode can be followed as it rings down: {', '.join(gaps)} lack samples. Cut the record to a part without "
-            "gaps, or give a second level to compare"
+            "gaps of more than six samples, or give a second level to compare"
         )
     return (
         "levels are compared between two records or more, and this one alone does not ring down: it has no part without a "
         "force that is long enough to follow a mode as it decays"
     )
+
+
+def _levels(records: Sequence[Record], *, forced: bool) -> tuple[str | None, Floats]:
+    """The channel whose peaks are the levels, None for the forces, and the level (R,) of each record."""
+    channel = None if forced else _loudest(records[0])
+    return channel, np.array([_level(record, channel) for record in records])
 
 
 def _level(record: Record, channel: str | None) -> float:

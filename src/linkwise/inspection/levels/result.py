@@ -11,6 +11,7 @@ from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.html import JudgedView
 from linkwise.inspection.levels.acceleration_surface import AccelerationSurface
+from linkwise.inspection.levels.bridged_gaps import BridgedGaps
 from linkwise.inspection.levels.distortion import Distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.ring_down import RingDown
@@ -52,7 +53,9 @@ class LevelComparison(JudgedView):
     surfaces : tuple of AccelerationSurface
         Restoring force per mass at the sensors that move most, at the highest level while no force acts.
     with_gaps : tuple of str
-        Channels of the highest level that lack samples, which ring-downs and surfaces leave out.
+        Channels of the highest level that lack samples in long gaps, which ring-downs and surfaces leave out.
+    bridged : tuple of BridgedGaps
+        Channels with gaps of at most six samples, which are interpolated.
 
     See Also
     --------
@@ -83,6 +86,7 @@ class LevelComparison(JudgedView):
     ring_downs: tuple[RingDown, ...]
     surfaces: tuple[AccelerationSurface, ...]
     with_gaps: tuple[str, ...]
+    bridged: tuple[BridgedGaps, ...]
 
     @property
     def frequency_changes(self) -> Floats:
@@ -200,5 +204,6 @@ class LevelComparison(JudgedView):
                 for ring in self.ring_downs
             ],
             "without_ring_down": list(self.with_gaps),
+            "bridged": [vars(gaps) for gaps in self.bridged],
             "first_nonlinear": None if first is None else self.labels[first],
         }

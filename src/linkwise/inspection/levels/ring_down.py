@@ -26,7 +26,8 @@ from linkwise.progress import silent
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
-_SILENT = 0.01  # of the largest force: less is none
+SILENT = 0.01
+"""Of the largest force: less is none."""
 _PERIODS = 6.0  # of a window, at least
 _FEWEST, _MOST = 4, 40  # windows
 _WIDEST = 0.25  # of the frequency: half the band that is kept
@@ -163,7 +164,7 @@ def decay_of(record: Record) -> Record:
     for name in record.inputs:
         applied = np.abs(record.channel(name))
         if applied.any():
-            first = max(first, int(np.flatnonzero(applied > _SILENT * applied.max())[-1]) + 1)
+            first = max(first, int(np.flatnonzero(applied > SILENT * applied.max())[-1]) + 1)
     if not record.inputs:
         values = np.nan_to_num(record.select(record.responses).values)
         scale = np.maximum(np.std(values, axis=0), np.finfo(float).tiny)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from linkwise.inspection.levels.bridged_gaps import BridgedGaps
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.inspection.levels.ring_down import RingDown
 from linkwise.text import align_columns, as_text, format_error, format_value, paragraph
@@ -24,8 +25,9 @@ def levels_text(comparison: LevelComparison) -> str:
     rings = ring_down_rows(comparison)
     if len(rings) > 1:
         blocks.append("\n".join(align_columns(rings)))
-    if comparison.with_gaps:
-        blocks.append(gaps_text(comparison))
+    gaps = gaps_text(comparison)
+    if gaps:
+        blocks.append(paragraph(gaps))
     return "\n\n".join(blocks)
 
 
@@ -154,12 +156,22 @@ def ring_down_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
 
 
 def gaps_text(comparison: LevelComparison) -> str:
-    """What ring-downs leave out."""
+    """What of gaps was bridged, and which channels ring-downs leave out for longer ones; empty where nothing is missing."""
+    sentences = []
+    if comparison.bridged:
+        counts = ", ".join(_bridged(gaps) for gaps in comparison.bridged)
+        sentences.append(f"Missing samples, at most six in a row, are interpolated: {counts}.")
     names = comparison.with_gaps
-    lack = "lacks" if len(names) == 1 else "lack"
-    return paragraph(
-        f"{', '.join(names)} {lack} samples at the highest level, and no mode is followed there as it rings down."
-    )
+    if names:
+        sentences.append(
+            f"{', '.join(names)} {'lacks' if len(names) == 1 else 'lack'} samples at the highest level, more than six in a "
+            "row, and no mode is followed there as it rings down."
+        )
+    return " ".join(sentences)
+
+
+def _bridged(gaps: BridgedGaps) -> str:
+    return f"{gaps.samples} of {gaps.channel} ({gaps.record})"
 
 
 def ring_name(ring: RingDown) -> str:
