@@ -21,6 +21,7 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.fit_remarks import estimated_disturbances, fit_remarks, inseparable, sensor_errors
 from linkwise.likelihood.fitted_motion import motion_of_links
 from linkwise.likelihood.force_scale import require_force_scale
+from linkwise.likelihood.hidden_wells import fit_about_rest
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
@@ -278,7 +279,9 @@ class MaximumLikelihood(Estimator):
         """A fit of a structure with hosts: from the forces of its links, else from equivalent springs and dampers."""
         try:
             theta, _ = starting_values(records, structure, self.starts)
-            fit = fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
+            search = partial(likelihood_fit, records, structure)
+            about_rest = partial(fit_about_rest, records, structure, given=self.starts)
+            fit = fit_with_restarts(search, theta, options, another=about_rest)
         except IdentificationError as error:
             try:
                 return self._from_equivalent_links(structure, records, options)

@@ -1,0 +1,208 @@
+"""Starts of links of masses that only accelerometers, or none, show: about the place where they rest, which may be a well.
+
+Nothing shows where such a mass rests, and forces of small motion hardly tell one well from another. About its place of rest a
+link of any law moves like a spring that is not symmetric. That law, with a term in d**2 beside its own, has one place of rest,
+and is fitted first, with loose continuity. Then the place of rest is the one about which the own law gives the same forces
+along this motion, and the search goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.expression import differentiate, symbols
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.starts.values import starting_values
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+_SKEW = "skew"
+_LOOSE = 0.03  # relaxation at which the fit about the place of rest ends: tighter ones creep
+_NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of rest may be away from d = 0
+_GRID = 161  # places on either side, at equal ratios
+_ROUNDS = 4  # of finer grids
+
+
+@dataclass(frozen=True)
+class _HiddenLink:
+    """A link by its `number`, which alone holds the mass of number `coordinate`; `sign` is its row of B."""
+
+    number: int
+    coordinate: int
+    sign: float
+
+
+def fit_about_rest(
+    records: Sequence[Record],
+    structure: Structure,
+    options: LikelihoodOptions,
+    given: Mapping[str, float] | None = None,
+) -> LikelihoodFit | None:
+    """A fit that starts about the places where hidden masses rest; None where there are none, or it fails.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+    options : LikelihoodOptions
+        The options.
+    given : mapping of str to float, optional
+        Starting values by name of the parameter.
+
+    Returns
+    -------
+    LikelihoodFit or None
+        The fit.
+    """
+    hidden = _hidden_links(structure, records[0].channels)
+    if not hidden:
+        return None
+    centred = structure
+    for link in hidden:
+        centred = _centred(centred, link.number)
+    shared = {p.name for p in structure.parameters} & {p.name for p in centred.parameters}
+    freed = {f"{structure.links[link.number].name}." for link in hidden}
+    stated = {
+        name: value
+        for name, value in (given or {}).items()
+        if name in shared and not any(name.startswith(prefix) for prefix in freed)
+    }
+    search = partial(likelihood_fit, records)
+    try:
+        theta, _ = starting_values(records, centred, stated)
+        about = search(centred, theta, options=replace(options, model_error=False, tightest=_LOOSE))
+        if about.status is AnnealingStatus.INTERRUPTED:
+            return None
+        values, nodes = _moved(structure, centred, about, hidden)
+        return search(structure, values, options=replace(options, nodes=nodes))
+    except IdentificationError:
+        return None
+
+
+def _hidden_links(structure: Structure, channels: Sequence[str]) -> tuple[_HiddenLink, ...]:
+    """Links that bend and alone hold a mass whose displacement no channel shows."""
+    incidence = structure.incidence.toarray()
+    shown = {
+        parsed.mass for name in channels if (parsed := Channel.parse(name)).kind == "x" and not parsed.of_link
+    }
+    hidden = []
+    for coordinate, name in enumerate(structure.mass_names):
+        numbers = np.flatnonzero(incidence[coordinate])
+        if name in structure.modes or name in shown or len(numbers) != 1:
+            continue
+        number = int(numbers[0])
+        link = structure.links[number]
+        if "d" in symbols(differentiate(link.law.expression, "d")) and not link.law.states:
+            hidden.append(_HiddenLink(number, coordinate, float(incidence[coordinate, number])))
+    return tuple(hidden)
+
+
+def _centred(structure: Structure, number: int) -> Structure:
+    """The structure with a term in d**2 in a link, whose coefficients, as far as the law is linear in them, are unknown."""
+    link = structure.links[number]
+    skew = _SKEW
+    while skew in link.law.coefficients:
+        skew += "_"
+    law = Law.parse(f"{link.law.text} + {skew}*d**2", units=_units(link.law, skew))
+    coefficients = {
+        name: Coefficient.unknown() if name in link.law.linear else coefficient
+        for name, coefficient in link.coefficients.items()
+    }
+    skewed = replace(link, law=law, coefficients=coefficients | {skew: Coefficient.unknown()})
+    links = list(structure.links)
+    links[number] = skewed
+    return replace(structure, links=tuple(links))
+
+
+def _units(law: Law, skew: str) -> dict[str, str] | None:
+    """Declared units with that of the term in d**2, where the law has some."""
+    return dict(law.declared) | {skew: "N/m^2"} if law.declared else None
+
+
+def _moved(
+    structure: Structure, centred: Structure, about: LikelihoodFit, hidden: Sequence[_HiddenLink]
+) -> tuple[Floats, Floats]:
+    """Values (p,) of the unknowns of the structure, and nodes with its hidden masses moved to where they rest."""
+    own = dict(zip((p.name for p in centred.parameters), about.values.tolist(), strict=True))
+    valued = centred.with_values(own)
+    nodes = about.optimum.point.nodes.copy()
+    n = structure.size
+    d = structure.elongations(nodes[:n].T).T
+    v = structure.elongations(nodes[n : 2 * n].T).T
+    values = own
+    for link in hidden:
+        k = link.number
+        names = {key: p.name for p in structure.parameters for number, key in p.members if number == k}
+        force = valued.links[k].force(d[k], v[k], {})
+        rest, numbers = _place_of_rest(structure.links[k], valued.links[k].values, d[k], v[k], force, names)
+        values = values | {names[key]: number for key, number in numbers.items()}
+        nodes[link.coordinate] += rest / link.sign
+    return np.array([values[p.name] for p in structure.parameters]), nodes
+
+
+def _place_of_rest(
+    link: Link,
+    numbers: Mapping[str, float],
+    d: Floats,
+    v: Floats,
+    force: Floats,
+    names: Mapping[str, str],
+) -> tuple[float, dict[str, float]]:
+    """The elongation about which the law gives a force (K,) along a motion, and the coefficients in `names` with which.
+
+    Coefficients in which the law is not linear have the `numbers` of the fit, known ones their own.
+    """
+    free = [name for name in link.law.linear if name in names]
+    fixed = {
+        name: numbers[name] if coefficient.value is None or name in names else float(coefficient.value)
+        for name, coefficient in link.coefficients.items()
+    }
+    size = float(np.std(d)) or 1.0
+    ratios = np.linspace(np.log(_NEAREST), np.log(_FARTHEST), _GRID)
+    places = size * np.concatenate([np.exp(ratios), -np.exp(ratios)])
+    best = (np.inf, 0.0, dict[str, float]())
+    for finer in range(_ROUNDS):
+        for place in places.tolist():
+            best = min(best, _regressed(link, fixed, free, d + place, v, force, place), key=_left)
+        step = float(ratios[1] - ratios[0]) * (4.0 / _GRID) ** finer
+        places = best[1] * np.exp(np.linspace(-2.0, 2.0, _GRID) * step)
+    return best[1], {name: best[2].get(name, fixed[name]) for name in names}
+
+
+def _regressed(
+    link: Link,
+    fixed: Mapping[str, float],
+    free: Sequence[str],
+    d: Floats,
+    v: Floats,
+    force: Floats,
+    place: float,
+) -> tuple[float, float, dict[str, float]]:
+    """What the law leaves of a force along a motion about a place of rest, the place, and the free coefficients."""
+    partials = link.law.partials(d, v, dict(fixed) | dict.fromkeys(free, 0.0), by=tuple(free))
+    right = force - np.broadcast_to(partials.force, d.shape)
+    if not free:
+        return float(right @ right), place, {}
+    columns = np.stack([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in free], axis=1)
+    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    solved = np.linalg.lstsq(columns / size, right, rcond=None)[0] / size
+    left = right - columns @ solved
+    return float(left @ left), place, dict(zip(free, solved.tolist(), strict=True))
+
+
+def _left(trial: tuple[float, float, dict[str, float]]) -> float:
+    return trial[0]
