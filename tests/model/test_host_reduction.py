@@ -144,7 +144,7 @@ def test_rayleigh_damping_follows_the_frequencies() -> None:
         ({"keep": 0}, "at least 1, got 0"),
         ({"modal_damping": 0.01, "rayleigh": (0.1, 0.0)}, "not both"),
         ({"mass": beam(3)[0]}, "they belong to different models"),
-        ({"stiffness": scipy.sparse.csc_array(np.triu(beam()[1].toarray()))}, "is not symmetric"),
+        ({"stiffness": scipy.sparse.csc_array(np.triu(beam()[1].toarray()))}, "is not symmetric: row "),
         ({"stiffness": -1.0 * beam()[1]}, "negative eigenvalues"),
         ({"mass": -1.0 * beam()[0]}, "positive semidefinite"),
         ({"mass": beam()[1], "stiffness": beam()[0]}, "mass and stiffness may be swapped"),
@@ -182,18 +182,33 @@ def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
         ("bad.npz:M", "cannot be read as a .npz file"),
         ("wide.npz:W", "not a square matrix of finite numbers: it has 2 rows and 3 columns"),
         ("complex.npz:K", "holds complex128 values, not real numbers"),
+        ("gap.npz", "gap.npz: K is not a square matrix of finite numbers: row 2 and column 3 hold nan"),
         ("bad.txt:M", "are read from .mat, .npz, .mtx, .pch, .dmig, .bdf and .op4 files"),
     ],
 )
 def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, message: str) -> None:
     scipy.io.savemat(tmp_path / "beam.mat", {"M": np.eye(3), "K": np.eye(3)})
     np.savez(tmp_path / "wide.npz", W=np.ones((2, 3)))
+    gap = np.eye(3)
+    gap[1, 2] = np.nan
+    np.savez(tmp_path / "gap.npz", K=gap)
     np.savez(tmp_path / "complex.npz", K=np.eye(3) * (1.0 + 0.01j))
     for name in ("bad.mat", "bad.npz", "bad.txt"):
         (tmp_path / name).write_bytes(b"MATLAB 5.0 MAT-file no more" * 20)
     with pytest.raises(lw.StructureError) as error:
         lw.read_matrix(named, tmp_path)
     assert message in str(error.value)
+
+
+def test_matrices_of_different_models_are_named(tmp_path: Path) -> None:
+    np.savez(tmp_path / "beam.npz", M=np.eye(3), K=np.eye(2))
+    np.savez(tmp_path / "other.npz", K=np.eye(4))
+    for stiffness, message in (
+        ("beam.npz:K", "beam.npz:M and beam.npz:K"),
+        ("other.npz", "beam.npz:M and other.npz"),
+    ):
+        with pytest.raises(lw.StructureError, match=f"{message}: the mass matrix has 3 rows"):
+            lw.read_host_matrices("beam.npz:M", stiffness, folder=tmp_path)
 
 
 def test_a_structure_file_names_matrices(tmp_path: Path) -> None:

@@ -222,9 +222,14 @@ def _checked(
         raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
     for quantity, matrix in {"mass": mass, **others}.items():
         largest = float(np.abs(matrix.data).max(initial=0.0))
-        if float(np.abs((matrix - matrix.T).data).max(initial=0.0)) > 1e-6 * largest:
+        skew = scipy.sparse.coo_array(matrix - matrix.T)
+        if float(np.abs(skew.data).max(initial=0.0)) > 1e-6 * largest:
+            worst = int(np.argmax(np.abs(skew.data)))
+            row, column = (int(places[worst]) for places in skew.coords)
             raise StructureError(
-                f"the {quantity} matrix is not symmetric; a host is a linear structure that conserves energy"
+                f"the {quantity} matrix is not symmetric: row {row + 1} and column {column + 1} hold "
+                f"{matrix[row, column]:.6g}, row {column + 1} and column {row + 1} {matrix[column, row]:.6g}; a host is a "
+                "linear structure that conserves energy. If the file has one triangle only, add the other"
             )
     _require_plausible(mass, stiffness)
     return at_points

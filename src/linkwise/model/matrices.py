@@ -242,7 +242,8 @@ def read_host_matrices(
             if matrix.shape != matrices["stiffness"].shape:
                 raise StructureError(
                     f"the {quantity} matrix has {matrix.shape[0]} rows and the stiffness matrix {len(names)}; they belong to "
-                    "different models"
+                    "different models",
+                    " and ".join(dict.fromkeys([sources[quantity], sources["stiffness"]])),
                 )
     free = np.flatnonzero(matrices["stiffness"].diagonal() < _CONSTRAINED)
     if len(free) == 0:
@@ -316,9 +317,18 @@ def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[st
     if chosen.matrix.dtype.kind not in "fiu":
         raise StructureError(f"{name} holds {chosen.matrix.dtype} values, not real numbers", source)
     matrix = scipy.sparse.csc_array(chosen.matrix).astype(float)
-    if matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix.data).all():
+    if matrix.shape[0] != matrix.shape[1]:
         raise StructureError(
             f"{name} is not a square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
+            source,
+        )
+    if not np.isfinite(matrix.data).all():
+        entries = scipy.sparse.coo_array(matrix)
+        worst = int(np.flatnonzero(~np.isfinite(entries.data))[0])
+        row, column = (int(places[worst]) for places in entries.coords)
+        raise StructureError(
+            f"{name} is not a square matrix of finite numbers: row {row + 1} and column {column + 1} hold "
+            f"{entries.data[worst]}; write it again from the program that made it",
             source,
         )
     return str(name), FileMatrix(matrix, chosen.names)
