@@ -14,7 +14,7 @@ import openpyxl
 import pytest
 import scipy.io
 from problems import chain_record
-from structures import link, structure
+from structures import CANTILEVER, CANTILEVER_SHAPES, host, link, structure
 
 import linkwise as lw
 from linkwise.cli import run
@@ -93,6 +93,29 @@ def matlab_value(line: str, names: dict[str, Any]) -> Any:
     assert not re.search(r"[^\w\s.()+\-*/,]", text), text
     with np.errstate(invalid="ignore"):
         return eval(text, {"__builtins__": {}}, {**known, **names})
+
+
+def test_points_of_hosts_come_with_their_shapes(tmp_path: Path) -> None:
+    """An end such as beam.tip cannot be followed from the modes without them."""
+    beam = host("beam", CANTILEVER, 0.01, CANTILEVER_SHAPES)
+    beam_with_sink = structure(
+        {"sink": 0.03}, link("nes", "beam.tip-sink", "k*d", k=2.0), hosts=[beam], name="beam"
+    )
+    for suffix in ("py", "m", "mat", "csv"):
+        lw.export_answer(beam_with_sink, tmp_path / f"beam.{suffix}")
+    shapes = {
+        f"beam.{point}": {f"beam.mode{n}": value for n, value in enumerate(values, start=1)}
+        for point, values in CANTILEVER_SHAPES.items()
+    }
+    assert runpy.run_path(str(tmp_path / "beam.py"))["POINTS"] == shapes
+    content = scipy.io.loadmat(tmp_path / "beam.mat", squeeze_me=True)
+    assert content["points"].tolist() == list(shapes)
+    assert content["coordinates"].tolist() == ["beam.mode1", "beam.mode2", "beam.mode3", "sink"]
+    np.testing.assert_array_equal(content["shapes"][:, :3], list(CANTILEVER_SHAPES.values()))
+    assert not content["shapes"][:, 3].any()
+    assert "answer.shapes = [3.2, -3.2, 3.2, 0.0; ...\n" in (tmp_path / "beam.m").read_text()
+    rows = list(csv.reader((tmp_path / "beam.csv").read_text(encoding="utf-8-sig").splitlines()))
+    assert ["beam.mode2", "shape at beam.mid", "2.3", "1/sqrt(kg)", "", "", "", ""] in rows
 
 
 def test_the_matlab_function_has_the_forces_of_the_structure(tmp_path: Path) -> None:

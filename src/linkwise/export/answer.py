@@ -61,6 +61,21 @@ class ExportedAnswer:
         return self.structure.links
 
     @property
+    def shapes(self) -> Floats:
+        """(P, n) how the points of hosts move by the masses and modes of the structure, in 1/sqrt(kg)."""
+        structure = self.structure
+        rows = [structure.topology.row(point) for point in structure.points]
+        return np.array(rows).reshape(len(rows), structure.size)
+
+    @property
+    def points(self) -> dict[str, dict[str, float]]:
+        """For each point of a host the shapes of its modes there."""
+        return {
+            point: {name: part for name, part in zip(self.structure.mass_names, row, strict=True) if part}
+            for point, row in zip(self.structure.points, self.shapes.tolist(), strict=True)
+        }
+
+    @property
     def coefficients(self) -> tuple[ExportedCoefficient, ...]:
         """All coefficients and masses, link by link."""
         errors = dict(

@@ -15,6 +15,7 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
 
     `names`, `values`, `units` and `standard_errors` (NaN where there is none) are those of all masses and coefficients, and
     `covariance` that of `covariance_names`. `links` is a struct array: name, both ends, law, and the rates of states.
+    `points` of hosts move by `shapes`, with a column for each of the `coordinates`.
     """
     every = answer.coefficients
     kinds = [("name", object), ("first", object), ("second", object), ("law", object), ("rates", object)]
@@ -35,6 +36,9 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
         "covariance_names": _cells(list(answer.names)),
         "covariance": answer.covariance,
         "links": links,
+        "points": _cells(list(answer.structure.points)),
+        "coordinates": _cells(list(answer.structure.mass_names)),
+        "shapes": answer.shapes,
     }
     savemat(path, content, format="5", oned_as="column", long_field_names=True)
 

@@ -25,7 +25,8 @@ _HEAD = """function [force, rates] = {name}(link, d, v, states)
 %   force = {name}(link, d, v) is the force in N of the link of that name at the elongation d = x_first - x_second in m and
 %   its rate v in m/s, numbers or arrays of one size; -force acts on the first end of the link and force on the second.
 %   [force, rates] = {name}(link, d, v, states) is for a link with memory: states and rates are cells with one array a state.
-%   answer = {name}() is a struct of the coefficients in SI units with their standard errors and covariance.{note}
+%   answer = {name}() is a struct of the coefficients in SI units with their standard errors and covariance;
+%   points of hosts move by the product of answer.shapes and the motion of answer.coordinates.{note}
 if nargin == 0
     force = values();
     return
@@ -95,6 +96,9 @@ def _values(answer: ExportedAnswer) -> str:
         f"answer.standard_errors = [{'; '.join(errors)}];",
         f"answer.covariance_names = {{{'; '.join(map(_text, answer.names))}}};",
         f"answer.covariance = {_matrix(answer.covariance)};",
+        f"answer.points = {{{'; '.join(map(_text, answer.structure.points))}}};",
+        f"answer.coordinates = {{{'; '.join(map(_text, answer.structure.mass_names))}}};",
+        f"answer.shapes = {_matrix(answer.shapes)};",
         "end",
     ]
     return "\n".join([*lines, ""])

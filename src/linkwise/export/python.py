@@ -17,7 +17,8 @@ _HEAD = '''"""Forces of the links of a structure, identified by linkwise {versio
 
 force_LINK(d, v) is the force f in N at the elongation d = x_first - x_second in m and its rate v in m/s, numbers or arrays;
 -f acts on the first end of the link and f on the second. A link with memory takes its states behind v, and
-rates_LINK(d, v, states) are their rates. Coefficients are keywords, so that others can be tried.{note}
+rates_LINK(d, v, states) are their rates. Coefficients are keywords, so that others can be tried. An end that is a point of
+a host moves by its modes, each times its shape in POINTS.{note}
 """
 
 import numpy as np
@@ -25,6 +26,7 @@ import numpy as np
 NAME = {name}
 MASSES = {masses}
 BETWEEN = {between}
+POINTS = {points}
 COEFFICIENTS = {coefficients}
 UNITS = {units}
 STANDARD_ERRORS = {errors}
@@ -44,6 +46,7 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
         masses=_dict(
             {coefficient.owner: coefficient.value for coefficient in every if coefficient.name == "mass"}
         ),
+        points=ascii(answer.points),
         between=_dict({link.name: link.between for link in answer.links}),
         coefficients=_dict({link.name: link.values for link in answer.links}),
         units=_dict({link.name: {key: link.law.units[key] for key in link.values} for link in answer.links}),

@@ -17,9 +17,12 @@ _HEADER = ("of", "coefficient", "value", "unit", "standard error", "lower", "upp
 
 
 def _rows(answer: ExportedAnswer) -> list[list[Any]]:
-    """A row for each mass and coefficient: its interval of 95 %, and the law of its link; None where there is nothing."""
+    """A row for each mass and coefficient: its interval of 95 %, and the law of its link; None where there is nothing.
+
+    Then one for the shape of each mode at each point of its host.
+    """
     laws = {link.name: link.law.text for link in answer.links}
-    rows = []
+    rows: list[list[Any]] = []
     for coefficient in answer.coefficients:
         law = laws.get(coefficient.owner) if coefficient.name != "mass" else None
         half = None if coefficient.error is None else NORMAL_95 * coefficient.error
@@ -35,6 +38,8 @@ def _rows(answer: ExportedAnswer) -> list[list[Any]]:
                 law,
             ]
         )
+    for point, parts in answer.points.items():
+        rows += [[mode, f"shape at {point}", part, "1/sqrt(kg)", *[None] * 4] for mode, part in parts.items()]
     return rows
 
 
