@@ -301,8 +301,10 @@ def _require_frequency(unit: str, where: str) -> None:
         )
     try:
         to_si(f"1 {unit}", "Hz")
-    except LinkwiseError as error:
-        raise StructureError(f"unit of the frequency: {error}", where) from None
+    except LinkwiseError:
+        raise StructureError(
+            f"unit of the frequency: expected Hz or what converts to it, such as kHz, got {unit}", where
+        ) from None
 
 
 def _mode_of_line(names: list[str], units: dict[str, str], cells: list[str], where: str) -> HostMode:

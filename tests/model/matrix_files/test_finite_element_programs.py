@@ -109,6 +109,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
         ),
         ("1, 2\n", "its first line holds 2 values"),
         ("", "its first line holds 0 values"),
+        ("1,1,1,1,2.0\n2,1,2,1\n", "the number of columns changed from 5 to 4 at row 2"),
         ("1,1,1,1,2.0\n1,1,1,one,2.0\n", "cannot be read as a .mtx file"),
         ("1,1,1,1,2.0\n1,1,1,1,2.0\n", "row 1 and column 1 is given twice"),
         ("1.5,1,1,1,2.0\n", "not a whole number"),
@@ -175,3 +176,10 @@ def test_bulk_data_without_a_whole_matrix_is_told(tmp_path: Path, text: str, mes
     (tmp_path / "beam.bdf").write_text(text)
     with pytest.raises(lw.StructureError, match=message):
         lw.read_host_matrices("beam.bdf", "beam.bdf", folder=tmp_path)
+
+
+def test_no_argument_of_a_library_is_advised(tmp_path: Path) -> None:
+    (tmp_path / "mass.mtx").write_text("1,1,1,1,2.0\n2,1,2,1\n")
+    with pytest.raises(lw.StructureError, match="at row 2") as error:
+        lw.read_matrix("mass.mtx", tmp_path)
+    assert "usecols" not in str(error.value)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.matrix_files.file_matrix import FileMatrix, both_triangles, of_entries, require_last_line
 
@@ -39,7 +40,7 @@ def read_matrices(path: Path) -> dict[str, FileMatrix]:
     with path.open("rb") as content:
         content.seek(-1, os.SEEK_END)
         require_last_line(content.read())
-    table = np.loadtxt(path, delimiter="," if "," in first else None, comments="**", ndmin=2)
+    table = _table(path, "," if "," in first else None)
     if columns == _OF_NODES:
         return {path.stem: of_entries(table[:, :2], table[:, 2:4], table[:, 4])}
     places = table[:, :2]
@@ -48,6 +49,14 @@ def read_matrices(path: Path) -> dict[str, FileMatrix]:
     rows, columns_of_entries = (places - 1).astype(np.int64).T
     size = int(places.max())
     return {path.stem: FileMatrix(both_triangles(rows, columns_of_entries, table[:, 2], size))}
+
+
+def _table(path: Path, delimiter: str | None) -> Floats:
+    """The entries, a row each; ValueError for a line of another length, or with what is no number."""
+    try:
+        return np.loadtxt(path, delimiter=delimiter, comments="**", ndmin=2)
+    except ValueError as error:  # which goes on to name an argument of the function
+        raise ValueError(str(error).partition("; use `usecols`")[0]) from None
 
 
 def _first_line(path: Path) -> str:
