@@ -1,12 +1,17 @@
-"""What memory is held to be free: by the system, by a container, and never so little that small work is refused."""
+"""What memory is held to be free: by the system, by a container, and never so little that small work is refused.
+
+And what is freed, which is used again.
+"""
 
 from __future__ import annotations
 
+import platform
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from linkwise.runtime import available_memory
+from linkwise.runtime import available_memory, keep_freed_memory
 
 GIGA = 2**30
 
@@ -39,3 +44,19 @@ def test_half_of_the_installed_memory_where_nothing_is_reported(reported: Path) 
     (reported / "meminfo").unlink()
     (reported / "memory.max").unlink()
     assert 0 < available_memory(reported / "meminfo", reported) < 2**50
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="what is freed is another allocator's")
+def test_memory_that_was_freed_is_used_again() -> None:
+    """Without the call every one of 40 MB is asked for anew, as this process has freed no such array before it."""
+    resource = pytest.importorskip("resource")
+
+    def pages_cleared() -> int:
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        parts = [np.ones(2**17) for _ in range(40)]
+        assert len(parts) == 40
+        return int(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+
+    keep_freed_memory()
+    pages_cleared()
+    assert pages_cleared() < 0.1 * 40 * 2**20 / 4096

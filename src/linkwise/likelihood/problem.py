@@ -26,6 +26,7 @@ from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+from linkwise.runtime import keep_freed_memory
 
 _FLOW_ERROR = 1e-3  # of the standard deviation of the noise: errors of the steps are systematic over thousands of segments
 _TANGENT_ERROR = 0.002  # of a sensitivity over a segment
@@ -89,6 +90,7 @@ def shooting_problem(
     system = system_with(structure, places, min(record.step for record in records))
     count = sum(-(-len(record) // sensing.samples) for record in records)
     require_room(count, structure.size, system.dimension, system.parameters.size)
+    keep_freed_memory()
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
     starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
