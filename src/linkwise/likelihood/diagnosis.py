@@ -377,14 +377,13 @@ def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict
 
 def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
     """Root mean square of the force in each link along the fitted motion, in N, in the structure's order."""
-    mechanics, motion = optimum.segments.system.at(optimum.point.theta), misfit.trajectories.links
-    force, power = np.empty(motion.shape[2:]), np.zeros(motion.shape[2])
-    rates = np.empty(misfit.trajectories.memory.shape[1:])
-    for (d, v), memory in zip(motion, misfit.trajectories.memory, strict=True):
-        mechanics.force(d, v, memory, force, rates)
-        power += np.mean(force**2, axis=1)
+    mechanics, orbit = optimum.segments.system.at(optimum.point.theta), misfit.trajectories
+    d, v = orbit.links[:, 0], orbit.links[:, 1]
+    force, rates = np.empty(d.shape), np.empty(orbit.memory.shape)
+    mechanics.force(d, v, orbit.memory, force, rates)
+    power = np.einsum("jlk,jlk->l", force, force) / (force.shape[0] * force.shape[2])
     sizes = np.empty(len(power))
-    sizes[optimum.segments.system.order] = np.sqrt(power / len(motion))
+    sizes[optimum.segments.system.order] = np.sqrt(power)
     return list(sizes)
 
 

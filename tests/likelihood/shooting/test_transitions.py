@@ -8,10 +8,11 @@ from problems import rubbing_trio, truth
 
 import linkwise as lw
 from linkwise.arrays import Floats
+from linkwise.likelihood.shooting.acting_forces import ActingForces
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
-from linkwise.likelihood.shooting.tangents import tangent_forces, tangents
+from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.shooting.transitions import carried
 
 STEP, STEPS, SCALE = 3e-3, 6, np.repeat([1e-4, 1e-1], 3)
@@ -53,8 +54,8 @@ def ends_by_transitions(problem: tuple[System, Floats, Floats], steps: int) -> F
     (system, theta, _), (fine, half) = problem, orbit_in(problem, 2 * steps)
     orbit, step = fine.thinned(2), 2.0 * half
     candidates, mechanics = candidates_along(orbit), system.at(theta)
-    forces = tangent_forces(mechanics, orbit, step, theta, candidates, inputs=NOTHING)
-    *_, last = carried(mechanics, fine, step, SCALE, forces, len(SCALE) + len(theta) + len(ENDS[0]))
+    acting = ActingForces.along(mechanics, fine, step, theta, candidates, inputs=NOTHING)
+    *_, last = carried(mechanics, step, SCALE, acting, len(SCALE) + len(theta) + len(ENDS[0]))
     return in_their_units(last.transpose(1, 2, 0).reshape(2, 3, -1, len(step)), step)
 
 

@@ -135,12 +135,21 @@ def _is_smooth(chains: list[tuple[slice, int]], values: Floats) -> bool:
     for own, stop in chains:
         series = _series(values, own)[:stop]
         even, odd = series[::2], series[1::2][: (stop - 1) // 2]
-        inside = np.lib.stride_tricks.sliding_window_view(even, 2 * _HALF, axis=0) @ _INSIDE
+        inside = _between(even)
         at_ends = (_AT_END @ part[: _AT_END.shape[1]] for part in (even, even[::-1]))
         left = odd - np.concatenate([next(at_ends), inside, next(at_ends)[::-1]])
         errors += np.sum(left**2, axis=0)
         power += np.sum(odd**2, axis=0)
     return bool(np.all(errors <= _SMOOTH**2 * power))
+
+
+def _between(even: Floats) -> Floats:
+    """(N - 2 h + 1, C) midway between each two of even samples (N, C) that are inside."""
+    last, count = 2 * _HALF - 1, len(even) - 2 * _HALF + 1
+    out = np.zeros((count, even.shape[1]))
+    for first, tap in enumerate(_INSIDE[:_HALF]):  # which are symmetric
+        out += tap * (even[first : first + count] + even[last - first : last - first + count])
+    return out
 
 
 def _low_pass(chains: list[tuple[slice, int]], values: Floats) -> Floats:
@@ -153,8 +162,10 @@ def _low_pass(chains: list[tuple[slice, int]], values: Floats) -> Floats:
         even = series[::2].copy()
         odd = series[1::2][: len(even) - 1]
         inner = odd[edge : len(odd) - edge]
-        for first, tap in enumerate(_INSIDE):
-            even[first : first + len(inner)] += tap * inner
+        for first, tap in enumerate(_INSIDE[:_HALF]):
+            weighed, last = tap * inner, 2 * _HALF - 1 - first
+            even[first : first + len(inner)] += weighed
+            even[last : last + len(inner)] += weighed
         even[: _AT_END.shape[1]] += _AT_END.T @ odd[:edge]
         even[::-1][: _AT_END.shape[1]] += _AT_END.T @ odd[::-1][:edge]
         out[own].reshape(-1, C)[: len(even)] = even

@@ -62,6 +62,11 @@ class LawGroup:
         """
         return _slope_program(self.law, self.free, self.lag)
 
+    @cached_property
+    def slopes(self) -> Program:
+        """Program for the partial derivatives of the force with respect to d and v, from what `partials` takes."""
+        return _slope_of_motion_program(self.law)
+
     @property
     def rows(self) -> slice:
         """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
@@ -110,6 +115,12 @@ def _slope_program(law: Law, free: tuple[str, ...], lag: float | None) -> Progra
     names = (*VARIABLES, *free, *law.states)
     trees = _trees(law, lag)
     slopes = [differentiate(tree, name) for tree in trees for name in names]
+    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+@lru_cache(maxsize=512)
+def _slope_of_motion_program(law: Law) -> Program:
+    slopes = [differentiate(law.expression, name) for name in VARIABLES]
     return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
 
 

@@ -105,16 +105,17 @@ def _parts(segments: Segments, joined: int | None) -> Indices:
         joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
     edges = [0, *(np.flatnonzero(~segments.linked) + 1).tolist(), segments.count]
     rows = [
-        np.minimum(np.arange(head, head + joined), last - 1)
+        np.minimum(np.arange(first, last, joined)[:, None] + np.arange(joined), last - 1)
         for first, last in pairwise(edges)
-        for head in range(first, last, joined)
     ]
-    return np.stack(rows)
+    return np.concatenate(rows)
 
 
 def _once(parts: Indices) -> Bools:
     """(K', f) which parts are not repeated."""
-    return np.asarray(np.diff(parts, axis=1, prepend=-1) != 0)
+    which = np.ones(parts.shape, dtype=bool)
+    np.not_equal(parts[:, 1:], parts[:, :-1], out=which[:, 1:])
+    return which
 
 
 def _end_to_end(values: NDArray[Any], parts: Indices, which: Bools | None = None) -> NDArray[Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.shooting.acting_forces import ActingForces
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
 from linkwise.likelihood.shooting.flow import Inputs
 from linkwise.likelihood.shooting.local_rows import as_slice
@@ -33,7 +34,7 @@ from linkwise.likelihood.shooting.sensor_columns import (
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.shown_tangents import shown_tangents
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
-from linkwise.likelihood.shooting.tangents import tangent_forces, tangents
+from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.shooting.transitions import carried
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
@@ -307,12 +308,12 @@ def _put_carried(
     rate, moving = (1.0 / step)[:, None, None].astype(np.float32), columns[0]
     orbit = misfit.trajectories.part(part)
     unit, inputs = scales.theta[:p], segments.inputs.part(part)
-    forces = tangent_forces(
-        mechanics, orbit.thinned(stride), step, unit, candidates and candidates.part(part), inputs=inputs
+    orbit = orbit.thinned(stride // 2)
+    acting = ActingForces.along(
+        mechanics, orbit, step, unit, candidates and candidates.part(part), inputs=inputs
     )
     shown, factors = as_slice(sensors.mass), whiten.transpose(0, 2, 1)[..., None]
-    orbit = orbit.thinned(stride // 2)
-    for number, motion in enumerate(carried(mechanics, orbit, step, scales.state, forces, moving)):
+    for number, motion in enumerate(carried(mechanics, step, scales.state, acting, moving)):
         sample, between = divmod(number, segments.tangent_refine)
         if sample < len(factors) and not between:
             np.multiply(motion[:, shown], factors[sample], out=jacobian[:, sample, :, :moving])

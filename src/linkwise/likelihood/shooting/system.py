@@ -330,3 +330,11 @@ class NumericSystem:
             for row, factor in rest:
                 by_parameter[..., index, :] += factor * by_coefficient[..., row, :]
         return ForcePartials(by_d, by_v, by_parameter, memory.partials())
+
+    def slopes(self, d: Floats, v: Floats, states: Floats) -> tuple[Floats, Floats]:
+        """Partial derivatives (..., L, K) of the link forces with respect to elongations and rates; as `partials`."""
+        by_d, by_v = np.empty_like(d), np.empty_like(d)
+        for group, values in zip(self.system.groups, self._values, strict=True):
+            which = group.which
+            by_d[which], by_v[which], *_ = group.slopes(d[which], v[which], *group.of_states(states), *values)
+        return by_d, by_v
