@@ -261,11 +261,12 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
     small = ~relative | (np.abs(sizes) < _LARGEST)
     at_filter = kinds.index("filter")
-    attenuation = sizes[at_filter] * relative_to_gain(tested.filtered, tested.errors)
-    small[at_filter] = 0.0 < attenuation < _LARGEST and not _shows_noise(optimum)
     limit = least_gain(len(gains))
     significant = small & (gains > limit)
-    significant[at_filter] = small[at_filter] and gains[at_filter] > _CHANCE_OF_FILTER
+    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)
+    if significant[at_filter]:
+        attenuation = sizes[at_filter] * relative_to_gain(tested.filtered, tested.errors)
+        significant[at_filter] = 0.0 < attenuation < _LARGEST
     scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
     )
@@ -381,7 +382,7 @@ def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
     d, v = orbit.links[:, 0], orbit.links[:, 1]
     force, rates = np.empty(d.shape), np.empty(orbit.memory.shape)
     mechanics.force(d, v, orbit.memory, force, rates)
-    power = np.einsum("jlk,jlk->l", force, force) / (force.shape[0] * force.shape[2])
+    power = np.mean(force**2, axis=(0, 2))
     sizes = np.empty(len(power))
     sizes[optimum.segments.system.order] = np.sqrt(power)
     return list(sizes)

@@ -78,11 +78,9 @@ def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
     first, states[0] = np.where(follows, added[0], 0.0), 0.0
     fades, carried = np.empty_like(left), np.empty_like(first)
     fades[0] = 1.0
-    for before, part, own, faded, fading in zip(
-        states[:-1], left[1:], states[1:], fades[:-1], fades[1:], strict=True
-    ):
+    np.multiply.accumulate(left[1:], axis=0, out=fades[1:])
+    for before, part, own in zip(states[:-1], left[1:], states[1:], strict=True):
         own += np.multiply(part, before, out=carried)
-        np.multiply(part, faded, out=fading)
     first[:, 1:] += (linked * left[0, :, 1:]) * states[-1, :, :-1]
     # of a segment by that of the one before it: a system of equations with two diagonals
     by_start = np.zeros_like(first)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
@@ -109,7 +108,9 @@ class TestedColumns:
 
     def joined(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
         """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
-        weights = block_diag(np.eye(parameters), self.weights)
+        columns, hypotheses = self.weights.shape
+        weights = np.eye(parameters + columns, parameters + hypotheses)
+        weights[parameters:, parameters:] = self.weights
         curvature = weights.T @ augmented.curvature @ weights
         white = augmented.scatter is augmented.curvature
         return (

@@ -40,7 +40,10 @@ def test_unknowns_accelerate_masses_as_in_a_march(unknown: tuple[str, ...]) -> N
     )
     nodes = np.concatenate([[record.channel(f"{kind}:m{i}")[:SEGMENTS] for i in (1, 2, 3)] for kind in "xv"])
     inputs, first, second = FORCES
-    mechanics, unit = System.of(asked).at(truth(three, asked)), 2.0 + np.arange(len(asked.parameters))
+    mechanics, unit = (
+        System.of(asked).at(truth(three, asked)),
+        np.arange(2.0, 2.0 + len(asked.parameters), dtype=float),
+    )
     half = np.full(SEGMENTS, 0.5 * STEP)
     fine = flow(mechanics, nodes, half, 2 * STEPS, inputs)
     orbit = fine.thinned(2)
@@ -49,9 +52,10 @@ def test_unknowns_accelerate_masses_as_in_a_march(unknown: tuple[str, ...]) -> N
     both = tangent_forces(mechanics, orbit, 2.0 * half, unit, candidates, inputs=inputs)
     n, P = 3, 6 + len(unit) + len(first)
     at_rest = np.zeros((2, len(mechanics.gain.T), P, SEGMENTS), np.float32)
+    no_states = np.empty((0, P, SEGMENTS), np.float32)
     for place in range(2 * STEPS + 1):
         pulls, forces = np.zeros_like(at_rest[0]), both[place % 2]
-        forces(place // 2, at_rest, np.empty((0, P, SEGMENTS)), pulls, np.empty((0, P, SEGMENTS)))
+        forces(place // 2, at_rest, no_states, pulls, no_states)
         marched = np.einsum("nl,lpk->npk", mechanics.gain, pulls)
         forces.inertia(place // 2, marched)
         ours = spread(acting.accelerations, place, (n, P))
