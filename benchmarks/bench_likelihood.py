@@ -156,9 +156,9 @@ def test_the_cost_of_one_fit(unit: float) -> None:
         assert figures.quickest < allowed * unit
 
 
-@pytest.mark.parametrize("n", [2, 6, 10])
+@pytest.mark.parametrize("n", [2, 4, 6, 10])
 def test_the_cost_of_a_diagnosis(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fits with a diagnosis and without one, in turn; 15 % more is the aim, which two masses do not come near.
+    """Fits with a diagnosis and without one, in turn; 15 % more is the aim, which two masses miss.
 
     Of two masses what is left is shared by many small steps, of which none is a quarter.
 
@@ -197,4 +197,4 @@ def test_the_cost_of_a_diagnosis(n: int, monkeypatch: pytest.MonkeyPatch) -> Non
         f"\nn = {n}: a fit with a diagnosis takes {100.0 * processor:.0f} % more processor time and {100.0 * wall:.0f} % more "
         f"wall time than one without, of at most 15 %; the diagnosis alone {100.0 * np.median(own):.0f} % of processor time"
     )
-    assert processor < 0.6
+    assert processor < 0.4
