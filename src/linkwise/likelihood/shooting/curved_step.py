@@ -80,7 +80,7 @@ def curved_step(
         which meets the prediction along a bend where the gradient turns. None where the equations are not positive definite.
     """
     q, rules = damped.q, _OF_FEW if len(segments.system.incidence) < MANY else _OF_MANY
-    if not _is_explained(segments, misfit, loss):
+    if not is_explained(segments, misfit, loss):
         rules = replace(rules, parts=(1.0,), most=0)
     first: tuple[Misfit, float, float] | None = None
     for part in rules.parts:
@@ -168,13 +168,24 @@ def is_settled(
     bool
         Whether the search may end.
     """
-    if not _is_explained(segments, misfit, loss):
+    if not is_explained(segments, misfit, loss):
         return True
     return full_reduction(segments, linear, misfit, scales, damped) < little
 
 
-def _is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
-    """Whether the residuals of a misfit are hardly more than noise."""
+def is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
+    """Whether the residuals of a misfit are hardly more than noise.
+
+    Parameters
+    ----------
+    segments, misfit, loss
+        As of `curved_step`.
+
+    Returns
+    -------
+    bool
+        Whether they are.
+    """
     return bool(misfit.data < _EXPLAINED * loss.expected * int(segments.observed.sum()))
 
 
