@@ -163,8 +163,7 @@ def anneal(
                 chords = ChordEquations(segments, linear, damped, before, scales, loss)
                 end = chords.followed(misfit, schedule.final_q, left)
                 if end is not None:
-                    path.append(end.as_step(len(path), misfit, samples))
-                    progress(path[-1].report)
+                    progress(end.as_step(len(path), misfit, samples).report)
                     misfit, control, settled = end.misfit, replace(control, q=end.q), end.settled
             if settled:
                 status = AnnealingStatus.CONVERGED

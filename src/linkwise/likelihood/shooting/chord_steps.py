@@ -56,7 +56,7 @@ class ChordEnd:
     settled: bool
 
     def as_step(self, number: int, start: Misfit, samples: int) -> AnnealingStep:
-        """All chord steps from a start on as one step of the search, by its number."""
+        """All chord steps from a start on as one step to report; those of the search itself say how straight it went."""
         cost = start.cost(self.q)
         gained = cost - self.misfit.cost(self.q)
         data = self.misfit.data / samples
