@@ -207,6 +207,31 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
             ),
             bounds={"x0": _POSITIVE, "g": (0.0, 0.95)},
         ),
+        "band-brake": NamedLaw(
+            title="as backlash-slip, by the friction of a band one end of which carries a mass: n is what its tension gains",
+            source="Euler, Mem. Acad. Sci. Berlin 18, 265 (1762), for the force by the tension; Wen as of backlash-slip",
+            coefficients={
+                **_SPRING,
+                "Fp": "force at which it slides forward",
+                "Fm": "force at which it slides back",
+                "x0": "elongation at which it slides",
+                "g": "share of it that is backlash",
+                "b": "tension gained as the band moves back by x0",
+                "w": "angular frequency of the mass on the band",
+                "h": "its damping ratio",
+            },
+            formula=_single(
+                "k*d + c*v + (1 + n)*(Fp*max(z - g, 0) + Fm*min(z + g, 0))/(1 - g)",
+                z="(v - 0.5*v*z**4 - 0.5*abs(v)*z**3*abs(z))/x0",
+                n="q - b*min(v, 0)*(1 - 0.5*z**4 + 0.5*z**3*abs(z))/x0",
+                q="-w**2*n - 2*h*w*q",
+            ),
+            bounds={
+                **dict.fromkeys(("Fp", "Fm", "x0", "b", "w"), _POSITIVE),
+                "g": (0.0, 0.95),
+                "h": _SHARE,
+            },
+        ),
         "dahl": NamedLaw(
             title="friction that yields before it slides",
             source="Dahl, Aerospace Corporation TOR-0158(3107-18)-1 (1968)",
