@@ -23,6 +23,8 @@ _SIGMAS = 5.0  # and its own scatter
 _REWEIGHTED = 3
 _DRAWS = 32  # of the noise of the motion, for the size of what it does to the forces
 _SEED = 7
+_NEAR = 1.2  # times the lowest cost: minima in parts of records that may be the lowest of the whole
+_WHOLE_STEPS = 40  # of their search on the whole
 _TIED = 20.0  # in -2 log likelihood: a minimum that near is as good
 _ALIKE = 4.0  # standard errors within which two minima are one
 
@@ -86,7 +88,7 @@ def rig_fit(
     measured = np.concatenate([problem.cell(number) for number in range(len(problem.states))])
     level = max(float(np.nanstd(measured)), np.finfo(float).tiny)
     candidates = minima(problem.shortened(_SEARCHED), given, level, progress)
-    candidates = [_at_start(problem, minimum) for minimum in candidates]
+    candidates = _on_whole(problem, candidates, np.full(len(cells), 1.0 / level))
     if not candidates:
         candidates = [minimise(problem, np.zeros(problem.size), np.full(len(cells), 1.0 / level))]
     candidates = [minimum for minimum in candidates if _is_finite(problem, minimum)]
@@ -110,13 +112,20 @@ def rig_fit(
     return replace(fit, others=_others(fit, candidates[1:]))
 
 
-def _at_start(problem: RigProblem, minimum: Minimum) -> Minimum:
-    """A minimum found in parts of the records, from states of 0 at the start of whole records."""
+def _on_whole(problem: RigProblem, candidates: Sequence[Minimum], weights: Floats) -> list[Minimum]:
+    """Minima found in parts of the records, searched again on the whole where they are near the lowest, the lowest first."""
     if max(len(problem.cell(number)) for number in range(len(problem.states))) <= _SEARCHED:
-        return minimum
-    unknowns = minimum.unknowns.copy()
-    unknowns[problem.first_state :] = 0.0
-    return replace(minimum, unknowns=unknowns, paths=problem.paths(unknowns))
+        return list(candidates)
+    whole: list[Minimum] = []
+    for candidate in candidates:
+        if whole and candidate.cost > _NEAR * candidates[0].cost:
+            break
+        unknowns = candidate.unknowns.copy()
+        unknowns[problem.first_state :] = 0.0  # at the start of whole records
+        again = minimise(problem, unknowns, weights, steps=_WHOLE_STEPS)
+        if _is_finite(problem, again):
+            whole.append(again)
+    return sorted(whole, key=lambda minimum: minimum.cost)
 
 
 def _is_finite(problem: RigProblem, minimum: Minimum) -> bool:
@@ -209,7 +218,7 @@ def _others(fit: RigFit, candidates: Sequence[Minimum]) -> tuple[Floats, ...]:
         size = np.maximum(_ALIKE * errors, 0.01 * np.abs(best.unknowns))[:p]
         if any(np.all(np.abs(candidate.unknowns - known)[:p] <= size) for known in near):
             continue
-        if candidate.cost > 1.2 * candidates[0].cost:
+        if candidate.cost > _NEAR * candidates[0].cost:
             continue
         again = minimise(fit.problem, candidate.unknowns, fit.weights)
         apart = all(np.any(np.abs(again.unknowns - known)[:p] > size) for known in near)
