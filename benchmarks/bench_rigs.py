@@ -92,11 +92,17 @@ def test_magnetorheological_damper_by_one_state(current: str) -> None:
     assert left < 14.3
 
 
-@pytest.mark.parametrize(("test", "limit"), [("d2_0.5Hz_36lb_1in", 15.0), ("d2_1Hz_36lb_1.5in", 19.0)])
-def test_friction_damper(test: str, limit: float) -> None:
-    """One state without backlash leaves 19 to 22 %. The aim is 15 % of both: at 1 Hz the tension of the band falls and comes
-    back after each landing by a motion of its own (the test of its forces below).
+@pytest.mark.parametrize("test", ["d2_0.5Hz_36lb_1in", "d2_1Hz_36lb_1.5in"])
+def test_friction_damper(test: str) -> None:
+    """One state without backlash leaves 19 to 22 %. At 0.5 Hz landings are slow and do not move the tension: its b ends at 0,
+    and what is better than without it is the friction of the first cycles, as a tension that dies away.
     """
+    assert rest(f"friction_damper/{test}.json", FRICTION, None, on_rig("band-brake")) < 15.0
+
+
+@pytest.mark.parametrize(("test", "limit"), [("d2_0.5Hz_36lb_1in", 15.0), ("d2_1Hz_36lb_1.5in", 19.0)])
+def test_friction_damper_without_the_motion_of_its_band(test: str, limit: float) -> None:
+    """At 1 Hz the tension of the band falls and comes back after each landing by a motion of its own."""
     left = rest(f"friction_damper/{test}.json", FRICTION, None, on_rig("backlash-slip"))
     assert left < limit
 
