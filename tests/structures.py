@@ -77,7 +77,7 @@ def row_of_masses(masses: Sequence[float], **links: tuple[str, Mapping[str, Valu
 def host(
     name: str,
     frequencies: Sequence[Value],
-    damping: float | Sequence[float],
+    damping: float | Sequence[Value],
     shapes: Mapping[str, Sequence[float]],
     between: Mapping[tuple[int, int], Value] | None = None,
 ) -> lw.Host:
@@ -85,7 +85,7 @@ def host(
 
     Damping `between` modes is in N s/m.
     """
-    parts = [damping] * len(frequencies) if isinstance(damping, float) else damping
+    parts: Sequence[Value] = [damping] * len(frequencies) if isinstance(damping, float) else damping
     modes = (
         lw.HostMode(
             coefficient(frequency),

@@ -1,7 +1,8 @@
-"""Frequencies of modes that a record hardly shows: the curvature of the likelihood says too much of them.
+"""Frequencies and damping of modes that a record hardly shows: the curvature of the likelihood says too much of them.
 
 The likelihood of a frequency is that of a peak of a periodogram: quadratic only within a part of its width. A mode that noise
-hides has other peaks within what is known of it beforehand, about as likely as that which is found.
+hides has other peaks within what is known of it beforehand, about as likely as that which is found, and takes its damping from
+the width of the one that it ends at.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ _WIDTH = 0.2  # of half the bandwidth of a mode: the largest standard error of i
 
 
 def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats, tuple[str, ...]]:
-    """The covariance of a fit in which frequencies of faint modes keep the standard deviation known beforehand.
+    """The covariance of a fit in which faint modes keep the standard deviations known beforehand.
 
     Parameters
     ----------
@@ -30,21 +31,27 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
     covariance : array of shape (p, p)
         The covariance; correlations stay.
     names : tuple of str
-        The frequencies.
+        The frequencies and damping of these modes.
     """
     segments, covariance = fit.segments, fit.covariance
     if segments.prior is None or not identified.hosts:
         return covariance, ()
-    known = segments.prior.deviation
+    errors, known = np.sqrt(np.maximum(covariance.diagonal(), 0.0)), segments.prior.deviation
+    places = {name: number for number, name in enumerate(segments.system.parameters.names)}
     duration = float(np.sum(segments.step)) * segments.steps
     factor, names = np.ones(len(fit.values)), []
-    for number, name in enumerate(segments.system.parameters.names):
-        mode, _, key = name.rpartition(".")
-        error = float(np.sqrt(max(covariance[number, number], 0.0)))
-        if mode not in identified.modes or key != "frequency" or not 0.0 < error < known[number] < np.inf:
+    for place, frequency in places.items():
+        mode, _, key = place.rpartition(".")
+        if mode not in identified.modes or key != "frequency":
+            continue
+        if not (errors[frequency] > 0.0 and np.isfinite(known[frequency])):
             continue
         values = identified.link(mode).values
-        if error > _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):
-            factor[number] = known[number] / error
-            names.append(name)
+        if errors[frequency] <= _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):
+            continue
+        for name in (f"{mode}.frequency", f"{mode}.damping"):
+            number = places.get(name)
+            if number is not None and 0.0 < errors[number] < known[number] < np.inf:
+                factor[number] = known[number] / errors[number]
+                names.append(name)
     return covariance * np.outer(factor, factor), tuple(names)

@@ -35,7 +35,7 @@ def fit_remarks(
     sensor_errors : sequence of SensorErrorEstimate
         Errors of sensors that were found.
     faint : sequence of str, optional
-        Frequencies of modes that the record hardly shows.
+        Frequencies and damping of modes that the record hardly shows.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def fit_remarks(
         *_disturbances(fit),
         *loosened,
         *tied,
-        *map(_of_faint_mode, faint),
+        *_of_faint_modes(faint),
     )
 
 
@@ -161,5 +161,14 @@ def _disturbances(fit: LikelihoodFit) -> Iterator[str]:
         first += disturbance.count
 
 
-def _of_faint_mode(name: str) -> str:
-    return f"{name} is hardly determined by the record, whose noise hides the mode: its interval is that of the prior."
+def _of_faint_modes(faint: Sequence[str]) -> Iterator[str]:
+    """What is said of modes that the record hardly shows."""
+    by_mode: dict[str, list[str]] = {}
+    for name in faint:
+        by_mode.setdefault(name.rpartition(".")[0], []).append(name)
+    for names in by_mode.values():
+        verb, intervals = (
+            ("is", "its interval is that") if len(names) == 1 else ("are", "their intervals are those")
+        )
+        subject = f"{' and '.join(names)} {verb} hardly determined by the record"
+        yield f"{subject}, whose noise hides the mode: {intervals} of the prior."
