@@ -14,6 +14,7 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.model.structure import Structure
 
 _WIDTH = 0.2  # of half the bandwidth of a mode: the largest standard error of its frequency for a quadratic likelihood
+_SINGULAR = 1e-12  # of correlations: rounding
 
 
 def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats, tuple[str, ...]]:
@@ -37,6 +38,7 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
     if segments.prior is None or not identified.hosts:
         return covariance, ()
     errors, known = np.sqrt(np.maximum(covariance.diagonal(), 0.0)), segments.prior.deviation
+    alone = _alone(fit)
     places = {name: number for number, name in enumerate(segments.system.parameters.names)}
     duration = float(np.sum(segments.step)) * segments.steps
     factor, names = np.ones(len(fit.values)), []
@@ -44,10 +46,10 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
         mode, _, key = place.rpartition(".")
         if mode not in identified.modes or key != "frequency":
             continue
-        if not (errors[frequency] > 0.0 and np.isfinite(known[frequency])):
+        if not np.isfinite(known[frequency]):
             continue
         values = identified.link(mode).values
-        if errors[frequency] <= _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):
+        if not alone[frequency] > _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):
             continue
         for name in (f"{mode}.frequency", f"{mode}.damping"):
             number = places.get(name)
@@ -55,3 +57,13 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
                 factor[number] = known[number] / errors[number]
                 names.append(name)
     return covariance * np.outer(factor, factor), tuple(names)
+
+
+def _alone(fit: LikelihoodFit) -> Floats:
+    """(p,) standard errors with all other parameters held, 0 where there is none: a link that shifts a mode hides none."""
+    alone, errors = np.zeros(len(fit.values)), np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    free = np.flatnonzero(fit.free & np.isfinite(errors) & (errors > 0.0))
+    correlation = fit.covariance[np.ix_(free, free)] / np.outer(errors[free], errors[free])
+    information = np.linalg.pinv(correlation, rcond=_SINGULAR, hermitian=True).diagonal()
+    alone[free] = errors[free] / np.sqrt(np.maximum(information, 1.0))
+    return alone
