@@ -128,6 +128,7 @@ def identify_host(
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
     inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    unscaled = _unscaled(fit, errors, faint)
     if inexact:
         errors = np.maximum(
             errors * fit.block_ratios, _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
@@ -135,7 +136,6 @@ def identify_host(
     of_pairs = errors[len(errors) - len(fit.pairs) :]
     errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
     host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
-    unscaled = _unscaled(fit, errors, faint)
     return HostEstimate(
         host=host,
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
@@ -207,8 +207,9 @@ def _between(fit: ModalFit, errors: Floats) -> dict[tuple[int, int], Coefficient
 
 
 def _unscaled(fit: ModalFit, errors: Floats, faint: Bools) -> list[int]:
-    """Modes above the noise whose shape has no scale: their motion where the force acts is not seen."""
-    relative = errors[:, 2:].max(axis=1) / np.abs(fit.shapes).max(axis=1)
+    """Modes above the noise whose shape has no scale by `errors` (p,): their motion where the force acts is not seen."""
+    of_modes = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
+    relative = of_modes[:, 2:].max(axis=1) / np.abs(fit.shapes).max(axis=1)
     return [int(number) for number in np.flatnonzero((relative > _UNSCALED) & ~faint)]
 
 
