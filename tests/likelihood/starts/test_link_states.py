@@ -72,3 +72,19 @@ def test_a_slider_has_a_slope_by_the_force_at_which_it_slides() -> None:
     )
     assert np.abs(upper - lower).max() == pytest.approx(0.001, rel=1e-6)
     assert np.mean((upper - lower) ** 2) > 0.2e-6
+
+
+def test_a_link_that_yields_between_two_samples_is_followed() -> None:
+    """By steps finer than the samples: that of the samples is unstable where the link moves far beyond its length at yield."""
+    law = named("link", "a-b", "bouc-wen").law
+    lengths = np.array([[2e-5], [5e-5]])
+    values: dict[str, float | Floats] = {"k": 0.0, "c": 0.0, "F": 1.0, "s": 0.05, "x0": lengths}
+    motions = []
+    for samples in (1501, 24001):  # 6 a period, and enough for steps of their own
+        time = np.linspace(0.0, 3.0, samples)
+        d, v = 2.5e-4 * np.sin(500.0 * time), 0.125 * np.cos(500.0 * time)
+        motions.append(follow_states(law, values, d, v, time[1], 2)[0, :, :: (samples - 1) // 1500])
+    for coarse, fine in zip(*motions, strict=True):
+        assert np.abs(coarse).max() <= 1.0
+        # cubics at 6 samples a period are off by (2 pi / 6)^4 / 384 of the motion, the elongation at yield is a twelfth of it
+        assert np.sqrt(np.mean((coarse - fine) ** 2)) < 12 * (2.0 * np.pi / 6.0) ** 4 / 384.0

@@ -27,6 +27,10 @@ else:
 _HIDDEN = 0.1  # of its own size: the scale of a defect of a state that no channel shows, at q = 1
 _PERIODS = 4.0  # of the motion after which a state has forgotten where it started
 _SHORTEST = 32  # samples of a piece
+_FINER, _AWAY = (
+    8,
+    100.0,
+)  # steps a sample where states ran away, and by which factor beyond their reach they have
 _NUDGE, _GROWN = 1e-6, 10.0  # change of a state at the start, and by which factor it may have grown
 
 
@@ -81,10 +85,63 @@ def follow_states(
 
     The record is cut into pieces that run side by side; each begins at `start` some periods before the samples it gives.
     States whose rates are linear are filtered, which gives the same to rounding; those of sliders follow the elongation within
-    their bounds.
+    their bounds. States that run away from sample to sample, as those of a link that moves by many times the length at which
+    it yields, are followed again in steps of an eighth.
     """
     if not law.states:
         return np.empty((0, batch, len(d)))
+    states = _followed(law, values, d, v, step, batch, start)
+    if slider_parts(law) is not None or _decay_alone(law):
+        return states
+    away = np.flatnonzero(_run_away(law, values, states, d, v, step, start))
+    if len(away):
+        own = {
+            name: np.asarray(value)[away] if np.size(value) > 1 else value for name, value in values.items()
+        }
+        fine_d, fine_v = _between(d, v, step)
+        states[:, away] = _followed(law, own, fine_d, fine_v, step / _FINER, len(away), start)[..., ::_FINER]
+    return states
+
+
+def _between(d: Floats, v: Floats, step: float) -> Floats:
+    """(2, M) elongations and rates in finer steps, by cubics that have both of the samples."""
+    part = (np.arange(_FINER) / _FINER)[None, :]
+    change, first, last = (part_of[:, None] for part_of in (np.diff(d), step * v[:-1], step * v[1:]))
+    square, cube = 3.0 * change - 2.0 * first - last, first + last - 2.0 * change
+    elongation = d[:-1, None] + part * (first + part * (square + part * cube))
+    rate = (first + part * (2.0 * square + 3.0 * part * cube)) / step
+    return np.stack([np.append(elongation, d[-1]), np.append(rate, v[-1])])
+
+
+def _run_away(
+    law: Law,
+    values: Mapping[str, float | Floats],
+    states: Floats,
+    d: Floats,
+    v: Floats,
+    step: float,
+    start: float,
+) -> Bools:
+    """Whether states (r, B, N) of each of B links leave what their rates at zero add up to, by far."""
+    rates = law.state_rates(d, v, dict(values) | dict.fromkeys(law.states, 0.0))
+    largest = np.abs(states).max(axis=-1)
+    away = np.zeros(largest.shape[1], dtype=bool)
+    for size, rate in zip(largest, rates, strict=True):
+        reach = np.abs(np.cumsum(np.broadcast_to(rate, states.shape[1:]), axis=-1)).max(axis=-1)
+        away |= ~(size <= _AWAY * (step * reach + abs(start)))
+    return away
+
+
+def _followed(
+    law: Law,
+    values: Mapping[str, float | Floats],
+    d: Floats,
+    v: Floats,
+    step: float,
+    batch: int,
+    start: float,
+) -> Floats:
+    """As `follow_states`, in the steps of the samples."""
     size = np.sqrt(np.mean(v**2))
     period = 2.0 * np.pi * np.sqrt(np.mean((d - d.mean()) ** 2)) / (size * step) if size > 0.0 else 0.0
     piece = max(_SHORTEST, min(int(_PERIODS * period) + 1, len(d)))
