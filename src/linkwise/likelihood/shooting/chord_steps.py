@@ -151,13 +151,15 @@ class ChordEquations:
         return nodes, (point.border - before.border) / self.scales.theta
 
     def _solved(self, misfit: Misfit, pulls: Floats, q: float) -> _Chord | None:
-        """The step by the equations alone."""
+        """The step by the equations alone; None where there is none, or the slopes of the laws are not finite."""
         factor, linear, weight = self.damped.factor, self.linear, 1.0 / self.damped.q**2
         assert factor is not None
         nodes, border = gradient(self.segments, misfit, self.scales, self.loss, pulls)
         missed = misfit.defects.T - q**2 * pulls
         by_defects = pull_of_defects(linear, weight * missed)
         nodes, border = nodes + by_defects[0], border + by_defects[1]
+        if not (np.isfinite(nodes).all() and np.isfinite(border).all()):
+            return None
         before = self._gradient_before()
         solved = factor.moved(nodes - before[0], border - before[1]).solve(np.ones(len(border), bool))
         if solved is None:

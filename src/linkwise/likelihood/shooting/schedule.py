@@ -16,7 +16,6 @@ from linkwise.progress import ProgressReport
 _LOWEST_GAIN = -10.0  # gain ratio below which the parabola through a step is meaningless
 _MARGIN = 10.0  # times the reduction of the cost that is estimated to be left, which is not exact
 _ROUNDING = 1e-7  # of the cost: error of reductions predicted by sensitivities in single precision
-_USUAL = 3  # steps at the last relaxation, of few masses
 _OF_PART = 2.0  # times what a quarter of a step gains, or more of it: what a full one leaves is less
 
 
@@ -159,10 +158,10 @@ class SearchState:
     def may_try(self, schedule: AnnealingSchedule, segments: Segments) -> bool:
         """Whether chord steps may follow a step: a full one of a search that leads to more than the start of another.
 
-        They are tried once at the final q: of many masses behind the first step there, and of few masses, a dozen chords of
-        which cost more than the few steps that are left as a rule, behind one more than these.
+        They are tried once, of many masses, behind the first step at the final q; of few masses a dozen chords cost more than
+        the few steps that are left.
         """
-        due = self.tight == (0 if len(segments.system.incidence) >= MANY else _USUAL)
+        due = self.tight == 0 and len(segments.system.incidence) >= MANY
         return due and self.stride == 1.0 and schedule.tolerance <= AnnealingSchedule.tolerance
 
     def firmer(self) -> SearchState:
