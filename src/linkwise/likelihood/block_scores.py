@@ -66,19 +66,16 @@ class BlockScores:
         moved = np.einsum("bij,bj->bi", inverses, self.scores[:, chosen]) / noise
         squares = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
         of_whole, out = np.linalg.inv(parts.sum(axis=0)), np.ones(len(free))
-        all_followed = parts @ inverses.transpose(0, 2, 1)  # (B, c, c): last the unknown
-        for number, unknown in enumerate(chosen.tolist()):
-            pulls, followed = (
-                inverses[:, number],
-                all_followed[..., number],
-            )  # (B, c): the estimate by the scores
-            covariance = np.diag(np.sum(pulls * followed, axis=1))
-            covariance -= followed @ of_whole @ followed.T
-            covariance -= covariance.mean(axis=0)
-            covariance -= covariance.mean(axis=1, keepdims=True)
-            mean = np.trace(covariance)
-            degrees = mean**2 / np.sum(covariance**2)
-            out[unknown] = scipy.special.chdtrc(degrees, degrees * squares[number] / mean)
+        # of each unknown c, from the scores of each block b
+        followed = (parts @ inverses.transpose(0, 2, 1)).transpose(2, 0, 1)
+        own = np.einsum("bcu,cbu->cb", inverses, followed)
+        covariance = -(followed @ of_whole @ followed.transpose(0, 2, 1))
+        covariance[:, np.arange(len(parts)), np.arange(len(parts))] += own
+        covariance -= covariance.mean(axis=1, keepdims=True)
+        covariance -= covariance.mean(axis=2, keepdims=True)
+        mean = np.trace(covariance, axis1=1, axis2=2)
+        degrees = mean**2 / np.sum(covariance**2, axis=(1, 2))
+        out[chosen] = scipy.special.chdtrc(degrees, degrees * squares / mean)
         return out
 
     def _inverses_without_each(self, chosen: Indices) -> Floats:

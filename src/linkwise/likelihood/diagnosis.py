@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -47,9 +48,8 @@ _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 _LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
 _GROWTH = 1e3  # of a state over a segment, beyond which single precision would lose products of sensitivities
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
-_STRAIGHT = (
-    1.0 / 12.0
-)  # of a sample squared: what straight lines take off a motion is its second derivative times it
+# of a sample squared: what straight lines take off a motion is its second derivative times it
+_STRAIGHT = 1.0 / 12.0
 _NEAR = 0.2  # relative, by which a filter may differ from that and still look like it
 # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 _CHANCE = 16.0
@@ -83,9 +83,8 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
     conflicts = tuple(_prior_conflicts(fit))
-    stated = {
-        conflict.where for conflict in conflicts
-    }  # which is the same error of a sensor, told as what it contradicts
+    # which is the same error of a sensor, told as what it contradicts
+    stated = {conflict.where for conflict in conflicts}
     others = [
         cause for cause in causes if f"{cause.kind.removeprefix('force ')} of {cause.where}" not in stated
     ]
@@ -150,6 +149,14 @@ class TestedCauses:
     filtered: SensorErrors
     model: FactoredModel | None
 
+    @cached_property
+    @np.errstate(
+        over="ignore", invalid="ignore"
+    )  # a candidate may be infinite somewhere; it is then not tested
+    def tests(self) -> SingleTests:
+        """Of each hypothesis alone."""
+        return single_tests(self.curvature, self.slope, self.scatter, len(self.slope) - len(self.hypotheses))
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -210,11 +217,7 @@ def _tested_in(
     errors = SensorErrors.of(optimum.segments, misfit)
     shown = [name for name in channels if not Channel.parse(name).is_input]
     hypotheses += [
-        Hypothesis(
-            kind,
-            shown[channel],
-            source="" if source < 0 else shown[source],
-        )
+        Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
         for kind, channel, source in zip(
             errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True
         )
@@ -253,9 +256,7 @@ def _tested_in(
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
 def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
-    optimum, hypotheses, misfit = fit.optimum, tested.hypotheses, fit.misfit
-    parameters = optimum.segments.system.parameters.size
-    tests = single_tests(tested.curvature, tested.slope, tested.scatter, parameters)
+    optimum, hypotheses, misfit, tests = fit.optimum, tested.hypotheses, fit.misfit, tested.tests
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
     kinds = [hypothesis.kind for hypothesis in hypotheses]
     relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
@@ -284,8 +285,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
 @np.errstate(over="ignore", invalid="ignore")  # as in `_significant`
 def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
-    optimum = fit.optimum
-    misfit = fit.misfit
+    optimum, misfit = fit.optimum, fit.misfit
     hypotheses, forces = missing_terms(identified)
     candidates, norms = candidate_forces(optimum, misfit, forces)
     augmented = augmented_quadratic(optimum, misfit, candidates)

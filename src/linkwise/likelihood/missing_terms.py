@@ -124,11 +124,7 @@ def usual_scores(fit: LikelihoodFit, identified: Structure, tested: TestedCauses
 
     They are tested one at a time, all coefficients fitted anew to first order.
     """
-    usual, p = which_usual(tested.hypotheses, identified), len(fit.values)
-    if not usual:
-        return np.zeros(0)
-    _, curvature, slope = _among(tested, usual, p)
-    return np.sqrt(_beyond(curvature, slope, np.arange(len(slope)), p)) / fit.optimum.noise
+    return np.sqrt(_gains_of(tested, which_usual(tested.hypotheses, identified))) / fit.optimum.noise
 
 
 def for_usual_terms(
@@ -145,11 +141,14 @@ def for_usual_terms(
     if not (usual or between):
         return None
     links = max(len({tested.hypotheses[number].where for number in usual}), 1)
-    among = _among(tested, usual + between, len(fit.values))
-    least = _hints(among[0])
+    hypotheses = [tested.hypotheses[number] for number in usual + between]
+    least = _hints(hypotheses)
     if doubted:
         least = np.minimum(_LIKELY**2 + 2.0 * np.log(links), least)
-    limits = least + _prices(among[0])
+    limits = least + _prices(hypotheses)
+    if not np.any(_gains_of(tested, usual + between) > limits * fit.optimum.noise**2):
+        return None
+    among = _among(tested, usual + between, len(fit.values))
     return _counted(fit, *among, [(limits, _MOST_USUAL if doubted else _MOST)])
 
 
@@ -228,6 +227,12 @@ def _prices(hypotheses: Sequence[Hypothesis]) -> Floats:
             for hypothesis in hypotheses
         ]
     )
+
+
+def _gains_of(tested: TestedCauses, numbers: Sequence[int]) -> Floats:
+    """What each of some hypotheses alone would take off the cost; 0 of those that cannot be told."""
+    gains = tested.tests.gains[np.array(numbers, dtype=int)]
+    return np.where(np.isfinite(gains), gains, 0.0)
 
 
 def _beyond(curvature: Floats, slope: Floats, order: NDArray[np.intp], counted: int) -> Floats:

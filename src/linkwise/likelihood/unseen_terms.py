@@ -17,7 +17,6 @@ from linkwise.likelihood.diagnosis import TestedCauses, link_forces
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
 from linkwise.likelihood.hypotheses import BETWEEN_MODES, which_between_modes, which_usual
-from linkwise.likelihood.single_tests import single_tests
 from linkwise.model.structure import Structure
 
 _NEGLIGIBLE = 0.01
@@ -48,8 +47,7 @@ def unseen_terms(
         Those which, as large as the records let them be, would change a coefficient by more than an interval can hold, and
         by more than is negligible; of each term the coefficient that it would change most.
     """
-    optimum, p = fit.optimum, len(fit.values)
-    tests = single_tests(tested.curvature, tested.slope, tested.scatter, p)
+    optimum, p, tests = fit.optimum, len(fit.values), tested.tests
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     forces = dict(
         zip((link.name for link in identified.links), link_forces(optimum, fit.misfit), strict=False)
