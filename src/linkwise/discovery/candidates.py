@@ -17,6 +17,7 @@ from linkwise.model.host import Host
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.memory_support import refuse_memory
+from linkwise.model.rotations import differ_in_unit, of_hosts
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
 from linkwise.records.channel import Channel
@@ -209,13 +210,13 @@ def all_candidates(
     based = base or any(BASE in link.between for link in stated)
     supports = (*((BASE,) if based else ()), *((GROUND,) if ground else ()))
     link_names = {link.name for links in stated_links.values() for link in links}
-    pairs = []
+    pairs, turning = [], of_hosts(hosts)
     for number, end in enumerate(ends):
         for partner in (*supports, *ends[:number]):
             links = tuple(stated_links.get(frozenset((end, partner)), ()))
             if any(link.law.expression == Number(0.0) for link in links):
                 continue
-            if not links and _move_alike(hosts, end, partner):
+            if not links and (_move_alike(hosts, end, partner) or differ_in_unit((end, partner), turning)):
                 continue
             if links:
                 pairs.append(Pair(links[0].name, links[0].between, links))

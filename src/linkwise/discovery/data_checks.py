@@ -16,6 +16,7 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
 from linkwise.model.link import BASE, GROUND
+from linkwise.records.channel_units import in_units_of
 from linkwise.records.record import Record
 from linkwise.signals.channel_noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
@@ -303,3 +304,11 @@ def _is(names: Sequence[str]) -> str:
 
 def _pronoun(names: Sequence[str]) -> str:
     return "it" if len(names) == 1 else "them"
+
+
+def in_units(records: Sequence[Record], candidates: Candidates) -> list[Record]:
+    """The records with the units of points that turn; RecordError for a channel that is stated in others."""
+    if not candidates.hosts and not any(record.units for record in records):
+        return [*records]
+    structure = candidates.full_structure
+    return [in_units_of(record, structure) for record in records]

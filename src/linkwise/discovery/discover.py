@@ -13,7 +13,7 @@ import numpy as np
 from linkwise.argument_types import checked
 from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.coloured_noise import fit_beyond_white_noise, select_coloured
-from linkwise.discovery.data_checks import DataChecks, check_data
+from linkwise.discovery.data_checks import DataChecks, check_data, in_units
 from linkwise.discovery.free_run_laws import select_nearly_right
 from linkwise.discovery.judgement import judged_discovery
 from linkwise.discovery.memory_evidence import MemoryEvidence
@@ -125,6 +125,7 @@ def discover(
     chosen = DiscoveryOptions.given(options, keywords)
     records = record_list(record)
     candidates = candidates_for(records, masses, chosen.terms)
+    records = in_units(records, candidates)
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
     records = [_channels_of(record, candidates.places) for record in records]

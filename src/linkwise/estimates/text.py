@@ -117,7 +117,8 @@ def _link(link: LinkEstimate) -> str:
     rows += [_derived(frequency, f"frequency {i}") for i, frequency in enumerate(link.frequencies, start=1)]
     head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
     d_low, d_high, v_low, v_high = (f"{end:.4g}" for end in (*link.d_range, *link.v_range))
-    visited = f"range: d {d_low} to {d_high} m, v {v_low} to {v_high} m/s"
+    of_d, of_v = link.link.law.motion_units
+    visited = f"range: d {d_low} to {d_high} {of_d}, v {v_low} to {v_high} {of_v}"
     rates = [f"  {rate}" for rate in link.link.rate_texts[:_RATES]]
     if len(link.link.rate_texts) > _RATES:
         rates.append(f"  ... and {len(link.link.rate_texts) - _RATES} more states")

@@ -10,18 +10,21 @@ from typing import final
 @final
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """Exponents of kilogram, metre, second and ampere; `str` is the SI unit, in newtons wherever a mass takes part.
+    """Exponents of kilogram, metre, second, ampere and radian; `str` is the SI unit, in newtons wherever a mass takes part.
 
     >>> str(NEWTON / METRE**3), str(NEWTON * SECOND / METRE), str(KILOGRAM), str(NONE)
     ('N/m^3', 'N s/m', 'kg', '')
     >>> str(VOLT / AMPERE), str(NEWTON / VOLT), str(NEWTON / AMPERE)
     ('ohm', 'N/V', 'N/A')
+    >>> str(NEWTON * METRE / RADIAN**3), str(RADIAN / SECOND)
+    ('N m/rad^3', 'rad/s')
     """
 
     kilogram: Fraction
     metre: Fraction
     second: Fraction
     ampere: Fraction = Fraction(0)
+    radian: Fraction = Fraction(0)
 
     def __mul__(self, other: Dimension) -> Dimension:
         return Dimension(
@@ -29,6 +32,7 @@ class Dimension:
             self.metre + other.metre,
             self.second + other.second,
             self.ampere + other.ampere,
+            self.radian + other.radian,
         )
 
     def __truediv__(self, other: Dimension) -> Dimension:
@@ -36,7 +40,11 @@ class Dimension:
 
     def __pow__(self, exponent: int | Fraction) -> Dimension:
         return Dimension(
-            self.kilogram * exponent, self.metre * exponent, self.second * exponent, self.ampere * exponent
+            self.kilogram * exponent,
+            self.metre * exponent,
+            self.second * exponent,
+            self.ampere * exponent,
+            self.radian * exponent,
         )
 
     def __str__(self) -> str:
@@ -52,7 +60,13 @@ class Dimension:
         share = self.ampere / electrical.ampere
         rest = self / electrical**share
         newton = rest.kilogram  # N = kg m / s^2
-        exponents = {"N": newton, "m": rest.metre - newton, "s": rest.second + 2 * newton, name: share}
+        exponents = {
+            "N": newton,
+            "m": rest.metre - newton,
+            "rad": rest.radian,
+            "s": rest.second + 2 * newton,
+            name: share,
+        }
         over = [_raised(unit, exponent) for unit, exponent in exponents.items() if exponent > 0]
         under = [_raised(unit, -exponent) for unit, exponent in exponents.items() if exponent < 0]
         if not under:
@@ -76,6 +90,7 @@ KILOGRAM = _dimension(1, 0, 0)
 METRE = _dimension(0, 1, 0)
 SECOND = _dimension(0, 0, 1)
 AMPERE = _dimension(0, 0, 0, 1)
+RADIAN = Dimension(*map(Fraction, (0, 0, 0, 0, 1)))
 METRE_PER_SECOND = METRE / SECOND
 NEWTON = KILOGRAM * METRE / SECOND**2
 VOLT = NEWTON * METRE / SECOND / AMPERE

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
 from linkwise.files.columns import ColumnChoice, choose, ignored, listing, units_over_headers
-from linkwise.files.header import si_factor
+from linkwise.files.header import is_angular, si_factor, si_unit
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.sensor_attributes import statement_of
 from linkwise.files.table import Table
@@ -84,12 +84,23 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
         values,
         source=table.source or file,
         notes=(*notes, *remarks),
-        units={choice.name: choice.unit for choice in chosen if choice.kind == "state" and choice.unit},
+        units=_stated_units(chosen),
         **stored,
     )
     stated, unread = _statements(table, file, chosen, mapping)
     record = with_statements(replace(record, notes=(*record.notes, *unread)), stated, file)
     return record if mapping.decimate is None else record.decimate(mapping.decimate)
+
+
+def _stated_units(chosen: tuple[ColumnChoice, ...]) -> dict[str, str]:
+    """Units of states, of rotations, and, in SI, those stated of places such as points of hosts, which might be rotations."""
+    units = {}
+    for choice in (choice for choice in chosen if choice.unit and choice.name != "time"):
+        if choice.kind == "state":
+            units[choice.name] = choice.unit
+        elif is_angular(choice.unit, choice.kind) or "." in Channel.parse(choice.name).mass:
+            units[choice.name] = si_unit(choice.unit, choice.kind)
+    return units
 
 
 def _statements(

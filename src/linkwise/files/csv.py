@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
 from linkwise.files.cells import Dialect, columns_of, parse_number
-from linkwise.files.header import ColumnHeader
+from linkwise.files.header import ColumnHeader, headers
 from linkwise.files.lines import read_lines
 from linkwise.files.table import Table
 from linkwise.records.record import Record
@@ -183,7 +183,7 @@ def _data_lines(lines: list[str], first: int) -> NDArray[np.int64]:
 def write(record: Record, path: Path) -> None:
     """Write times in s and channels in SI units with all digits; a missing sample is an empty cell."""
     header = io.StringIO()
-    csv.writer(header, lineterminator="\n").writerow(["time", *record.channels])
+    csv.writer(header, lineterminator="\n").writerow(["time", *headers(record)])
     rows = np.column_stack([record.time, record.values]).tolist()
     if record.missing.any():
         body = [",".join("" if math.isnan(value) else repr(value) for value in row) for row in rows]

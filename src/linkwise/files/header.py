@@ -6,10 +6,13 @@ import re
 from dataclasses import dataclass
 
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import QUANTITIES, UNITS, Channel
+from linkwise.records.channel import ANGULAR_UNITS, QUANTITIES, UNITS, Channel
+from linkwise.records.record import Record
 from linkwise.units import factor_to_si
 
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^():,]*)\))$", re.DOTALL)
+_ANGLE = re.compile(r"(?<![a-z])([munµμ]?rad|deg|°|rev|turn|rpm|arcmin|arcsec)|(radian|degree)")
+_MOMENT = re.compile(r"N\s*[*·⋅ ]?\s*[mcd]?m$|(lbf|ozf|kgf|newton)[ *·]|[ *·](lbf|ozf|kgf)$")
 _TIME = frozenset({"time", "t"})
 
 
@@ -49,14 +52,40 @@ class ColumnHeader:
         return ColumnHeader(self.name.rpartition("/")[2], self.unit)
 
 
+def is_angular(unit: str, kind: str) -> bool:
+    """Whether a channel of `kind` in `unit` is that of a rotation: an angle, its rate, or a moment."""
+    if kind in ("force", "f"):
+        return bool(_MOMENT.search(unit)) and _converts(unit, ANGULAR_UNITS[kind])
+    return kind in ANGULAR_UNITS and bool(_ANGLE.search(unit)) and _converts(unit, ANGULAR_UNITS[kind])
+
+
+def si_unit(unit: str, kind: str) -> str:
+    """The SI unit of a channel of `kind` that is stated in `unit`."""
+    return ANGULAR_UNITS[kind] if is_angular(unit, kind) else UNITS[kind]
+
+
+def _converts(unit: str, dimension: str) -> bool:
+    try:
+        return bool(factor_to_si(_spelled(unit), dimension))
+    except LinkwiseError:
+        return False
+
+
+def _spelled(unit: str) -> str:
+    """A moment in one word, Nm, in two."""
+    return re.sub(r"^([kM]?N)(m?m)$", r"\1 \2", unit)
+
+
 def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str) -> float:
-    """Factor from `unit` to the SI unit of `kind` (a kind of channel, or "time").
+    """Factor from `unit` to the SI unit of `kind` (a kind of channel, or "time"); that of a rotation for an angular unit.
 
     For an acceleration, `g` is standard gravity. Raises RecordError for a unit that is unknown or of another quantity.
     """
     if not unit or unit == UNITS.get(kind):
         return 1.0
     dimension, quantity = ("s", "time") if kind == "time" else (UNITS[kind], QUANTITIES[kind])
+    if is_angular(unit, kind):
+        return factor_to_si(_spelled(unit), ANGULAR_UNITS[kind])
     try:
         return factor_to_si(unit, dimension)
     except LinkwiseError as error:
@@ -65,3 +94,11 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
             f"or map the column with its unit, as in channels={{'{channel}[{dimension}]': 'NAME'}}"
         )
         raise RecordError(message, file, line, channel, arguments=("channels",)) from error
+
+
+def headers(record: Record) -> tuple[str, ...]:
+    """The headers under which a file holds the channels in SI units: those of places that turn state their unit."""
+    return tuple(
+        name if record.unit(name) == Channel.parse(name).unit else f"{name}[{record.unit(name)}]"
+        for name in record.channels
+    )

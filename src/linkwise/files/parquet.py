@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from linkwise.errors import RecordError
+from linkwise.files.header import headers
 from linkwise.files.sensor_attributes import sensors_of, stated_in
 from linkwise.files.table import Column, Table
 from linkwise.records.channel_attributes import STORED
@@ -89,7 +90,7 @@ def write(record: Record, path: Path) -> None:
         "source": record.source,
         "sensors": sensors_of(record.uncertainty),
     }
-    names = ("time", *record.channels)
+    names = ("time", *headers(record))
     arrays = [pyarrow.array(record.time), *(pyarrow.array(record.channel(name)) for name in record.channels)]
     schema = pyarrow.schema(
         [(name, pyarrow.float64()) for name in names], metadata={_KEY: json.dumps(stated).encode()}

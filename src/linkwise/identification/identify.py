@@ -19,6 +19,7 @@ from linkwise.likelihood.sensor_priors import uncounted
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import Channel, of_links
+from linkwise.records.channel_units import in_units_of
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct, joined_notes
 from linkwise.records.sequence import record_list
@@ -87,6 +88,7 @@ def identify(
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
     check_stated_noise(records)
+    records = [in_units_of(given, structure) for given in records]
     if not structure.parameters:
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -82,7 +83,8 @@ def _require_scale_of_motion(
 def _grows(link: Link, free: set[str]) -> bool:
     """Whether the force of a link grows as its motion, if lengths in the units of its `free` coefficients do."""
     values = {name: _ANY if own.value is None else own.value for name, own in link.coefficients.items()}
-    units = {name: link.law.units[name] for name in free}
+    law_units = replace(link.law, angular=False).units  # an angle grows as a length does
+    units = {name: law_units[name] for name in free}
     lengths = {name: float(base_exponents(unit)[1]) for name, unit in units.items() if unit not in _UNITLESS}
     larger = {name: value * _FACTOR ** lengths.get(name, 0.0) for name, value in values.items()}
     force = link.law.force(_TRIED, _TRIED[::-1], values)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from linkwise.errors import StructureError
+from linkwise.model.host_damping import is_between_modes
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.names import quoted
 from linkwise.text import near_miss
@@ -12,6 +13,7 @@ from linkwise.text import near_miss
 
 def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence[Link]) -> None:
     """Raise StructureError for an unknown end, or a mass without a link; `places` are masses that are no modes, and points."""
+    links = [link for link in links if not is_between_modes(link.name)]
     supports = [link for link in links if set(link.between) <= {GROUND, BASE}]
     if supports and mass_names:
         first, second = supports[0].between

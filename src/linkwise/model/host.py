@@ -103,6 +103,8 @@ class Host:
                     f"{', '.join(points)}; give every mode a number at every point",
                     where,
                 )
+        if any(mode.rotations != self.modes[0].rotations for mode in self.modes):
+            raise StructureError("its modes differ in the points that turn", where)
         for name in (self.name, *points):
             check_name(name, "host or point")
             reserved = sorted(_RESERVED & set(name))
@@ -126,6 +128,13 @@ class Host:
     def points(self) -> tuple[str, ...]:
         """Names of its points in a structure, ``"HOST.POINT"``."""
         return tuple(f"{self.name}.{point}" for point in self.modes[0].shape)
+
+    @property
+    def rotations(self) -> tuple[str, ...]:
+        """Names of those of its points in a structure whose displacement is a rotation in rad."""
+        return tuple(
+            f"{self.name}.{point}" for point in self.modes[0].shape if point in self.modes[0].rotations
+        )
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -281,8 +290,10 @@ class Host:
             The host.
         """
         modes = tuple(
-            HostMode(**link(name).coefficients, shape=mode.shape, shape_sigma=mode.shape_sigma)
-            for name, mode in zip(self.coordinates, self.modes, strict=True)
+            replace(mode, frequency=own["frequency"], damping=own[DAMPING])
+            for own, mode in zip(
+                (link(name).coefficients for name in self.coordinates), self.modes, strict=True
+            )
         )
         damping = {pair: link(name).coefficients[DAMPING] for pair, name in self.damping_links.items()}
         return replace(self, modes=modes, damping=damping)
@@ -308,11 +319,11 @@ class Host:
 def _uncertain(mode: HostMode, frequency: float, damping: float, shape: float) -> HostMode:
     largest = shape * max(map(abs, mode.shape.values()))
     sigma = {point: largest for point, value in mode.shape.items() if value} if largest > 0.0 else {}
-    return HostMode(
-        _to_within(mode.frequency, frequency),
-        _to_within(mode.damping, damping),
-        mode.shape,
-        {**sigma, **mode.shape_sigma},
+    return replace(
+        mode,
+        frequency=_to_within(mode.frequency, frequency),
+        damping=_to_within(mode.damping, damping),
+        shape_sigma={**sigma, **mode.shape_sigma},
     )
 
 

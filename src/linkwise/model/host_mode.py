@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -25,10 +25,12 @@ class HostMode:
     damping : Coefficient or float
         Damping as a part of the critical one.
     shape : mapping of str to float
-        Mass-normalised shape at every point of the host, in 1/sqrt(kg).
+        Mass-normalised shape at every point of the host, in 1/sqrt(kg); in rad/(m sqrt(kg)) where the point turns.
     shape_sigma : mapping of str to float, optional
         Standard deviations to which the shape is known, by point: Gaussian priors about `shape`, infinite where it is only a
         start. At points that are not named it is known exactly.
+    rotations : set of str, optional
+        The points whose displacement is a rotation in rad, and not in m.
 
     Raises
     ------
@@ -47,6 +49,7 @@ class HostMode:
     damping: Coefficient
     shape: Mapping[str, float] = field(hash=False)
     shape_sigma: Mapping[str, float] = field(hash=False)
+    rotations: frozenset[str]
 
     def __init__(
         self,
@@ -54,12 +57,14 @@ class HostMode:
         damping: Coefficient | float,
         shape: Mapping[str, float],
         shape_sigma: Mapping[str, float] = MappingProxyType({}),
+        rotations: Collection[str] = (),
     ) -> None:
         vars(self).update(
             frequency=as_coefficient(frequency, "the frequency of a mode"),
             damping=as_coefficient(damping, "the damping of a mode"),
             shape=shape,
             shape_sigma=shape_sigma,
+            rotations=frozenset(rotations),
         )
         if self.frequency.value is not None and not self.frequency.value >= 0.0:
             raise StructureError(
@@ -78,12 +83,15 @@ class HostMode:
                     f'the standard deviation of the shape at "{point}" must be positive, and its point one of the shape, '
                     f"got {sigma!r}"
                 )
+        for point in self.rotations:
+            index_of(self.shape, point, "point", "points")
         for name in ("shape", "shape_sigma"):
             numbers = {point: float(value) for point, value in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(numbers))
 
     def __reduce__(self) -> tuple[type[HostMode], tuple[object, ...]]:
-        return HostMode, (self.frequency, self.damping, dict(self.shape), dict(self.shape_sigma))
+        shape, sigma = dict(self.shape), dict(self.shape_sigma)
+        return HostMode, (self.frequency, self.damping, shape, sigma, self.rotations)
 
     def shape_value(self, point: str) -> Coefficient:
         """The shape at a point, known or known to within.
@@ -96,7 +104,7 @@ class HostMode:
         Returns
         -------
         Coefficient
-            The shape in 1/sqrt(kg).
+            The shape in 1/sqrt(kg), or in rad/(m sqrt(kg)).
 
         Raises
         ------

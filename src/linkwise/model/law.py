@@ -28,9 +28,8 @@ from linkwise.expression import (
     substitute,
     symbols,
 )
-from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON, Dimension
-from linkwise.expression.inference import UnitConflict, infer
 from linkwise.expression.quadrature import integral_from_zero
+from linkwise.model.law_dimensions import law_dimensions
 from linkwise.model.law_programs import force_program, partials_program, potential_programs, rates_program
 from linkwise.model.law_text import VARIABLES, checked_expression
 from linkwise.model.link_state import LinkState, StateRate, as_link_states, unit_dimension
@@ -78,6 +77,8 @@ class Law:
         The rates of the states of a link with memory; empty without memory.
     declared : tuple of (str, str)
         Coefficients with a unit that is declared, where numbers in the law have units of their own.
+    angular : bool
+        Whether it is a moment (N m) by an angle (rad) and its rate (rad/s), between ends that turn; a structure sets it.
 
     Examples
     --------
@@ -96,6 +97,7 @@ class Law:
     coefficients: tuple[str, ...]
     rates: tuple[StateRate, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
+    angular: bool = False
 
     @staticmethod
     @checked
@@ -158,7 +160,8 @@ class Law:
                     parse_with_positions(other.text, VARIABLES).position(Symbol(name)),
                     f"Rename one of the two before adding the laws, for instance to {name}2.",
                 )
-        return _parse(f"{self.text} + {other.text}", ())
+        total = _parse(f"{self.text} + {other.text}", ())
+        return replace(total, angular=True) if self.angular or other.angular else total
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -213,6 +216,16 @@ class Law:
         return substitute(self.expression, dict.fromkeys(self.linear, Number(0.0)))
 
     @property
+    def motion_units(self) -> tuple[str, str]:
+        """SI units of d and v."""
+        return ("rad", "rad/s") if self.angular else ("m", "m/s")
+
+    @property
+    def force_unit(self) -> str:
+        """SI unit of the force, which is a moment where the ends turn."""
+        return "N m" if self.angular else "N"
+
+    @property
     def units(self) -> Mapping[str, str]:
         """SI unit of each coefficient, such as ``"N/m"``; ``"?"`` where any unit is consistent.
 
@@ -231,7 +244,7 @@ class Law:
         if self.declared:
             return dict(self.declared)
         known = {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
-        dimensions = law_dimensions(self, known)
+        dimensions = law_dimensions(self.text, self.expression, self.rates, known, angular=self.angular)
         return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions.items()}
 
     @cached_property
@@ -382,19 +395,3 @@ def _parse(text: str, rates: tuple[tuple[str, str, str], ...]) -> Law:
     trees = (expression, *(rate.expression for rate in parsed))
     names = dict.fromkeys(name for tree in trees for name in symbols(tree))
     return Law(text, expression, tuple(name for name in names if name not in variables), parsed)
-
-
-def law_dimensions(law: Law, known: Mapping[str, Dimension]) -> dict[str, Dimension | None]:
-    """Dimension of each coefficient and state of a law, given some; None where any is consistent.
-
-    Raises LawError if none are consistent; it has the place where they disagree.
-    """
-    rates = {rate.name: rate.expression for rate in law.rates}
-    variables = {"d": METRE, "v": METRE_PER_SECOND}
-    try:
-        return infer(law.expression, variables, NEWTON, rates=rates, known=known)
-    except UnitConflict as error:
-        text = (law.text, *(rate.text for rate in law.rates))[error.equation]
-        place = parse_with_positions(text, law.variables).position(error.part)
-        advice = "Give each term a coefficient of its own."
-        raise LawError(error.reason, text, place, advice) from None

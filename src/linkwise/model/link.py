@@ -7,7 +7,7 @@ force in N on the first end with reversed sign (METHODS section 1): m_first x'' 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 
@@ -163,7 +163,8 @@ class Link:
         except StructureError as error:
             raise StructureError(error.message, where) from None
         if states:
-            object.__setattr__(self, "law", Law.parse(self.law.text, states))
+            law = Law.parse(self.law.text, states)
+            object.__setattr__(self, "law", replace(law, angular=True) if self.law.angular else law)
         object.__setattr__(self, "states", MappingProxyType(states))
 
     @property

@@ -20,7 +20,8 @@ from linkwise.model.host_reduction import proportional_damping, reduce_matrices
 from linkwise.model.matrix_files import read_matrices as matrices_of_file
 from linkwise.model.matrix_files.file_matrix import FileMatrix
 from linkwise.model.reduced_host import HostReduction
-from linkwise.model.row_weights import require_direction, row_weights
+from linkwise.model.rotations import ANGLE, with_units
+from linkwise.model.row_weights import require_direction, row_weights, turns_throughout
 from linkwise.text import near_miss
 
 _USUAL = {
@@ -106,7 +107,8 @@ class HostMatrices:
             Name of the host.
         points : mapping of str to int or str
             For each point the name of its degree of freedom, the number of a row, or a sum of such with factors: a direction
-            oblique to the axes is ``"0.6*12x + 0.8*12z"``, with the cosines of its angles.
+            oblique to the axes is ``"0.6*12x + 0.8*12z"``, with the cosines of its angles. A sum of rotations, such as
+            ``"21ry"``, is a rotation in rad.
         keep : int, optional
             Number of the lowest modes that are kept, at most.
         modal_damping : float, optional
@@ -152,7 +154,8 @@ class HostMatrices:
             damping=damping or (0.0 if self.damping is None else self.damping),
             residual=residual,
         )
-        return replace(reduced, total_mass=self.total_mass)
+        turning = {point: ANGLE for point, given in points.items() if turns_throughout(str(given))}
+        return replace(reduced, host=with_units(reduced.host, turning), total_mass=self.total_mass)
 
     def _weights(self, point: str, given: str) -> dict[int, float]:
         """Factors of rows, counted from 1, of which a point is the sum."""

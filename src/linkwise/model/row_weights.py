@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from linkwise.errors import StructureError
 
 _TRANSLATION = re.compile(r"(-?\d+)[xyz]")
+_ROTATION = re.compile(r"-?\d+r[xyz]")
 _ROUNDED = 1e-3  # of the length of a direction: cosines of three digits
 _NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
 _TERM = re.compile(rf"\s*([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?([^\s*+-]+)\s*")
@@ -37,6 +38,18 @@ def row_weights(text: str) -> dict[str, float]:
         weights[name] = weights.get(name, 0.0) + (-1.0 if sign == "-" else 1.0) * float(factor or 1.0)
         place = term.end()
     return weights or {text: 1.0}
+
+
+def turns_throughout(text: str) -> bool:
+    """Whether a point is a rotation, or a sum of rotations; with translations, rotations times a lever are one."""
+    return all(_ROTATION.fullmatch(name) for name in row_weights(text))
+
+
+def unit_of_direction(name: str) -> str | None:
+    """Unit of the displacement of a node and a direction, such as "21ry"; None for another name."""
+    if _ROTATION.fullmatch(name):
+        return "rad"
+    return "m" if _TRANSLATION.fullmatch(name) else None
 
 
 def require_direction(point: str, weights: Mapping[str, float]) -> None:

@@ -35,6 +35,7 @@ from linkwise.model.parameters import (
     replace_shapes,
     resolve_sharing,
 )
+from linkwise.model.rotations import in_units_of_ends, of_hosts
 from linkwise.model.topology import LinkShape, Topology
 from linkwise.text import near_miss
 
@@ -89,6 +90,7 @@ class Structure(NotebookView):
         check_unique((*self.points, *self.mass_names), "mass")
         check_unique(tuple(link.name for link in self.links), "link")
         self._check_ends()
+        object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
         slots = self._slots
         leaders = resolve_sharing(slots)
         if leaders:
@@ -102,8 +104,7 @@ class Structure(NotebookView):
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
     def _check_ends(self) -> None:
-        stated = [link for link in self.links if not is_between_modes(link.name)]
-        check_ends(self.mass_names, self.places, stated)
+        check_ends(self.mass_names, self.places, self.links)
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
@@ -147,6 +148,11 @@ class Structure(NotebookView):
     def points(self) -> tuple[str, ...]:
         """Names of the points of hosts, such as ``"wing.tip"``."""
         return tuple(point for host in self.hosts for point in host.points)
+
+    @property
+    def rotations(self) -> tuple[str, ...]:
+        """Names of the points whose displacement is a rotation in rad; links between them are moments in N m."""
+        return of_hosts(self.hosts)
 
     @cached_property
     def mass_values(self) -> Floats:
@@ -211,9 +217,7 @@ class Structure(NotebookView):
 
     @cached_property
     def incidence(self) -> scipy.sparse.csr_array:
-        """Incidence matrix B, sparse, shape (n, L): +1 where a mass is the first end of a link, -1 where it is the second;
-        for a mode its shape at the ends.
-        """
+        """Incidence matrix B, sparse, (n, L): +1 for the first end of a link, -1 for the second; of a mode its shape there."""
         return self.topology.incidence
 
     @cached_property
@@ -298,8 +302,7 @@ class Structure(NotebookView):
         ----------
         *which : str
             Each is ``"all"`` (every link), the name of a link, a prefix of link names (``"nes"``), ``"link.coefficient"``
-            (with a prefix too), ``"mass:NAME"``, or ``"HOST.mode1.shape.POINT"``, whose value stays as its start. For a shared
-            coefficient its leader is made unknown.
+            (with a prefix too), ``"mass:NAME"``, or ``"HOST.mode1.shape.POINT"``, which stays its start. Or their leader.
 
         Returns
         -------
@@ -328,8 +331,7 @@ class Structure(NotebookView):
     def with_values(self, values: Mapping[str, float]) -> Structure:
         """Set coefficients to known values.
 
-        Coefficients that share a changed one change with it. If an unknown is set, every shared coefficient that has a value
-        becomes a plain number.
+        Coefficients that share a changed one change with it; if an unknown is set, shared ones with a value become numbers.
 
         Parameters
         ----------

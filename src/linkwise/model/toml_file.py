@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from linkwise.model.host import Host
 from linkwise.model.link import Link, Mass
 from linkwise.model.link_state import as_link_states
 from linkwise.model.parameters import KILOGRAM
+from linkwise.model.rotations import of_hosts
 from linkwise.model.structure import Structure
 from linkwise.model.toml_host import HostTable, host_of
 from linkwise.model.toml_link import LinkTable, coefficient_of, link_of
@@ -169,7 +171,8 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     tables = parse_toml(read_toml_text(path, StructureError), source, StructureError)
     if "host" in tables:
         hosted = decode(tables, _HostedTable, source, "", StructureError)
-        return PartialStructure(*_masses_and_links(hosted, source), _hosts(hosted, source))
+        hosts = _hosts(hosted, source)
+        return PartialStructure(*_masses_and_links(hosted, source, of_hosts(hosts)), hosts)
     table = decode(tables, _PartialTable, source, "", StructureError)
     return PartialStructure(*_masses_and_links(table, source))
 
@@ -247,7 +250,7 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
         hosts = _hosts(table, source)
     else:
         table = decode(tables, _StructureTable, source, "", StructureError)
-    masses, links = _masses_and_links(table, source)
+    masses, links = _masses_and_links(table, source, of_hosts(hosts))
     try:
         return Structure(table.name, masses, links, hosts)
     except StructureError as error:
@@ -259,10 +262,10 @@ def _hosts(table: _HostedTable, source: str) -> tuple[Host, ...]:
 
 
 def _masses_and_links(
-    table: _StructureTable | _HostedTable | _PartialTable, source: str
+    table: _StructureTable | _HostedTable | _PartialTable, source: str, rotations: Collection[str] = ()
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
     masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
-    links = tuple(link_of(entry, index, source) for index, entry in enumerate(table.link))
+    links = tuple(link_of(entry, index, source, rotations) for index, entry in enumerate(table.link))
     return masses, links
 
 
@@ -323,6 +326,10 @@ def _host_text(host: Host, structure: Structure) -> str:
         for (first, second), entry in host.entries.items()
     )
     between = f"damping = [\n{damping}]\n" if damping else ""
+    rotations = ", ".join(
+        f'{_key(point)} = "rad"' for point in host.modes[0].shape if point in host.modes[0].rotations
+    )
+    between += f"units = {{ {rotations} }}\n" if rotations else ""
     return f"[[host]]\nname = {_string(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
 
 

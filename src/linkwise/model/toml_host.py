@@ -3,7 +3,8 @@
 A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } }`; a shape may be known to within,
 `{ start = 0.62, sigma = 0.02 }`. `frequency_sigma`, `damping_sigma` and `shape_sigma`, such as "2 %", are for all modes. A CSV
 file has the columns frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are reduced to `keep`
-modes and residual attachment modes when the file is read.
+modes and residual attachment modes when the file is read. A point that turns is in rad, `units = { tip_r = "rad" }`; a column
+`tip_r[rad]` of a CSV file and a direction such as 21ry of other files say so themselves.
 
 Damping between modes is given by `damping`, in N s/m at unit modal mass: `[ { modes = [1, 2], damping = 0.3 } ]`, each a
 number, "unknown" or known to within, or the whole matrix `[[0.65, 0.3], [0.3, 0.9]]`, whose diagonal stands for the ratios.
@@ -27,6 +28,8 @@ from linkwise.model.host import Host
 from linkwise.model.host_damping import Pair, entries_of
 from linkwise.model.host_mode import HostMode
 from linkwise.model.matrices import read_host_matrices
+from linkwise.model.rotations import with_units
+from linkwise.model.row_weights import unit_of_direction
 from linkwise.model.toml_link import coefficient_of
 from linkwise.model.toml_tables import decode, read_toml_text
 from linkwise.model.uff_modes import modes_of_uff
@@ -54,6 +57,7 @@ class HostTable(msgspec.Struct, forbid_unknown_fields=True):
     damping_sigma: str | None = None
     shape_sigma: str | None = None
     damping: list[Any] | None = None
+    units: dict[str, str] = {}
 
 
 class _DampingTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -89,9 +93,21 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         for quantity in ("frequency", "damping", "shape")
     }
     try:
-        return host.known_to_within(**parts)
+        return with_units(host, _units(entry)).known_to_within(**parts)
     except StructureError as error:
         raise StructureError(error.message, where) from None
+
+
+def _units(entry: HostTable) -> dict[str, str]:
+    """The units of points. Raises StructureError for one that is not of the direction of its point."""
+    for point, unit in entry.units.items():
+        direction = entry.points.get(point, point)
+        stated = unit_of_direction(str(direction))
+        if stated is not None and stated != unit:
+            raise StructureError(
+                f'units: the point "{point}" is the direction {direction}, which is in {stated}, not in {unit}'
+            )
+    return entry.units
 
 
 def part_of(text: str | None, where: str = "") -> float:
@@ -219,7 +235,8 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     ----------
     path : str or Path
         A CSV file with the columns ``frequency[Hz]``, ``damping`` (0 without it) and one for the shape at each point, in
-        1/sqrt(kg), separated by commas, or by semicolons or tabs, where numbers may have decimal commas; or a universal file
+        1/sqrt(kg), ``tip_r[rad]`` for a rotation in rad/(m sqrt(kg)),
+        separated by commas, or by semicolons or tabs, where numbers may have decimal commas; or a universal file
         (.uff, .unv) with data sets of type 55 in SI units, whose points are named by node and direction, such as ``"12z"``.
 
     Returns
@@ -282,7 +299,7 @@ def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]
         raise StructureError(f"{problem}; the columns are {', '.join(names)}", where)
     _require_frequency(units.get(_FREQUENCY, "Hz"), where)
     for key, unit in units.items():
-        allowed = {_DAMPING: ("", "1", "%")}.get(key, _OF_SHAPES)
+        allowed = {_DAMPING: ("", "1", "%")}.get(key, (*_OF_SHAPES, *_OF_ROTATIONS))
         if key != _FREQUENCY and unit.replace(" ", "") not in allowed:
             raise StructureError(
                 f"the unit of {key} must be {' or '.join(filter(None, allowed))}, got {unit!r}", where
@@ -291,6 +308,7 @@ def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]
 
 
 _OF_SHAPES = ("1/sqrt(kg)", "kg^-0.5", "kg**-0.5", "1/kg^0.5")
+_OF_ROTATIONS = ("rad", "rad/(msqrt(kg))", "rad/(m*sqrt(kg))", "rad/m/sqrt(kg)")
 
 
 def _require_frequency(unit: str, where: str) -> None:
@@ -322,6 +340,7 @@ def _mode_of_line(names: list[str], units: dict[str, str], cells: list[str], whe
     try:
         in_hertz = float(to_si(f"{frequency!r} {units.get(_FREQUENCY, 'Hz')}", "Hz"))
         damping *= 0.01 if units.get(_DAMPING) == "%" else 1.0
-        return HostMode(in_hertz, damping, numbers)
+        rotations = [name for name in numbers if units.get(name, "").replace(" ", "") in _OF_ROTATIONS]
+        return HostMode(in_hertz, damping, numbers, rotations=rotations)
     except LinkwiseError as error:
         raise StructureError(str(error), where) from None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -18,7 +18,8 @@ import msgspec
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.expression.dimension import Dimension
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law, law_dimensions
+from linkwise.model.law import Law
+from linkwise.model.law_dimensions import law_dimensions
 from linkwise.model.link import Link
 from linkwise.model.link_state import LinkState, unit_dimension
 from linkwise.model.named_law import NamedLaw
@@ -57,26 +58,32 @@ class _StateTable(msgspec.Struct, forbid_unknown_fields=True):
     unit: str = ""
 
 
-def link_of(entry: LinkTable, index: int, source: str) -> Link:
-    """The link of entry `index` of the file `source`. Raises StructureError with the place of what is wrong."""
+def link_of(entry: LinkTable, index: int, source: str, rotations: Collection[str] = ()) -> Link:
+    """The link of entry `index` of the file `source`; at ends of `rotations` coefficients have the units of a moment and rad.
+
+    Raises StructureError with the place of what is wrong.
+    """
     path = f"link[{index}]"
     where = f'{source}, {path} "{entry.name}"'
     try:
         named = named_law(entry.law) if is_law_name(entry.law) else None
         states = _states(entry, named, source, path)
-        law = _law(named.law if named else entry.law, tuple(states.items()))
+        angular = not set(rotations).isdisjoint(entry.between)
+        law = _law(named.law if named else entry.law, tuple(states.items()), angular)
         known = {state.name: unit_dimension(state.unit) for state in law.rates if state.unit}
         stated = _stated_units(entry, law)
         open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
         if open_states:  # the units of coefficients tell them
-            inferred = law_dimensions(law, {**stated, **known})
+            inferred = law_dimensions(
+                law.text, law.expression, law.rates, {**stated, **known}, angular=angular
+            )
             resolved = {
                 name: replace(states[name], unit=str(inferred[name]))
                 for name in open_states
                 if inferred[name]
             }
             states |= resolved
-            law = _law(law.text, tuple(states.items()))
+            law = _law(law.text, tuple(states.items()), angular)
         units = law.units
     except LinkwiseError as error:
         if isinstance(error, StructureError) and error.where:
@@ -154,9 +161,10 @@ def _stated_units(entry: LinkTable, law: Law) -> dict[str, Dimension]:
 
 
 @lru_cache(maxsize=256)
-def _law(text: str, states: tuple[tuple[str, LinkState], ...]) -> Law:
+def _law(text: str, states: tuple[tuple[str, LinkState], ...], angular: bool) -> Law:
     """The law of a text, parsed once for all links that have it."""
-    return Law.parse(text, dict(states))
+    law = Law.parse(text, dict(states))
+    return replace(law, angular=True) if angular else law
 
 
 def coefficient_of(given: object, unit: str, source: str, path: str) -> Coefficient:

@@ -10,6 +10,7 @@ import numpy as np
 
 from linkwise.errors import StructureError
 from linkwise.model.host_mode import HostMode
+from linkwise.model.row_weights import turns_throughout
 
 _DATA_AT_NODES, _NORMAL_MODE = 55, 2
 _DIRECTIONS = {"r1": "x", "r2": "y", "r3": "z", "r4": "rx", "r5": "ry", "r6": "rz"}
@@ -69,7 +70,8 @@ def _mode(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> Ho
             nodes, np.atleast_1d(np.real(data.get(key, np.zeros(len(nodes))))), strict=True
         )
     }
+    rotations = [point for point in shape if turns_throughout(point)]
     try:
-        return HostMode(float(data["freq"]), float(data["modal_damp_vis"]), shape)
+        return HostMode(float(data["freq"]), float(data["modal_damp_vis"]), shape, rotations=rotations)
     except StructureError as error:
         raise StructureError(error.message, where) from None

@@ -9,6 +9,8 @@ from linkwise.argument_types import check_type
 from linkwise.errors import RecordError
 
 UNITS = {"x": "m", "v": "m/s", "a": "m/s^2", "force": "N", "f": "N", "state": "?"}
+ANGULAR_UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "force": "N m", "f": "N m"}
+"""Of places that turn, and of links between them: a force there is a moment."""
 QUANTITIES = {
     "x": "displacement", "v": "velocity", "a": "acceleration", "force": "applied force", "f": "force in a link",
     "state": "state of a link",
@@ -104,7 +106,7 @@ class Channel:
 
     @property
     def unit(self) -> str:
-        """The SI unit of the channel; "?" of a state, which is in the unit that its law gives it."""
+        """The SI unit of the channel where nothing turns; "?" of a state, which is in the unit that its law gives it."""
         return UNITS[self.kind]
 
     @property

@@ -1,10 +1,40 @@
-"""SI units of channels, with those that laws give to the states of their links."""
+"""SI units of channels: of places that turn, and of states of links, a structure tells them."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from linkwise.errors import RecordError
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel
 from linkwise.records.record import Record
+
+
+def unit_in(structure: Structure, name: str) -> str:
+    """The SI unit of a channel of a structure; empty for a state without unit.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure, whose link a channel such as "state:piezo.V" belongs to, and whose point may turn.
+    name : str
+        The channel.
+
+    Returns
+    -------
+    str
+        The unit, such as "V" or "rad/s".
+    """
+    channel = Channel.parse(name)
+    if channel.kind == "state":
+        return structure.link(channel.link).law.state_units[channel.mass.rpartition(".")[2]].replace("?", "")
+    if not structure.rotations:
+        return channel.unit
+    if channel.kind == "f":
+        return next(
+            (link.law.force_unit for link in structure.links if link.name == channel.link), channel.unit
+        )
+    return (ANGULAR_UNITS if channel.mass in structure.rotations else UNITS)[channel.kind]
 
 
 def channel_unit(record: Record, name: str, structure: Structure) -> str:
@@ -24,7 +54,58 @@ def channel_unit(record: Record, name: str, structure: Structure) -> str:
     str
         The unit, such as "V".
     """
-    channel = Channel.parse(name)
-    if channel.kind != "state":
-        return record.unit(name)
-    return structure.link(channel.link).law.state_units[channel.mass.rpartition(".")[2]].replace("?", "")
+    record.unit(name)  # refuses a channel that the record lacks
+    return unit_in(structure, name)
+
+
+def in_units_of(record: Record, structure: Structure) -> Record:
+    """A record with the units of places of a structure that turn, whose channels it may have without a unit.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    Record
+        The record, itself where nothing turns.
+
+    Raises
+    ------
+    RecordError
+        If a channel is stated in units of a rotation and its place moves in m, or the other way round.
+    """
+    if not structure.rotations and not record.units:
+        return record
+    units = {}
+    for name in record.channels:
+        channel = Channel.parse(name)
+        if channel.kind not in ANGULAR_UNITS:
+            continue
+        unit, stated = unit_in(structure, name), record.units.get(name)
+        if stated is not None and stated != unit:
+            raise RecordError(_contradiction(channel, stated, unit), channel=name)
+        if unit != channel.unit:
+            if channel.relative:
+                raise RecordError(
+                    f"{channel.mass} turns, and the base moves in m: nothing turns relative to it; name the channel "
+                    f"{channel.kind}:{channel.mass}",
+                    channel=name,
+                )
+            units[name] = unit
+    return replace(record, units={**record.units, **units}) if units else record
+
+
+def _contradiction(channel: Channel, stated: str, unit: str) -> str:
+    if channel.of_link:
+        return f"is stated in a unit that converts to {stated}, and the force of this link is in {unit}: correct the unit"
+    turns = unit == ANGULAR_UNITS[channel.kind]
+    point = channel.mass.rpartition(".")[2]
+    remedy = "correct the unit of the channel"
+    if "." in channel.mass:
+        remedy += f', or that of the point in its host: units = {{ {point} = "{"m" if turns else "rad"}" }}'
+    how = "turns" if turns else "moves along a line"
+    return f"is stated in a unit that converts to {stated}, and {channel.mass} {how}, so it is in {unit}: {remedy}"

@@ -57,7 +57,8 @@ class Record(NotebookView):
     interpolation : mapping of str to str, optional
         How inputs run between their samples: ``"held"``, ``"linear"``, or, by default, ``"band-limited"``.
     units : mapping of str to str, optional
-        Units that a file stated of states of links, by channel, to be checked against the link; `values` are SI.
+        Units that a file stated of states of links, and SI units of channels of places that turn, such as ``"rad/s"``, by
+        channel, to be checked against the structure; `values` are SI.
     uncertainty : mapping of str to SensorUncertainty, optional
         How well gain, offset and delay of sensors are known, by channel; ``"common"`` is a gain that all share.
     clipped : mapping of str to ClippedSamples, optional
@@ -225,7 +226,8 @@ class Record(NotebookView):
             If the channel is not in the record.
         """
         self._column(name)
-        return Channel.parse(name).unit
+        channel = Channel.parse(name)
+        return channel.unit if channel.kind == "state" else self.units.get(name, channel.unit)
 
     def _column(self, name: str) -> int:
         if name not in self.channels:

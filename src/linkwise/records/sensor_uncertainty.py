@@ -68,7 +68,7 @@ class SensorUncertainty:
         channel : str
             The channel, or ``"common"``.
         of_state : str, optional
-            The unit that a file stated of the channel, of a state of a link.
+            The unit that a file stated of the channel, of a state of a link; the SI unit of a rotation.
 
         Returns
         -------
@@ -97,7 +97,7 @@ def size_in_unit(size: float, channel: str, of_state: str = "", *, digits: int =
     """A size in SI with the unit of a channel; that of a state in the unit that a file stated, else with words for it."""
     unit = "" if channel == COMMON else Channel.parse(channel).unit
     if "?" not in unit:
-        return f"{size:.{digits}g} {unit}"
+        return f"{size:.{digits}g} {of_state or unit}"
     if not of_state:
         return f"{size:.{digits}g} in its SI unit"
     return f"{size / factor_to_si(of_state, '?'):.{digits}g} {of_state}"

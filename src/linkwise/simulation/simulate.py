@@ -17,6 +17,7 @@ from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import Channel
+from linkwise.records.channel_units import in_units_of
 from linkwise.records.record import Record
 from linkwise.records.truth import SimulationTruth
 from linkwise.simulation.checks import check_excitation, check_link, check_mass, check_state, output_times
@@ -122,7 +123,7 @@ def simulate(
             signal = drive.drives[BASE]
             values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
     base = None if drive.base is None else drive.base.value(grid)
-    return Record(
+    record = Record(
         start=float(grid[0]),
         rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
         channels=tuple(str(channel) for channel in channels),
@@ -137,6 +138,7 @@ def simulate(
         ),
         source=f"simulation of {structure.name}",
     )
+    return in_units_of(record, structure)
 
 
 def _derived(

@@ -222,7 +222,9 @@ def _on_samples(record: Record, refinement: int) -> Record:
     responses = [record.channels.index(name) for name in record.responses]
     between = np.arange(len(record)) % refinement != 0
     values[np.ix_(between, responses)] = np.nan
-    return Record(record.start, record.rate, record.channels, values, simulated=record.simulated)
+    return Record(
+        record.start, record.rate, record.channels, values, simulated=record.simulated, units=record.units
+    )
 
 
 def _segment_samples(segment: float, record: Record) -> int:

@@ -29,6 +29,7 @@ from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import Channel
+from linkwise.records.channel_units import in_units_of
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
 
@@ -110,6 +111,7 @@ def validate(
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)
+    record = in_units_of(record, structure)
     scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
     unscored = _unscored(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
@@ -270,5 +272,10 @@ def _predictor(
 
 def _like(record: Record, values: Floats, label: str) -> Record:
     return Record(
-        record.start, record.rate, record.responses, values, source=f"{record.source or 'record'}, {label}"
+        record.start,
+        record.rate,
+        record.responses,
+        values,
+        source=f"{record.source or 'record'}, {label}",
+        units=record.select(record.responses).units,
     )

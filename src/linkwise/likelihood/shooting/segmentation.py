@@ -183,6 +183,8 @@ def require_units_of_states(record: Record, structure: Structure) -> None:
     laws = {link.name: link.law for link in structure.links}
     for name, unit in ((name, record.units[name]) for name in record.channels if name in record.units):
         channel = Channel.parse(name)
+        if channel.kind != "state":
+            continue
         state = channel.mass.rpartition(".")[2]
         expected = laws[channel.link].state_units.get(state, "?") if channel.link in laws else "?"
         if expected != "?" and base_exponents(unit) != base_exponents(expected or "1"):

@@ -1,0 +1,86 @@
+"""Rotations: places of a structure that turn about an axis, whose displacement is in rad, and the links between them.
+
+A link between places that turn is a moment (N m) by an angle (rad). Everything is computed as along lines; only units
+differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+
+from linkwise.errors import StructureError
+from linkwise.model.host import Host
+from linkwise.model.link import GROUND, Link
+from linkwise.model.names import index_of
+
+ANGLE, LENGTH = "rad", "m"
+
+
+def with_units(host: Host, units: Mapping[str, str]) -> Host:
+    """A host with the units of the displacement of some points.
+
+    Parameters
+    ----------
+    host : Host
+        The host.
+    units : mapping of str to str
+        ``"rad"`` or ``"m"`` by the name of the point.
+
+    Returns
+    -------
+    Host
+        The host.
+
+    Raises
+    ------
+    StructureError
+        If there is no such point, or another unit.
+    """
+    shape, rotations = host.modes[0].shape, set(host.modes[0].rotations)
+    for point, unit in units.items():
+        index_of(shape, point, "point", "points")
+        if unit not in (ANGLE, LENGTH):
+            raise StructureError(
+                f'units: the point "{point}" is displaced in "rad" or "m", got {unit!r}; a record may be in other units, such '
+                f"as x:{host.name}.{point}[deg]"
+            )
+        (rotations.add if unit == ANGLE else rotations.discard)(point)
+    if rotations == host.modes[0].rotations:
+        return host
+    return replace(host, modes=tuple(replace(mode, rotations=frozenset(rotations)) for mode in host.modes))
+
+
+def in_units_of_ends(links: tuple[Link, ...], rotations: Collection[str]) -> tuple[Link, ...]:
+    """Links whose laws are moments where their ends are among the `rotations`.
+
+    Raises StructureError for a link between a rotation and what does not turn.
+    """
+    if not rotations and not any(link.law.angular for link in links):
+        return links
+    return tuple(_in_unit_of_ends(link, rotations) for link in links)
+
+
+def _in_unit_of_ends(link: Link, rotations: Collection[str]) -> Link:
+    turning = [end for end in link.between if end in rotations]
+    if differ_in_unit(link.between, rotations):
+        others = [end for end in link.between if end not in turning]
+        raise StructureError(
+            f'the end "{turning[0]}" turns, in rad, and "{others[0]}" moves in m: no law joins them; link two rotations, or a '
+            "rotation to the ground",
+            f'link "{link.name}"',
+        )
+    if link.law.angular == bool(turning):
+        return link
+    return replace(link, law=replace(link.law, angular=bool(turning)))
+
+
+def differ_in_unit(ends: tuple[str, str], rotations: Collection[str]) -> bool:
+    """Whether one of two ends turns and the other moves along a line."""
+    turning = [end for end in ends if end in rotations]
+    return bool(turning) and any(end not in (*turning, GROUND) for end in ends)
+
+
+def of_hosts(hosts: Iterable[Host]) -> tuple[str, ...]:
+    """The points of hosts that turn."""
+    return tuple(point for host in hosts for point in host.rotations)

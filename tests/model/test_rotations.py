@@ -1,0 +1,118 @@
+"""Places that turn: units of links there, where hosts say so, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from scipy.sparse import diags_array
+
+import linkwise as lw
+
+MODES = """frequency[Hz],damping,tip,tip_r[rad],mid
+5.0131,0.01,-1.682515,-2.315991,-0.571253
+31.416625,0.01,1.682522,8.043765,-1.200758
+"""
+TORSION = """
+[[link]]
+name = "torsion"
+between = ["beam.tip_r", "ground"]
+law = "k*d + k3*d**3 + c*v"
+coefficients = { k = "5 N m/rad", k3 = 2000.0, c = "unknown" }
+"""
+IN_PLACE = """
+[[host]]
+name = "beam"
+units = { tip_r = "rad" }
+modes = [{ frequency = 5.0, damping = 0.01, shape = { tip = -1.7, tip_r = -2.3 } }]
+"""
+
+
+def beam(folder: Path, link: str = TORSION, modes: str = MODES, more: str = "") -> lw.Structure:
+    (folder / "beam.csv").write_text(modes)
+    path = folder / "beam.toml"
+    path.write_text(f'name = "beam"\n[[host]]\nname = "beam"\nmodes = "beam.csv"\n{more}{link}')
+    return lw.read_structure(path)
+
+
+@pytest.mark.parametrize("unit", ["rad", "rad/(m sqrt(kg))"])
+def test_a_column_of_modes_says_that_a_point_turns(tmp_path: Path, unit: str) -> None:
+    structure = beam(tmp_path, modes=MODES.replace("[rad]", f"[{unit}]"))
+    assert structure.rotations == ("beam.tip_r",)
+    assert dict(structure.link("torsion").law.units) == {"k": "N m/rad", "k3": "N m/rad^3", "c": "N m s/rad"}
+
+
+def test_a_key_says_it_and_is_written() -> None:
+    text = f'name = "beam"{IN_PLACE}{TORSION}'
+    structure = lw.parse_structure(text)
+    assert structure.rotations == ("beam.tip_r",)
+    assert lw.parse_structure(lw.format_structure(structure)) == structure
+    assert structure.unknown("torsion").rotations == structure.hosts[0].known_to_within(shape=0.02).rotations
+
+
+def test_directions_of_matrices_say_it() -> None:
+    stiffness = diags_array([1e4, 2e4, 3e4]).tocsc()
+    matrices = lw.HostMatrices(diags_array([1.0, 1.0, 0.1]).tocsc(), stiffness, None, ("7x", "7y", "7rz"))
+    points = {"x": "7x", "turn": "7rz", "off": "1*7y + 0.05*7rz"}
+    host = matrices.reduce("post", points, keep=3).host
+    assert host.rotations == ("post.turn",)
+
+
+def test_an_angle_is_a_number_where_a_law_needs_one() -> None:
+    law = replace(lw.Law.parse("k*sin(d) + Fc*tanh(v/v0)"), angular=True)
+    assert dict(law.units) == {"k": "N m", "Fc": "N m", "v0": "rad/s"}
+    number = replace(lw.Law.parse("k*d - k*d**3"), angular=True)
+    assert dict(number.units) == {"k": "N m"}
+    gap = replace(lw.Law.parse("k*max(abs(d) - gap, 0)*sign(d)"), angular=True)
+    assert dict(gap.units) == {"k": "N m/rad", "gap": "rad"}
+    with pytest.raises(lw.LawError, match="No units of the coefficients are consistent"):
+        _ = replace(lw.Law.parse("k*d + k*v"), angular=True).units
+
+
+def test_a_link_with_memory_keeps_the_unit_of_its_ends(tmp_path: Path) -> None:
+    link = (
+        TORSION.replace("k*d + k3*d**3 + c*v", "k*d + q").replace(
+            'k3 = 2000.0, c = "unknown"', "sigma = 3.0, Fc = 0.1"
+        )
+        + 'states = { q = "sigma*(v - abs(v)*q/Fc)" }\n'
+    )
+    law = beam(tmp_path, link).link("torsion").law
+    assert dict(law.units) == {"k": "N m/rad", "sigma": "N m/rad", "Fc": "N m"}
+    assert dict(law.state_units) == {"q": "N m"}
+
+
+@pytest.mark.parametrize(
+    ("link", "modes", "more", "message"),
+    [
+        (
+            TORSION.replace('"ground"', '"beam.tip"'),
+            MODES,
+            "",
+            'the end "beam.tip_r" turns, in rad, and "beam.tip" moves',
+        ),
+        (TORSION.replace('"ground"', '"base"'), MODES, "", 'turns, in rad, and "base" moves in m'),
+        (TORSION.replace("N m/rad", "N/m"), MODES, "", "'5 N/m' is in N/m: expected a number in N m/rad"),
+        (TORSION, MODES.replace("[rad]", "[deg]"), "", "the unit of tip_r must be 1/sqrt(kg)"),
+        (
+            TORSION,
+            MODES,
+            'units = { tip_r = "deg" }\n',
+            'is displaced in "rad" or "m", got \'deg\'; a record may be in other',
+        ),
+        (TORSION, MODES, 'units = { top = "rad" }\n', "top"),
+        (
+            TORSION,
+            MODES.replace("tip_r[rad]", "7z"),
+            'units = { 7z = "rad" }\n',
+            "is the direction 7z, which is in m, not in rad",
+        ),
+    ],
+)
+def test_what_contradicts_itself_is_refused(
+    tmp_path: Path, link: str, modes: str, more: str, message: str
+) -> None:
+    with pytest.raises(lw.StructureError, match=re.escape(message)) as error:
+        beam(tmp_path, link, modes, more)
+    assert "\n" not in str(error.value)

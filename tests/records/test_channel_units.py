@@ -1,0 +1,121 @@
+"""Units of channels of places that turn: read from files, compared with the structure, and written."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import linkwise as lw
+from linkwise.records.channel_units import channel_unit, in_units_of
+from linkwise.units import factor_to_si
+from tests.present import some
+
+UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "force": "N m"}
+
+
+def beam(turns: bool = True) -> lw.Structure:
+    """A mode with a point that moves along a line and one that turns, on a torsion spring with a cubic term."""
+    modes = tuple(
+        lw.HostMode(frequency, 0.01, shape, rotations=["r"] if turns else [])
+        for frequency, shape in ((5.0, {"tip": 1.7, "r": 2.3}), (31.4, {"tip": -1.7, "r": -8.0}))
+    )
+    law = lw.Law.parse("k*d + k3*d**3 + c*v")
+    spring = lw.Link("torsion", ("beam.r", lw.GROUND), law, {"k": 5.0, "k3": 2000.0, "c": 0.002})
+    return lw.Structure("beam", (), (spring,), (lw.Host("beam", modes),))
+
+
+def recorded(folder: Path, header: str, factor: float = 1.0) -> lw.Record:
+    time = np.arange(64) / 100.0
+    path = folder / "record.csv"
+    samples = np.sin(20.0 * time) * factor
+    rows = "\n".join(f"{t!r},{x!r}" for t, x in zip(time.tolist(), samples.tolist(), strict=True))
+    path.write_text(f"time,{header}\n{rows}\n")
+    return lw.read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "factor"),
+    [
+        ("x:beam.r[deg]", "rad", 180.0 / np.pi), ("x:beam.r[rad]", "rad", 1.0), ("x:beam.r[mrad]", "rad", 1e3),
+        ("v:beam.r[deg/s]", "rad/s", 180.0 / np.pi),
+        ("v:beam.r[rad/s]", "rad/s", 1.0), ("v:beam.r[rpm]", "rad/s", 30.0 / np.pi),
+        ("a:beam.r[rad/s^2]", "rad/s^2", 1.0), ("force:beam.r[N m]", "N m", 1.0), ("force:beam.r[Nm]", "N m", 1.0),
+        ("force:beam.r[N mm]", "N m", 1e3),
+    ],
+)  # fmt: skip
+def test_angular_units_are_read_as_rad(tmp_path: Path, header: str, unit: str, factor: float) -> None:
+    record = recorded(tmp_path, header, factor)
+    (name,) = record.channels
+    assert record.unit(name) == unit == channel_unit(record, name, beam())
+    assert record.channel(name) == pytest.approx(np.sin(0.2 * np.arange(64)), rel=1e-12)
+    assert in_units_of(record, beam()) is not None
+
+
+@pytest.mark.parametrize("header", ["x:m1[%]", "v:m1[Hz]", "x:m1[1]", "force:m1[J]", "a:m1[deg/s]"])
+def test_what_is_no_angle_is_refused(tmp_path: Path, header: str) -> None:
+    with pytest.raises(lw.RecordError, match="is not a unit of"):
+        recorded(tmp_path, header)
+
+
+@pytest.mark.parametrize(
+    ("header", "turns", "message"),
+    [
+        ("x:beam.r[mm]", True, 'stated in a unit that converts to m, and beam.r turns, so it is in rad'),
+        ("x:beam.tip[deg]", True, 'stated in a unit that converts to rad, and beam.tip moves along a line, so it is in m'),
+        ("x:beam.r[deg]", False, 'units = { r = "rad" }'),
+        ("rel:x:beam.r", True, "the base moves in m: nothing turns relative to it; name the channel x:beam.r"),
+        ("f:torsion[N m]", False, "the force of this link is in N"),
+    ],
+)  # fmt: skip
+def test_units_are_compared_where_record_and_structure_meet(
+    tmp_path: Path, header: str, turns: bool, message: str
+) -> None:
+    record, structure = recorded(tmp_path, header), beam(turns)
+    doors = (
+        lambda: lw.identify(record, structure.unknown("torsion")),
+        lambda: lw.discover(record, structure),
+    )
+    for door in some(doors):
+        with pytest.raises(lw.RecordError, match=re.escape(message)) as error:
+            door()
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["record.csv", "record.h5", "record.parquet", "record.mat"])
+def test_a_simulation_writes_units(tmp_path: Path, name: str) -> None:
+    record = lw.simulate(
+        beam(), release={"x:beam.mode1": 0.01}, duration=0.5, rate=400.0, sensors=("x:beam.r", "x:beam.tip")
+    )
+    assert [record.unit(channel) for channel in record.channels] == ["rad", "m"]
+    path = tmp_path / name
+    lw.write_record(record, path)
+    again = in_units_of(lw.read_record(path), beam())
+    assert [again.unit(channel) for channel in again.channels] == ["rad", "m"]
+    assert again.values.tolist() == record.values.tolist()
+
+
+def test_answers_in_rad_are_those_in_metres() -> None:
+    """A torsion spring with a cubic term: the numbers are the same, and only units differ."""
+    truth = beam()
+    pulse = "60*exp(-((t-0.05)/0.004)**2)"
+    record = lw.simulate(
+        truth, forces={"beam.tip": pulse}, duration=1.0, rate=1000.0, sensors=("x:beam.r", "a:beam.tip")
+    ).with_noise(45.0, seed=5207101)
+    turned = lw.identify(record, truth.unknown("torsion"))
+    plain = lw.identify(
+        lw.Record(record.start, record.rate, record.channels, record.values),
+        beam(turns=False).unknown("torsion"),
+    )
+    units = {"k": ("N m/rad", "N/m"), "k3": ("N m/rad^3", "N/m^3"), "c": ("N m s/rad", "N s/m")}
+    for key, (angular, linear) in some(units.items()):
+        own, other = turned.coefficient(f"torsion.{key}"), plain.coefficient(f"torsion.{key}")
+        assert (own.value, own.standard_error) == (other.value, other.standard_error)
+        assert (own.unit, other.unit) == (angular, linear)
+        assert abs(own.value - truth.link("torsion").values[key]) < 4.0 * (own.standard_error or 0.0)
+    assert turned.trusted
+    assert turned.noise["x:beam.r"].unit == "rad"
+    assert "rad/s" in str(turned)
+    assert factor_to_si("N m/rad", "N m") == 1.0
