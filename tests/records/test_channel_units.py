@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from present import some
 
 import linkwise as lw
 from linkwise.records.channel_units import channel_unit, in_units_of
 from linkwise.units import factor_to_si
-from tests.present import some
 
 UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "force": "N m"}
 
@@ -82,6 +82,13 @@ def test_units_are_compared_where_record_and_structure_meet(
         with pytest.raises(lw.RecordError, match=re.escape(message)) as error:
             door()
         assert "\n" not in str(error.value)
+
+
+def test_an_inspection_shows_angles_in_rad(tmp_path: Path) -> None:
+    """Rates that no structure reaches in m/s are none in rad/s."""
+    seen = lw.inspect(recorded(tmp_path, "v:beam.r[rad/s]", 1e4))
+    assert [channel.unit for channel in some(seen.channels)] == ["rad/s"]
+    assert not [alert for alert in seen.alerts if alert.kind == "unit"]
 
 
 @pytest.mark.parametrize("name", ["record.csv", "record.h5", "record.parquet", "record.mat"])

@@ -192,7 +192,8 @@ def _state_lines(link: lw.Link) -> list[str]:
 def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
     """Frequency, damping and shape of every mode."""
     count = "1 mode" if len(host.modes) == 1 else f"{len(host.modes)} modes"
-    lines = [f"  {host.name:10} {count}; shapes in 1/sqrt(kg) at {', '.join(host.points)}"]
+    points = (f"{point} (in rad)" if point in host.rotations else point for point in host.points)
+    lines = [f"  {host.name:10} {count}; shapes in 1/sqrt(kg) at {', '.join(points)}"]
     for name, mode in zip(host.coordinates, host.modes, strict=True):
         frequency, damping = (subject.link(name).coefficients[key] for key in ("frequency", "damping"))
         shape = "  ".join(

@@ -172,7 +172,10 @@ class LinkEstimate:
         positions = self._searched(wells)
         if positions is None or len(positions) < 2:
             return ()
-        return tuple(self._derived("well", "m", value, partial(_well_near, value)) for value in positions)
+        return tuple(
+            self._derived("well", self.link.law.motion_units[0], value, partial(_well_near, value))
+            for value in positions
+        )
 
     @cached_property
     def barrier(self) -> DerivedQuantity | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +30,7 @@ _NOISE_SAMPLES = (
 class ChannelSignal:
     """Samples `values` (N,) of the channel `name` at `rate` in Hz from `start` in s, with noise of standard deviation `sigma`.
 
-    `sigma` is NaN where it cannot be estimated.
+    `sigma` is NaN where it cannot be estimated; `angular` says that its place turns.
     """
 
     name: str
@@ -38,11 +38,12 @@ class ChannelSignal:
     rate: float
     start: float
     sigma: float
+    angular: bool = False
 
     @property
     def channel(self) -> Channel:
         """Kind and place."""
-        return Channel.parse(self.name)
+        return replace(Channel.parse(self.name), angular=self.angular)
 
     @property
     def is_input(self) -> bool:

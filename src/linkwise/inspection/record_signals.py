@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.inspection.channel_signal import ChannelSignal
 from linkwise.inspection.kinematics import KinematicFit, kinematic_fits
 from linkwise.inspection.rest import QUIET
+from linkwise.records.channel import ANGULAR_UNITS
 from linkwise.records.record import Record
 from linkwise.signals.noise import noise_sigma
 
@@ -29,7 +30,8 @@ class RecordSignals:
         for name, values, sigma in zip(record.channels, record.values.T, estimated, strict=True):
             stated = record.noise.get(name, np.nan)
             noise = float(sigma if np.isnan(stated) else stated)
-            channels.append(ChannelSignal(name, values, record.rate, record.start, noise))
+            angular = record.unit(name) in ANGULAR_UNITS.values()
+            channels.append(ChannelSignal(name, values, record.rate, record.start, noise, angular))
         return cls(record, tuple(channels))
 
     @property

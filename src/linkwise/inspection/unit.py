@@ -17,7 +17,7 @@ _ORDERS = {"x": 0, "v": 1, "a": 2}  # derivatives of the displacement
 def unit(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose velocity or acceleration is beyond anything that vibrates."""
     for signal in signals.moving:
-        if signal.channel.kind not in _ORDERS or signal.highest <= 0.0:
+        if signal.channel.kind not in _ORDERS or signal.angular or signal.highest <= 0.0:
             continue
         spectrum = signal.spectrogram
         inside = (spectrum.frequency > 0.0) & (spectrum.frequency <= signal.highest)

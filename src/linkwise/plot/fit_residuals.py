@@ -106,7 +106,8 @@ def _over_motion(axes: Axes, values: Floats, estimate: Estimate, quantity: str) 
     kind, _, link = quantity.partition(" of ")
     along = (estimate.motion.d if kind == "d" else estimate.motion.v)[:, _links(estimate).index(link)]
     means = MeanResiduals.along(along, values)
-    factor, unit = scale(float(np.max(np.abs(along))), "m" if kind == "d" else "m/s")
+    of_d, of_v = estimate.structure.link(link).law.motion_units
+    factor, unit = scale(float(np.max(np.abs(along))), of_d if kind == "d" else of_v)
     place, chance = factor * means.place, means.by_chance
     axes.fill_between(place, -chance, chance, color=MEASURED, alpha=0.3, linewidth=0.0, label="95 % of noise")
     axes.plot(place, means.mean, color=IDENTIFIED, linewidth=1.2, marker="o", markersize=2.5, label="mean")

@@ -69,10 +69,10 @@ def force_comparison(
     """
     d = _elongations(d_range)
     force = true.force(d)
-    to_f, unit_f = scale(float(np.abs(force).max()), "N")
+    to_f, unit_f = scale(float(np.abs(force).max()), true.law.force_unit)
     lines = _lines(identified, styles)
     with axes_for(ax, legend=legend) as axes:
-        shown = _over_elongation(axes, d)
+        shown = _over_elongation(axes, d, true.law.motion_units[0])
         axes.plot(shown, force * to_f, color=TRUE, linewidth=3.0, alpha=0.35, label="theory")
         for name, link in identified.items():
             axes.plot(shown, link.force(d) * to_f, **{"label": label(name), **lines[name]})
@@ -134,7 +134,7 @@ def force_errors(
     errors = {name: 100.0 * np.abs(link.force(d) - force) / largest for name, link in identified.items()}
     lines = _lines(identified, styles)
     with axes_for(ax, legend=legend) as axes:
-        shown = _over_elongation(axes, d)
+        shown = _over_elongation(axes, d, true.law.motion_units[0])
         for name, error in errors.items():
             axes.plot(shown, error, **{"label": label(name), **lines[name]})
         peaks = [float(error.max()) for error in errors.values() if error.any()]
@@ -207,9 +207,9 @@ def _elongations(d_range: tuple[float, float]) -> Floats:
     return np.linspace(least, greatest, _GRID)
 
 
-def _over_elongation(axes: Axes, d: Floats) -> Floats:
+def _over_elongation(axes: Axes, d: Floats, unit: str) -> Floats:
     """(G,) elongations in the unit of the axis, which is set up for them."""
-    to_d, unit_d = scale(float(np.abs(d).max()), "m")
+    to_d, unit_d = scale(float(np.abs(d).max()), unit)
     axes.set_xlim(d[0] * to_d, d[-1] * to_d)
     axes.set_xlabel(f"elongation d, {unit_d}")
     return d * to_d

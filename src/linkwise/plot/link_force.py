@@ -125,8 +125,8 @@ def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = Non
 def _scales(curve: ForceCurve) -> tuple[float, str, float, str]:
     """Factor and unit of the elongation, then of the force."""
     return (
-        *scale(max(abs(end) for end in curve.visited), "m"),
-        *scale(max(abs(end) for end in curve.frame), "N"),
+        *scale(max(abs(end) for end in curve.visited), curve.link.law.motion_units[0]),
+        *scale(max(abs(end) for end in curve.frame), curve.link.law.force_unit),
     )
 
 

@@ -61,8 +61,9 @@ def loop(
         raise StructureError(f'a loop is drawn over "d" or "v", got "{over}"')
     forces = force_loop(estimate, link)
     values, quantity = (forces.d, "elongation d") if over == "d" else (forces.v, "rate v")
-    to_x, unit_x = scale(float(np.nanmax(np.abs(values))), "m" if over == "d" else "m/s")
-    to_f, unit_f = scale(forces.largest, "N")
+    law = estimate.link(link).link.law
+    to_x, unit_x = scale(float(np.nanmax(np.abs(values))), law.motion_units[("d", "v").index(over)])
+    to_f, unit_f = scale(forces.largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
         if forces.measured is not None:
             axes.plot(

@@ -70,10 +70,11 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
         for limits, width in zip(ranges, widths, strict=True)
     )
     force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_GRID, _GRID))
-    to_d, unit_d = scale(float(np.abs(d).max()), "m")
-    to_v, unit_v = scale(float(np.abs(v).max()), "m/s")
+    law = link_estimate.link.law
+    to_d, unit_d = scale(float(np.abs(d).max()), law.motion_units[0])
+    to_v, unit_v = scale(float(np.abs(v).max()), law.motion_units[1])
     largest = float(np.abs(force).max())
-    to_f, unit_f = scale(largest, "N")
+    to_f, unit_f = scale(largest, law.force_unit)
     some = scattered(len(estimate.motion.d))
     with axes_for(ax, legend=legend, colorbars=True) as axes:
         bound = max(largest * to_f, np.finfo(float).tiny)

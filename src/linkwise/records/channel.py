@@ -34,6 +34,8 @@ class Channel:
         Name of the mass, or "base" for the moving base; of a link its name, of a state "LINK.NAME".
     relative : bool, optional
         Whether a sensor shows the motion of the mass relative to the base, as "rel:x:m1" does.
+    angular : bool, optional
+        Whether its place turns, so that it is in rad, rad/s, rad/s^2 or N m; its name does not tell.
 
     Examples
     --------
@@ -46,6 +48,7 @@ class Channel:
     kind: str
     mass: str
     relative: bool = False
+    angular: bool = False
 
     @classmethod
     def parse(cls, name: str) -> Channel:
@@ -106,8 +109,8 @@ class Channel:
 
     @property
     def unit(self) -> str:
-        """The SI unit of the channel where nothing turns; "?" of a state, which is in the unit that its law gives it."""
-        return UNITS[self.kind]
+        """The SI unit of the channel; "?" of a state, which is in the unit that its law gives it."""
+        return (ANGULAR_UNITS if self.angular else UNITS)[self.kind]
 
     @property
     def is_input(self) -> bool:

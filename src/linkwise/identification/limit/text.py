@@ -29,7 +29,7 @@ def limit_text(limit: Limit) -> str:
         *((name, _noise_text(limit, name)) for name in limit.noise),
     ]
     title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
-    forces = [(link.name, _percent(link.nmse), _force(link.detectable), "") for link in limit.links]
+    forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in limit.links]
     blocks = [
         head,
         _table(noise),
@@ -75,8 +75,9 @@ def _percent(share: float) -> str:
     return f"{share:.2g} %" if np.isfinite(share) else "not identifiable"
 
 
-def _force(newtons: float) -> str:
-    return f"{newtons:.2g} N" if np.isfinite(newtons) else "not identifiable"
+def _detectable(link: LinkLimit) -> str:
+    unit = link.estimate.link.law.force_unit
+    return f"{link.detectable:.2g} {unit}" if np.isfinite(link.detectable) else "not identifiable"
 
 
 def _well_rows(link: LinkLimit) -> Rows:

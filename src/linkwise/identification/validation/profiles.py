@@ -28,8 +28,9 @@ def error_profiles(record: Record, structure: Structure, prediction: Prediction)
     for number, link in enumerate(structure.links):
         if link.name in structure.modes:
             continue
-        quantities.append((f"d of {link.name}", "m", prediction.d[:, number]))
-        quantities.append((f"v of {link.name}", "m/s", prediction.v[:, number]))
+        of_d, of_v = link.law.motion_units
+        quantities.append((f"d of {link.name}", of_d, prediction.d[:, number]))
+        quantities.append((f"v of {link.name}", of_v, prediction.v[:, number]))
     return tuple(
         _profile(quantity, unit, values[scored], square[scored]) for quantity, unit, values in quantities
     )
