@@ -88,3 +88,15 @@ def test_a_link_that_yields_between_two_samples_is_followed() -> None:
         assert np.abs(coarse).max() <= 1.0
         # cubics at 6 samples a period are off by (2 pi / 6)^4 / 384 of the motion, the elongation at yield is a twelfth of it
         assert np.sqrt(np.mean((coarse - fine) ** 2)) < 12 * (2.0 * np.pi / 6.0) ** 4 / 384.0
+
+
+def test_a_state_that_decays_is_followed_where_its_rate_is_infinite_at_rest() -> None:
+    """Its decay is told by the law, not by rates at d = 0."""
+    law = Law.parse("q", {"q": "k*v - q/tau + b/(g + abs(d))"})
+    time = np.arange(400) / 100.0
+    d, v = 1.0 + 0.3 * np.sin(9.0 * time), 2.7 * np.cos(9.0 * time)
+    values = {"k": 2.0, "tau": 0.1, "b": 0.1, "g": 0.0}
+    states = follow_states(law, values, d, v, 0.01)
+    assert np.isfinite(states).all()
+    nearly = follow_states(law, values | {"g": 1e-12}, d, v, 0.01)
+    np.testing.assert_allclose(states, nearly, rtol=1e-9, atol=1e-12)

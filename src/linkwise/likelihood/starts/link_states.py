@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Bools, Floats
-from linkwise.expression import Number, differentiate, symbols
+from linkwise.expression import Number, Program, differentiate, symbols
 from linkwise.lazy import lazy_module
 from linkwise.model.law import Law
 from linkwise.model.law_programs import rates_program
@@ -226,6 +226,12 @@ def _decay_alone(law: Law) -> bool:
     return True
 
 
+@lru_cache(maxsize=256)
+def _decay_program(law: Law) -> Program:
+    """The factor of each state in its rate, from the coefficients."""
+    return Program([differentiate(rate, state) for state, rate in law.named_rates], law.coefficients)
+
+
 def _filtered(
     law: Law, values: Mapping[str, float], along: Floats, middle: Floats, step: float, start: float
 ) -> Floats:
@@ -235,12 +241,10 @@ def _filtered(
     """
     at_rest = dict(values) | dict.fromkeys(law.states, 0.0)
     ends, between = (law.state_rates(d, v, at_rest) for d, v in (along, middle))
-    moved = law.state_rates(0.0, 0.0, dict(values) | dict.fromkeys(law.states, 1.0))
+    slopes = _decay_program(law)(*(values[name] for name in law.coefficients))
     out = np.empty((len(law.states), *along.shape[1:]))
-    for row, (end, mid, at_unit, at_zero) in enumerate(
-        zip(ends, between, moved, law.state_rates(0.0, 0.0, at_rest), strict=True)
-    ):
-        q = step * float(at_unit - at_zero)
+    for row, (end, mid, slope) in enumerate(zip(ends, between, slopes, strict=True)):
+        q = step * float(slope)
         decay = 1.0 + q + q**2 / 2.0 + q**3 / 6.0 + q**4 / 24.0
         end, mid = (np.broadcast_to(rate, on.shape[1:]) for rate, on in ((end, along), (mid, middle)))
         pushed = (
