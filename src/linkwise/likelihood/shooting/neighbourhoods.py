@@ -14,12 +14,12 @@ import numpy as np
 from linkwise.arrays import Bools, Indices
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments
+from linkwise.likelihood.shooting.system import MANY as MANY
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import Transfer, march, tangent_forces, units_of_states
 
 TOLERANCE = 1e-3
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""
-MANY = 12  # masses from which the parts of a structure are handled apart
 _CLUSTER = 6  # masses at most
 _EVENLY, _STEEPEST = 8, 16  # segments whose sensitivities are computed for the whole structure
 

@@ -33,6 +33,7 @@ from linkwise.likelihood.shooting.sensor_columns import (
 )
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.shown_tangents import shown_tangents
+from linkwise.likelihood.shooting.slider_starts import add_starts
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.shooting.transitions import carried
@@ -177,6 +178,7 @@ def linearise(
         if of_errors is not None:
             data.add_corners(own[:1], np.arange(p + 1), of_errors[None])
     data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
+    add_starts(data.state, data.right, segments, misfit.point.nodes, scales)
     if segments.prior is not None:
         add_prior(data.corners[0], data.corner_gradients[0], segments.prior, misfit.point, scales)
     if segments.random is not None:

@@ -13,6 +13,7 @@ from linkwise.likelihood.shooting.flow import Trajectories, flow
 from linkwise.likelihood.shooting.late_sensors import late_motion
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
+from linkwise.likelihood.shooting.slider_starts import cost_of_starts
 from linkwise.likelihood.shooting.system import NumericSystem
 
 
@@ -33,7 +34,7 @@ class Misfit:
     data, continuity : float
         Cost of the residuals, and of the defects for q = 1.
     prior : float
-        Cost of the unknowns' distances from what is known of them beforehand, and of random forces.
+        Cost of the unknowns' distances from what is known of them beforehand, of random forces, and of sliders at the start.
     clipped : ClippedMisfit or None
         What clipped readings say, beside the samples.
     """
@@ -157,6 +158,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.linked
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
+    prior += cost_of_starts(segments, point.nodes, scales)
     if segments.random is not None:
         defects *= segments.continuous[:, None]
         prior += segments.random.cost(point.nodes, point.border)

@@ -18,7 +18,10 @@ from linkwise.likelihood.shooting.law_group import LawGroup
 from linkwise.likelihood.shooting.parameters import Parameters
 from linkwise.likelihood.shooting.rate_partials import MemorySlopes, RatePartials
 from linkwise.likelihood.shooting.shape_parameters import ShapeParameters
+from linkwise.model.slider_corners import slider_parts
 from linkwise.model.structure import Structure
+
+MANY = 12  # masses from which the parts of a structure are handled apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +154,17 @@ class System:
         known = self.parameters.known(numbers.coefficients, numbers.masses)
         groups = tuple(replace(group, free=()) for group in self.groups)
         return replace(self, groups=groups, parameters=known)
+
+    @cached_property
+    def slider_states(self) -> Indices:
+        """Rows (s,) of the states of sliders among all 2n + S: those that are held within a largest size."""
+        first = 2 * len(self.incidence)
+        rows = [
+            np.arange(group.states.start, group.states.stop)
+            for group in self.groups
+            if slider_parts(group.law) is not None
+        ]
+        return first + np.concatenate([np.empty(0, dtype=int), *rows])
 
     @cached_property
     def interactions(self) -> tuple[tuple[int, int, tuple[tuple[int, float], ...]], ...]:
