@@ -68,3 +68,24 @@ def test_a_channel_that_was_changed_has_no_bounds() -> None:
     part = record.between(0.1, 2.0)
     assert part.clipped["x:m2"].of(part.channel("x:m2")) is not None
     assert np.nansum(part.clipped["x:m2"].sides ** 2) < np.nansum(own.sides**2)
+
+
+def test_a_robust_loss_takes_them_as_missing_and_says_so() -> None:
+    record = lw.mark_missing(clipped(0.8, 30.0, seed=84).between(0.0, 2.0))
+    robust, missing = (
+        lw.identify(each, CHAIN.unknown("nes"), loss=lw.Student())
+        for each in (record, replace(record, clipped={}))
+    )
+    np.testing.assert_array_equal(robust.values, missing.values)
+    assert any("taken as missing, not as bounds" in remark for remark in robust.remarks)
+    assert not any("as bounds" in remark for remark in missing.remarks)
+
+
+def test_a_late_channel_keeps_them_as_it_is_shifted() -> None:
+    record = lw.mark_missing(clipped(0.6, 30.0, seed=85).between(0.0, 2.0))
+    late = {"x:m1": 4}
+    values = record.values.copy()
+    values[4:, 0] = values[:-4, 0]
+    fit = lw.identify(replace(record, values=values), CHAIN.unknown("nes"), delays=tuple(late))
+    assert fit.trusted
+    assert not any("as bounds" in remark for remark in fit.remarks)

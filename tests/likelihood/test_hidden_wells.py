@@ -7,7 +7,7 @@ import pytest
 from structures import CANTILEVER, CANTILEVER_SHAPES, NES, host, link, structure
 
 import linkwise as lw
-from linkwise.likelihood.hidden_wells import fit_about_rest
+from linkwise.likelihood.hidden_wells import _place_of_rest, fit_about_rest
 from linkwise.likelihood.options import LikelihoodOptions
 
 SINK = {"alpha": -60.0, "beta": 2e6, "c": 0.1}
@@ -71,3 +71,13 @@ def test_a_known_coefficient_stays() -> None:
     values = dict(zip(("alpha", "c"), fit.values, strict=True))
     errors = np.sqrt(fit.covariance.diagonal())
     assert np.all(np.abs(np.array([values["alpha"] + 60.0, values["c"] - 0.1])) < 4.0 * errors)
+
+
+def test_places_where_a_law_has_no_force_are_passed_over() -> None:
+    """A link of two rods, whose force ends at their length, regressed at elongations beyond it."""
+    law = "k*d*(1 - a/sqrt(0.01 - d**2)) + c*v"
+    rods = link("rods", "beam.tip-sink", law, a=0.05, c=0.1)
+    d = 0.01 * np.sin(np.arange(500) / 10.0)
+    with np.errstate(invalid="ignore"):
+        place, values = _place_of_rest(rods, {"k": 100.0}, d, 0.0 * d, 50.0 * d, {"k": "rods.k"})
+    assert np.isfinite(place) and np.isfinite(values["k"])

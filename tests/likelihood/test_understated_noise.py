@@ -9,6 +9,7 @@ import pytest
 from structures import link, structure
 
 import linkwise as lw
+from linkwise.likelihood.understated_noise import beyond_statement
 from linkwise.verdict import Verdict
 
 
@@ -61,3 +62,14 @@ def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> 
     assert fit.fit_verdicts == (Verdict.NOT_CONVERGED,)
     assert "neighbouring samples scatter by far more" in fit.message
     assert "times in x:m1" in fit.message and "times in x:m2" not in fit.message
+
+
+def test_a_force_that_scatters_and_noise_of_nothing_are_no_statement_too_small() -> None:
+    """A shaker's random force changes from sample to sample by its own size."""
+    rng = np.random.default_rng(5_001_302)
+    channels = {"x:m1": np.sin(np.arange(2000) / 50.0), "force:m1": rng.normal(size=2000)}
+    record = lw.Record.from_arrays(np.arange(2000) / 1000.0, channels)
+    noise = {"force:m1": 1e-4, "x:m1": 0.0}
+    assert not beyond_statement([replace(record, noise=noise)])
+    shaken = replace(record, values=record.values + 0.01 * rng.normal(size=(2000, 1)), noise={"x:m1": 1e-6})
+    assert "times in x:m1" in beyond_statement([shaken])

@@ -385,7 +385,7 @@ def estimate_of(
         record=records[0],
         more_records=tuple(records[1:]),
         remarks=(
-            *fit_remarks(fit, of_sensors, faint),
+            *fit_remarks(fit, records, of_sensors, faint),
             *unseen_remark(unseen),
             *(inseparable(fit) if judgement.verdict.forbids else ()),
         ),

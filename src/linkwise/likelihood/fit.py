@@ -29,6 +29,7 @@ from linkwise.likelihood.shooting.anneal import (
     AnnealingStatus,
     AnnealingStep,
 )
+from linkwise.likelihood.shooting.clipped_readings import with_bounds_for
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
@@ -255,10 +256,9 @@ def _fit(
     options: LikelihoodOptions,
 ) -> LikelihoodFit:
     """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
-    with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:
-        # small products run on threads of our own, chunk by chunk
+    with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:  # products run on threads of our own
         annealer = Annealer(executor, options.loss, options.progress)
-        problem = shooting_problem(records, structure, theta, spread, sensing)
+        problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
         return _fitted(problem, records, spread, sensing, options, annealer)
 
 

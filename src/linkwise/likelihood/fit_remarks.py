@@ -12,6 +12,7 @@ from linkwise.inspection.unanswered import EstimatedError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
 from linkwise.records.channel import Channel
+from linkwise.records.record import Record
 
 _LOOSENED = (
     "If the motion had to follow the laws exactly, the likelihood would have many optima because of the noise, and a "
@@ -24,7 +25,10 @@ _NEARLY = 2.0  # times the noise, in power: laws that leave no more nearly expla
 
 
 def fit_remarks(
-    fit: LikelihoodFit, sensor_errors: Sequence[SensorErrorEstimate], faint: Sequence[str] = ()
+    fit: LikelihoodFit,
+    records: Sequence[Record],
+    sensor_errors: Sequence[SensorErrorEstimate],
+    faint: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """What was found beside the coefficients.
 
@@ -32,6 +36,8 @@ def fit_remarks(
     ----------
     fit : LikelihoodFit
         The fit.
+    records : sequence of Record
+        The records.
     sensor_errors : sequence of SensorErrorEstimate
         Errors of sensors that were found.
     faint : sequence of str, optional
@@ -53,6 +59,7 @@ def fit_remarks(
         *(force.description for force in fit.random_forces),
         *(error.description for error in sensor_errors),
         *_disturbances(fit),
+        *_unused_bounds(fit, records),
         *loosened,
         *tied,
         *_of_faint_modes(faint),
@@ -159,6 +166,23 @@ def _disturbances(fit: LikelihoodFit) -> Iterator[str]:
         sizes, deviations = fit.waveforms[:, first : first + disturbance.count]
         yield disturbance.describe(sizes, deviations, Channel.parse(disturbance.channel).unit)
         first += disturbance.count
+
+
+def _unused_bounds(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[str]:
+    """Channels whose clipped samples are not taken as bounds, though they were marked."""
+    unused = dict.fromkeys(
+        name
+        for record in records
+        for name, clipped in record.clipped.items()
+        if name in record.responses
+        and (fit.segments.clipped is None or clipped.of(record.channel(name)) is None)
+    )
+    if unused:
+        yield (
+            f"The clipped samples of {', '.join(unused)} are taken as missing, not as bounds: a robust loss, random forces, a "
+            "late sensor on a moving base, or a change of the channel after they were marked leaves no other way. Where noise "
+            "decided what was clipped, the values are off by a part of their standard errors."
+        )
 
 
 def _of_faint_modes(faint: Sequence[str]) -> Iterator[str]:

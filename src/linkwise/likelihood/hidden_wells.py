@@ -195,9 +195,13 @@ def _regressed(
     """What the law leaves of a force along a motion about a place of rest, the place, and the free coefficients."""
     partials = link.law.partials(d, v, dict(fixed) | dict.fromkeys(free, 0.0), by=tuple(free))
     right = force - np.broadcast_to(partials.force, d.shape)
+    if not np.isfinite(right).all():  # beyond where the law has a force
+        return np.inf, place, {}
     if not free:
         return float(right @ right), place, {}
     columns = np.stack([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in free], axis=1)
+    if not np.isfinite(columns).all():
+        return np.inf, place, {}
     size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     solved = np.linalg.lstsq(columns / size, right, rcond=None)[0] / size
     left = right - columns @ solved

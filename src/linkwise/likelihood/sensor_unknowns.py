@@ -319,10 +319,14 @@ def _shifted(record: Record, late: Mapping[str, int]) -> Record:
         return record
     first = max(0, *(-samples for samples in late.values()))
     count = len(record) - first - max(0, *late.values())
-    columns = [
-        record.values[first + late.get(name, 0) :][:count, column]
-        for column, name in enumerate(record.channels)
-    ]
+    rows = {
+        name: slice(first + late.get(name, 0), first + late.get(name, 0) + count) for name in record.channels
+    }
+    columns = [record.values[rows[name], column] for column, name in enumerate(record.channels)]
     return replace(
-        record, start=record.start + first * record.step, values=np.stack(columns, axis=1), simulated=None
+        record,
+        start=record.start + first * record.step,
+        values=np.stack(columns, axis=1),
+        simulated=None,
+        clipped={name: clipped.rows(rows[name]) for name, clipped in record.clipped.items()},
     )

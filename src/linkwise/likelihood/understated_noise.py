@@ -32,7 +32,7 @@ def with_understated_noise(
     if judgement.verdict not in _DOUBTED or fit.random_forces:
         return None
     if judgement.verdict is Verdict.NOT_CONVERGED:
-        scattered = _beyond_statement(records)
+        scattered = beyond_statement(records)
         if scattered:
             return replace(judgement, message=f"{judgement.message} {scattered}")
     if not np.isfinite(fit.chi_square):
@@ -61,12 +61,25 @@ def with_understated_noise(
     )
 
 
-def _beyond_statement(records: Sequence[Record]) -> str:
-    """A sentence on channels whose samples scatter far more than the noise that is stated of them; empty where none does."""
+def beyond_statement(records: Sequence[Record]) -> str:
+    """Whether samples of responses scatter far more than the noise that is stated of them.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+
+    Returns
+    -------
+    str
+        A sentence on such channels; empty where there are none.
+    """
     scatters: dict[str, tuple[float, float]] = {}
     for record in records:
-        for name, sigma in zip(record.channels, noise_sigma(record.values).tolist(), strict=True):
-            ratio = sigma / record.noise.get(name, np.inf)
+        responses = record.select(record.responses)
+        for name, sigma in zip(responses.channels, noise_sigma(responses.values).tolist(), strict=True):
+            stated = record.noise.get(name, 0.0)
+            ratio = sigma / stated if stated > 0.0 else 0.0
             if ratio > max(_SCATTERED, scatters.get(name, (0.0, 0.0))[0]):
                 scatters[name] = ratio, sigma
     if not scatters:

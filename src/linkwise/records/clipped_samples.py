@@ -69,3 +69,42 @@ class ClippedSamples:
             Those of the samples alone.
         """
         return ClippedSamples(self.samples[which], self.readings[which], self.sides[which])
+
+    @classmethod
+    def none_of(cls, samples: Floats) -> ClippedSamples:
+        """Those of a channel without any.
+
+        Parameters
+        ----------
+        samples : array of shape (N,)
+            The channel.
+
+        Returns
+        -------
+        ClippedSamples
+            Without readings.
+        """
+        return cls(samples, np.full(len(samples), np.nan), np.full(len(samples), np.nan))
+
+    def followed_by(self, others: ClippedSamples, gap: int) -> ClippedSamples:
+        """The readings of this part of a channel and of another.
+
+        Parameters
+        ----------
+        others : ClippedSamples
+            Those of the other part.
+        gap : int
+            The number of missing samples between them.
+
+        Returns
+        -------
+        ClippedSamples
+            Those of both.
+        """
+        missing = np.full(gap, np.nan)
+        pairs = zip(
+            (self.samples, self.readings, self.sides),
+            (others.samples, others.readings, others.sides),
+            strict=True,
+        )
+        return ClippedSamples(*(np.concatenate([first, missing, second]) for first, second in pairs))

@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.records.channel_attributes import OF_CHANNELS
+from linkwise.records.clipped_samples import ClippedSamples
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
 
@@ -173,6 +174,7 @@ def continued(record: Record, other: Record) -> Record:
         record,
         values=np.vstack([record.values, missing, other.select(record.channels).values]),
         **_stated_by_both(record, other),
+        clipped=_clipped_in_turn(record, other, gap),
         simulated=None,
         notes=(
             *dict.fromkeys((*record.notes, *other.notes)),
@@ -232,6 +234,11 @@ def _side_by_side(record: Record, added: Record) -> Record:
         channels=(*record.channels, *added.channels),
         values=np.hstack([record.values[:length], added.values[:length]]),
         **_stated_by_both(record, added),
+        clipped={
+            name: clipped.rows(slice(length))
+            for each in (record, added)
+            for name, clipped in each.clipped.items()
+        },
         simulated=None,
         notes=tuple(dict.fromkeys((*record.notes, *added.notes))),
     )
@@ -239,4 +246,20 @@ def _side_by_side(record: Record, added: Record) -> Record:
 
 def _stated_by_both(record: Record, added: Record) -> dict[str, Any]:
     """The attributes of channels of either, by field of `Record`."""
-    return {kind: {**getattr(added, kind), **getattr(record, kind)} for kind in OF_CHANNELS}
+    return {
+        kind: {**getattr(added, kind), **getattr(record, kind)}
+        for kind, attribute in OF_CHANNELS.items()
+        if not attribute.of_samples
+    }
+
+
+def _clipped_in_turn(record: Record, continuation: Record, gap: int) -> dict[str, ClippedSamples]:
+    """Clipped samples of two parts of a record, `gap` samples apart."""
+    joined = {}
+    for name in dict.fromkeys((*record.clipped, *continuation.clipped)):
+        before, after = (
+            part.clipped.get(name) or ClippedSamples.none_of(part.channel(name))
+            for part in (record, continuation)
+        )
+        joined[name] = before.followed_by(after, gap)
+    return joined

@@ -11,6 +11,7 @@ from present import some
 import linkwise as lw
 from linkwise.likelihood.fit import Optimum, likelihood_fit
 from linkwise.likelihood.shooting.adjoint import gradient, has_adjoint
+from linkwise.likelihood.shooting.clipped_readings import ClippedReadings
 from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.normal_equations import Linearization
@@ -98,5 +99,9 @@ def test_it_is_the_slope_of_the_cost() -> None:
     assert (costs[1] - costs[0]) / 2e-4 == pytest.approx(slope, rel=1e-4)
 
 
-def test_memory_and_accelerations_have_none() -> None:
+def test_accelerations_and_clipped_readings_have_none() -> None:
     assert not has_adjoint(optimum(2, ("a:m1",)).segments)
+    segments = optimum(2).segments
+    present = np.zeros(segments.samples.shape, bool)
+    clipped = ClippedReadings(present, 0.0 * segments.samples, 0.0 * segments.samples)
+    assert has_adjoint(segments) and not has_adjoint(replace(segments, clipped=clipped))

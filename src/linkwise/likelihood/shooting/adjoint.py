@@ -38,6 +38,7 @@ def has_adjoint(segments: Segments) -> bool:
         or system.shapes is not None
         or sensors.shapes is not None
         or segments.random is not None
+        or segments.clipped is not None
     )
     uncertain = sensors.gains or sensors.delays or sensors.waveforms or segments.inputs.uncertain is not None
     return not others and not uncertain and bool(np.isin(sensors.kind, (X, V)).all())
@@ -52,8 +53,8 @@ def gradient(
     ----------
     segments, misfit, scales, loss
         As of `evaluate`, where segments have an adjoint.
-    q : float
-        Relaxation.
+    pulls : array of shape (K - 1, m)
+        What the ends of segments pull at: defects over the square of the relaxation, at the optimum.
 
     Returns
     -------

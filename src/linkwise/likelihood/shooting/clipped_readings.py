@@ -13,7 +13,7 @@ J. Tobin, Econometrica 26, 24 (1958).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.records.record import Record
 
 _FARTHEST = 1e5  # standard deviations inside the range, from which a bound is an observation to rounding
@@ -118,6 +119,26 @@ class ClippedReadings:
         cost = float(np.vdot(left[~bounded], left[~bounded]) - 2.0 * np.sum(scipy.special.log_ndtr(beyond)))
         left[bounded] = self.sides[bounded] / (score + beyond)
         return ClippedMisfit(left, roots, shown, cost)
+
+
+def with_bounds_for(loss: Loss, records: Sequence[Record]) -> list[Record]:
+    """Records with clipped readings where the likelihood of bounds is that of the loss: of a normal variable.
+
+    Parameters
+    ----------
+    loss : Loss
+        Loss of a residual.
+    records : sequence of Record
+        The records.
+
+    Returns
+    -------
+    list of Record
+        With a robust loss without them, so that these samples are missing everywhere.
+    """
+    if isinstance(loss, Gaussian):
+        return list(records)
+    return [replace(record, clipped={}) for record in records]
 
 
 def _score_and_curvature(beyond: Floats) -> tuple[Floats, Floats]:
