@@ -80,10 +80,11 @@ def host(
     damping: float | Sequence[Value],
     shapes: Mapping[str, Sequence[float]],
     between: Mapping[tuple[int, int], Value] | None = None,
+    rotations: Sequence[str] = (),
 ) -> lw.Host:
     """A host by the frequencies of its modes in Hz, parts of critical damping, and the shapes of its points by mode.
 
-    Damping `between` modes is in N s/m.
+    Damping `between` modes is in N s/m. The points of `rotations` turn.
     """
     parts: Sequence[Value] = [damping] * len(frequencies) if isinstance(damping, float) else damping
     modes = (
@@ -91,6 +92,7 @@ def host(
             coefficient(frequency),
             coefficient(part),
             {point: shape[r] for point, shape in shapes.items()},
+            rotations=rotations,
         )
         for r, (frequency, part) in enumerate(zip(frequencies, parts, strict=True))
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from present import some
+from structures import host, link, structure
 
 import linkwise as lw
 from linkwise.records.channel_units import channel_unit, in_units_of
@@ -18,13 +19,10 @@ UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "force": "N m"}
 
 def beam(turns: bool = True) -> lw.Structure:
     """A mode with a point that moves along a line and one that turns, on a torsion spring with a cubic term."""
-    modes = tuple(
-        lw.HostMode(frequency, 0.01, shape, rotations=["r"] if turns else [])
-        for frequency, shape in ((5.0, {"tip": 1.7, "r": 2.3}), (31.4, {"tip": -1.7, "r": -8.0}))
-    )
-    law = lw.Law.parse("k*d + k3*d**3 + c*v")
-    spring = lw.Link("torsion", ("beam.r", lw.GROUND), law, {"k": 5.0, "k3": 2000.0, "c": 0.002})
-    return lw.Structure("beam", (), (spring,), (lw.Host("beam", modes),))
+    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0)}
+    carrier = host("beam", (5.0, 31.4), 0.01, shapes, rotations=["r"] if turns else [])
+    spring = link("torsion", "beam.r-ground", "k*d + k3*d**3 + c*v", k=5.0, k3=2000.0, c=0.002)
+    return structure({}, spring, hosts=[carrier], name="beam")
 
 
 def recorded(folder: Path, header: str, factor: float = 1.0) -> lw.Record:

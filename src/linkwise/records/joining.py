@@ -236,8 +236,8 @@ def _side_by_side(record: Record, added: Record) -> Record:
         **_stated_by_both(record, added),
         clipped={
             name: clipped.rows(slice(length))
-            for each in (record, added)
-            for name, clipped in each.clipped.items()
+            for part in (record, added)
+            for name, clipped in part.clipped.items()
         },
         simulated=None,
         notes=tuple(dict.fromkeys((*record.notes, *added.notes))),

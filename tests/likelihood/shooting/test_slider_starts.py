@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import some
+from structures import named, structure
 
 import linkwise as lw
 from linkwise.likelihood.shooting.loss import Gaussian
@@ -22,13 +23,12 @@ SCALE = np.array([1e-4, 0.01, 1e-3, 2e-3])  # of x, v and two sliders
 
 def problem(law: str) -> tuple[Segments, Iterate, Scales]:
     """A record of two samples a segment of a mass on a joint, and nodes away from zero."""
-    joint = lw.named_law(law).link("joint", ("m1", "ground"))
-    structure = lw.Structure("joint", (lw.Mass("m1", 1.0),), (joint,))
+    sliding = structure({"m1": 1.0}, named("joint", "m1-ground", law))
     record = lw.Record(0.0, 100.0, ("x:m1",), 1e-3 * np.sin(0.1 * np.arange(20.0))[:, None])
-    segments = cut_segments([record], structure, System.of(structure, lag=1e-3), samples=2, refine=1)
+    segments = cut_segments([record], sliding, System.of(sliding, lag=1e-3), samples=2, refine=1)
     nodes = SCALE[:, None] * np.random.default_rng(1).normal(size=(len(SCALE), segments.count))
     theta = np.array([{"FS": 5.0, "KT": 500.0, "chi": -0.4, "beta": 0.7}.get(p.name.split(".")[1], 0.5)
-                      for p in structure.parameters])  # fmt: skip
+                      for p in sliding.parameters])  # fmt: skip
     return segments, Iterate(nodes, theta, np.zeros(0)), Scales(np.array([1e-5]), SCALE, np.abs(theta))
 
 
@@ -78,6 +78,5 @@ def at_zero(segments: Segments, point: Iterate) -> Iterate:
 
 def test_other_states_are_free_at_the_start() -> None:
     for law in some(("bouc-wen", "dahl", "maxwell")):
-        link = lw.named_law(law).link("joint", ("m1", "ground"))
-        system = System.of(lw.Structure("joint", (lw.Mass("m1", 1.0),), (link,)))
+        system = System.of(structure({"m1": 1.0}, named("joint", "m1-ground", law)))
         assert len(system.slider_states) == 0
