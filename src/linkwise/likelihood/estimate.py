@@ -46,7 +46,7 @@ from linkwise.likelihood.starts.values import equivalent_values, starting_values
 from linkwise.likelihood.unseen_terms import unseen_terms
 from linkwise.likelihood.unstated_forces import with_limits
 from linkwise.likelihood.untold_gains import require_told
-from linkwise.likelihood.valleys import SearchFrom, at_a_glance, fit_from_valleys, fit_or_another
+from linkwise.likelihood.valleys import FitFrom, Stages, fit_from_valleys, fit_in_stages, fit_or_another
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.channel_units import channel_unit
@@ -304,12 +304,13 @@ class MaximumLikelihood(Estimator):
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure, integrated=True)
         known = given if shows_every_mass(framed_ones[0], structure) and not structure.hosts else stated
-        fit = partial(_fit_from, partial(likelihood_fit, records, structure, options=options))
+        search = partial(likelihood_fit, records, structure, options=options)
+        fit = partial(_fit_from, partial(fit_from_valleys, search))
         if all(p.name in known for p in structure.parameters):
             return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
         if structure.hosts:
-            glance = partial(likelihood_fit, records, structure, options=at_a_glance(options))
-            return fit(lambda: host_memory_starts(framed_ones, structure, given), glance=glance)
+            staged = partial(fit_in_stages, Stages.of(records, structure, options))
+            return _fit_from(staged, lambda: host_memory_starts(framed_ones, structure, given))
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
         if not (knows_masses and needs_integration(framed_ones[0], structure)):
             return fit(lambda: memory_starts(framed_ones, structure, given))
@@ -319,12 +320,10 @@ class MaximumLikelihood(Estimator):
         )
 
 
-def _fit_from(
-    search: SearchFrom, starts: Callable[[], tuple[Valley, ...]], *, glance: SearchFrom | None = None
-) -> LikelihoodFit:
+def _fit_from(fitted: FitFrom, starts: Callable[[], Sequence[Valley]]) -> LikelihoodFit:
     with one_blas_thread():
         valleys = starts()
-    return fit_from_valleys(search, valleys, glance=glance)
+    return fitted(valleys)
 
 
 def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:

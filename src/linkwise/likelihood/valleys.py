@@ -1,19 +1,28 @@
-"""Fits from several starts, where the likelihood may have several valleys: the lowest is kept, others as good are reported."""
+"""Fits from several starts, where the likelihood may have several valleys: the lowest is kept, others as good are reported.
+
+Where the misfits of starts do not tell which is best, searches of few steps put them in order, and longer ones that end where
+they crawl follow, until one comes to the noise.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.coloured_noise import ColouredNoise
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.memory import Valley
+from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, part, rising
+from linkwise.records.record import Record
 
 _MOST = 3  # fits
 _NEAR = 3.0  # times the misfit of the best start beyond which another is not worth a fit
@@ -21,70 +30,214 @@ _ALIKE = 4.0  # standard errors within which two fits are one
 _TIED = 20.0  # in -2 log likelihood: a valley that near is as good
 
 _GLANCE = 2  # steps of a search that puts starts in order
+_ATTEMPT = 30  # steps of a search from one of them: those that come to the noise take 9 to 20
+_ATTEMPTS = 5  # of these at most
+_RESTARTED = 2  # of these are tried again from the parameters that they came to
+_FINISHED = 2  # whole searches where none came to the noise
+_TIGHT = 1e-3  # relaxation at which attempts that did not end are compared
+_GLANCED = 0.1  # part of the work that is done after the glances
 
 SearchFrom: TypeAlias = Callable[[Floats], LikelihoodFit]
 """Fits from parameters (p,)."""
+FitFrom: TypeAlias = Callable[[Sequence[Valley]], LikelihoodFit]
+"""Fits from starts."""
 
 
-def at_a_glance(options: LikelihoodOptions) -> LikelihoodOptions:
-    """Options of a search of few steps."""
-    return replace(options, steps=_GLANCE, model_error=False)
+@dataclass(frozen=True)
+class Stages:
+    """Searches of growing length from the same start.
+
+    Attributes
+    ----------
+    glance : callable
+        A search of few steps from parameters (p,), the number of the start, and how many there are.
+    attempt : callable
+        A longer one from parameters (p,), with exact laws.
+    finish : callable
+        A whole search from parameters (p,) and, where they are known, states (2n + S, K).
+    """
+
+    glance: Callable[[Floats, int, int], LikelihoodFit]
+    attempt: SearchFrom
+    finish: Callable[[Floats, Floats | None], LikelihoodFit]
+
+    @classmethod
+    def of(cls, records: Sequence[Record], structure: Structure, options: LikelihoodOptions) -> Stages:
+        """The searches of `likelihood_fit` with options, whose progress they share."""
+        progress = rising(options.progress)
+        longer = part(progress, _GLANCED, 1.0)
+        brief = replace(options, model_error=False)
+
+        def fitted(theta: Floats, of_stage: LikelihoodOptions, named: Progress) -> LikelihoodFit:
+            return likelihood_fit(records, structure, theta, options=replace(of_stage, progress=named))
+
+        def glance(theta: Floats, number: int, count: int) -> LikelihoodFit:
+            ends = _GLANCED * number / count, _GLANCED * (number + 1) / count
+            named = part(_named(progress, f"start {number + 1} of {count}"), *ends)
+            return fitted(theta, replace(brief, steps=_GLANCE), named)
+
+        def finish(theta: Floats, nodes: Floats | None) -> LikelihoodFit:
+            return fitted(theta, replace(options, nodes=nodes), longer)
+
+        attempt = partial(fitted, of_stage=replace(brief, steps=_ATTEMPT), named=longer)
+        return cls(glance, attempt, finish)
 
 
-def fit_from_valleys(
-    search: SearchFrom, valleys: Sequence[Valley], *, glance: SearchFrom | None = None
-) -> LikelihoodFit:
+def _named(progress: Progress, name: str) -> Progress:
+    """The same progress, its activities with a name before them."""
+
+    def named(report: ProgressReport, /) -> None:
+        progress(replace(report, activity=f"{name}: {report.activity}"))
+
+    return named
+
+
+def fit_from_valleys(search: SearchFrom, valleys: Sequence[Valley]) -> LikelihoodFit:
     """Fit from the best starts until a fit explains the records to within their noise.
-
-    With a `glance`, a search of few steps, those after the first start are taken in the order of the cost that it leaves.
 
     Raises IdentificationError if the motion from none of them is finite.
     """
     fits: list[LikelihoodFit] = []
     failures: list[IdentificationError] = []
-    waiting = [valley for valley in valleys if valley.misfit <= _NEAR * valleys[0].misfit]
-    while waiting and len(fits) + len(failures) < _MOST:
+    for valley in _near(valleys)[:_MOST]:
         try:
-            fits.append(search(waiting.pop(0).values))
+            fits.append(search(valley.values))
         except IdentificationError as error:
             failures.append(error)
-        if fits and (fits[-1].status is AnnealingStatus.INTERRUPTED or _explains(fits[-1])):
+        if fits and (_interrupted(fits[-1]) or _explains(fits[-1])):
             break
-        if glance is not None:
-            waiting, glance = _in_order(waiting, glance), None
     if not fits:
         raise failures[0]
+    return _best(fits)
+
+
+def fit_in_stages(stages: Stages, valleys: Sequence[Valley]) -> LikelihoodFit:
+    """Fit from starts whose misfits hardly differ, in the order of what a search of few steps leaves.
+
+    A search that does not come to the noise soon gives way to one from the next start. Where none comes there, those that left
+    least are tried again from their parameters, with states that are computed again, and then searched to their end.
+
+    Parameters
+    ----------
+    stages : Stages
+        The searches.
+    valleys : sequence of Valley
+        The starts, that with the least misfit first.
+
+    Returns
+    -------
+    LikelihoodFit
+        The fit that explains the records, else the best of those taken up to their ends, with others as good; an interrupt
+        ends the search with the best so far.
+
+    Raises
+    ------
+    IdentificationError
+        If the motion from none of the starts is finite.
+    """
+    starts, interrupted = _in_order(_near(valleys), stages)
+    if interrupted is not None:
+        return interrupted
+    attempts: list[LikelihoodFit] = []
+    failures: list[IdentificationError] = []
+    for valley in starts[:_ATTEMPTS]:
+        try:
+            attempts.append(stages.attempt(valley.values))
+        except IdentificationError as error:
+            failures.append(error)
+        if attempts and _ends(attempts[-1]):
+            break
+    if not attempts:
+        raise failures[0]
+    if not _ends(attempts[-1]):
+        attempts += _restarted(attempts, stages)
+    if _interrupted(attempts[-1]):
+        return _best(attempts)
+    ended = [attempts[-1]] if _explains(attempts[-1]) else sorted(attempts, key=_rank_of_attempt)
+    fits: list[LikelihoodFit] = []
+    for attempt in ended[:_FINISHED]:
+        fits.append(_finished(attempt, stages))
+        if _ends(fits[-1]):
+            break
+    return _best(fits)
+
+
+def _finished(attempt: LikelihoodFit, stages: Stages) -> LikelihoodFit:
+    """A whole search from where an attempt converged, else from its parameters; none after one that leaves white noise."""
+    if _explains(attempt) and ColouredNoise.of(attempt.misfit.residuals, attempt.segments.linked) is None:
+        return attempt
+    nodes = attempt.optimum.point.nodes if _converged(attempt) else None
+    try:
+        fit = stages.finish(attempt.values, nodes)
+    except IdentificationError:  # the motion from states of the records is not finite
+        return attempt
+    return attempt if _explains(attempt) and not _ends(fit) else fit
+
+
+def _restarted(attempts: Sequence[LikelihoodFit], stages: Stages) -> list[LikelihoodFit]:
+    """Attempts from the parameters that the best ones came to without an end: their states are computed again."""
+    fits: list[LikelihoodFit] = []
+    for attempt in sorted(attempts, key=_rank_of_attempt)[:_RESTARTED]:
+        if _converged(attempt):
+            continue
+        try:
+            fits.append(stages.attempt(attempt.values))
+        except IdentificationError:
+            continue
+        if _ends(fits[-1]):
+            break
+    return fits
+
+
+def _near(valleys: Sequence[Valley]) -> list[Valley]:
+    """Those whose misfit is not far above that of the first."""
+    return [valley for valley in valleys if valley.misfit <= _NEAR * valleys[0].misfit]
+
+
+def _in_order(valleys: Sequence[Valley], stages: Stages) -> tuple[list[Valley], LikelihoodFit | None]:
+    """Starts in the order of the cost that a search of few steps leaves, with loose links; the search that was interrupted.
+
+    Those from which the motion is not finite come last.
+    """
+    if len(valleys) == 1:
+        return list(valleys), None
+    costs = []
+    for number, valley in enumerate(valleys):
+        try:
+            fit = stages.glance(valley.values, number, len(valleys))
+        except IdentificationError:
+            costs.append(np.inf)
+            continue
+        if _interrupted(fit):
+            return [], fit
+        cost = fit.misfit.cost(1.0)
+        costs.append(cost if np.isfinite(cost) else np.inf)
+    return [valleys[number] for number in np.argsort(costs, kind="stable").tolist()], None
+
+
+def _best(fits: Sequence[LikelihoodFit]) -> LikelihoodFit:
+    """The best of fits, with the values of others that are as good."""
     best = min(fits, key=_rank)
     others = tuple(fit.values for fit in fits if fit is not best and _converged(fit) and _as_good(fit, best))
     return replace(best, others=others)
 
 
-def _in_order(valleys: Sequence[Valley], glance: SearchFrom) -> list[Valley]:
-    """Starts in the order of the cost that a search of few steps leaves, with loose links; none after an interrupt.
-
-    Those from which the motion is not finite come last.
-    """
-    costs = []
-    for valley in valleys:
-        try:
-            fit = glance(valley.values)
-        except IdentificationError:
-            costs.append(np.inf)
-            continue
-        if fit.status is AnnealingStatus.INTERRUPTED:
-            return []
-        costs.append(fit.misfit.cost(1.0))
-    return [valleys[number] for number in np.argsort(costs, kind="stable").tolist()]
-
-
 def fit_or_another(fit: LikelihoodFit, search: Callable[[], LikelihoodFit]) -> LikelihoodFit:
     """The fit where it explains the records to within their noise, else the better of it and of another that starts."""
-    if fit.status is AnnealingStatus.INTERRUPTED or _explains(fit):
+    if _ends(fit):
         return fit
     try:
         return min(fit, search(), key=_rank)
     except IdentificationError:
         return fit
+
+
+def _interrupted(fit: LikelihoodFit) -> bool:
+    return fit.status is AnnealingStatus.INTERRUPTED
+
+
+def _ends(fit: LikelihoodFit) -> bool:
+    return _interrupted(fit) or _explains(fit)
 
 
 def _converged(fit: LikelihoodFit) -> bool:
@@ -98,6 +251,12 @@ def _explains(fit: LikelihoodFit) -> bool:
 def _rank(fit: LikelihoodFit) -> tuple[bool, float]:
     """Fits that converged first, then those that leave least: the relaxation of a model error counts as misfit."""
     return not _converged(fit), fit.chi_square if fit.model_error == 0.0 else fit.misfit.cost(fit.model_error)
+
+
+def _rank_of_attempt(fit: LikelihoodFit) -> tuple[bool, float]:
+    """Attempts that converged first, then by the cost with links so tight that one that stopped at loose ones has more."""
+    cost = fit.misfit.cost(_TIGHT)
+    return not _converged(fit), cost if np.isfinite(cost) else np.inf
 
 
 def _as_good(fit: LikelihoodFit, best: LikelihoodFit) -> bool:
