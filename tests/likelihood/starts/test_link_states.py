@@ -91,7 +91,7 @@ def test_a_link_that_yields_between_two_samples_is_followed() -> None:
 
 
 def test_a_state_that_decays_is_followed_where_its_rate_is_infinite_at_rest() -> None:
-    """Its decay is told by the law, not by rates at d = 0."""
+    """Its decay follows from the law, not from rates at d = 0."""
     law = Law.parse("q", {"q": "k*v - q/tau + b/(g + abs(d))"})
     time = np.arange(400) / 100.0
     d, v = 1.0 + 0.3 * np.sin(9.0 * time), 2.7 * np.cos(9.0 * time)

@@ -1,7 +1,7 @@
 """Where the sliders of links were when a record began: within their largest sizes, which records hardly tell.
 
 Sliders side by side stick until the motion turns far enough, and until then their forces add up to one. How the states of
-several share it at the start of a record is told by their corners alone: the equations were singular along such shares, and
+several share it at the start of a record shows in their corners alone: the equations were singular along such shares, and
 searches crept. A slider is never beyond its largest size, and its state passes through all of its range: at the start it is
 taken as normal around zero with the root mean square of its size along the motion.
 """
