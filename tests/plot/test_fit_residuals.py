@@ -53,6 +53,8 @@ def test_time_and_frequency_are_drawn_whole(with_a_gap: lw.Estimate) -> None:
     assert len(np.asarray(line.get_xdata())) == len(with_a_gap.motion.time)
     spectrum, level = lw.plot.residuals(with_a_gap, "x:m2", "frequency").get_lines()
     assert np.mean(np.asarray(spectrum.get_ydata())) == pytest.approx(1.0, abs=0.2)
+    # at half the sampling rate, as at zero, a one-sided density is half as large
+    assert np.max(np.asarray(spectrum.get_xdata())) < 0.5 * with_a_gap.record.rate
     assert set(np.asarray(level.get_ydata())) == {1.0}
     assert len(lw.plot.residuals_figure(with_a_gap).axes) == 8
 

@@ -49,12 +49,12 @@ def spectrum(
     'frequency, Hz'
     """
     spectrogram = Spectrogram.of(record.channel(name), record.rate)
-    density = np.sqrt(spectrogram.mean[1:])
+    density = np.sqrt(spectrogram.mean[1:-1])
     color = SERIES[record.channels.index(name) % len(SERIES)]
     noisy = noise is not None and noise > 0.0 and bool(density.any())
     with axes_for(ax, legend=legend and noisy) as axes:
         if density.any():
-            axes.plot(spectrogram.frequency[1:], density, color=color, linewidth=0.9, label=label(name))
+            axes.plot(spectrogram.frequency[1:-1], density, color=color, linewidth=0.9, label=label(name))
             log_scale(axes, "y")
         if noise is not None and noisy:
             level = noise * (2.0 / record.rate) ** 0.5

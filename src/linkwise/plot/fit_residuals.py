@@ -92,8 +92,8 @@ def _links(estimate: Estimate) -> list[str]:
 def _over_frequency(axes: Axes, values: Floats, rate: float) -> None:
     """The spectral density in units of that of white noise."""
     spectrogram = Spectrogram.of(values, rate)
-    density = spectrogram.mean[1:] * (0.5 * rate)
-    axes.plot(spectrogram.frequency[1:], density, color=IDENTIFIED, linewidth=0.9, label="residuals")
+    density = spectrogram.mean[1:-1] * (0.5 * rate)
+    axes.plot(spectrogram.frequency[1:-1], density, color=IDENTIFIED, linewidth=0.9, label="residuals")
     axes.axhline(1.0, color=WELL, linestyle="--", linewidth=0.8, label="white noise")
     if density.any():
         log_scale(axes, "y")
