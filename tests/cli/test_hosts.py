@@ -269,6 +269,8 @@ def test_from_taps_to_a_payload(folder: Path, capsys: pytest.CaptureFixture[str]
         (["--modes", "some"], "a number of modes, or auto"),
         (["--modes", "2", "--point", "tip=3"], "--point is for modes or matrices"),
         (["--modes", "2", "--keep", "3"], "--keep is for modes or matrices"),
+        (["--from", "2"], "--from is for records of a test: give --modes"),
+        (["--modes", "2", "--gain", "a:wing.tip"], "--gain a:wing.tip has no size"),
     ],
 )
 def test_options_of_a_test_are_checked(
@@ -276,6 +278,24 @@ def test_options_of_a_test_are_checked(
 ) -> None:
     assert run(["structure", "host", "modes.csv", *options]) == 2
     assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_test_is_read_with_the_names_of_a_logger(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["structure", "host", "modes.csv", "--name", "wing", "-o", "bare.toml"]) == 0
+    tap = ["--force", "wing.tip=2*exp(-((t - 0.5)/0.01)**2)", "--sensors", "a:wing.tip,a:wing.joint"]
+    recorded = ["--duration", "2", "--rate", "200", "--noise", "40", "--seed", "1", "-o", "taps.csv"]
+    assert run(["simulate", "bare.toml", *tap, *recorded]) == 0
+    header, _, rows = (folder / "taps.csv").read_text().partition("\n")
+    assert header == "time,a:wing.tip,a:wing.joint,force:wing.tip"
+    (folder / "logger.csv").write_text(f"Time,Acc 1,Acc 2,Hammer\n{rows}")
+    columns = {"a:wing.tip": "Acc 1", "a:wing.joint": "Acc 2", "force:wing.tip": "Hammer", "time": "Time"}
+    named = [text for name, column in columns.items() for text in ("--channel", f"{name}={column}")]
+    window = ["--modes", "2", "--from", "0.4", "--to", "1.9"]
+    assert run(["structure", "host", "logger.csv", *named, *window, "-o", "mapped.toml"]) == 0
+    assert "(602 samples" in capsys.readouterr().out  # of 1.5 s at 200 Hz, two responses
+    assert run(["structure", "host", "taps.csv", *window, "-o", "named.toml"]) == 0
+    mapped, direct = (lw.read_structure(folder / f"{which}.toml").hosts for which in ("mapped", "named"))
+    assert mapped == direct
 
 
 def test_errors_of_a_test_are_no_less_than_stated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from click.core import ParameterSource
 import linkwise as lw
 from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import exit_code, progress, tell
-from linkwise.cli.options import FILE
+from linkwise.cli.options import FILE, grouped
+from linkwise.cli.reading_options import READING, ReadingOptions
 
 _OF_MATRICES = (
     "keep",
@@ -24,6 +26,7 @@ _OF_MATRICES = (
     "no_residual",
 )  # options that mean nothing for modes
 _NOT_OF_RECORDS = ("points", "mass", "stiffness", *_OF_MATRICES)
+_OF_RECORDS = tuple(field.name for field in fields(ReadingOptions))
 
 
 @click.command()
@@ -85,13 +88,13 @@ _NOT_OF_RECORDS = ("points", "mass", "stiffness", *_OF_MATRICES)
     metavar="PERCENT%",
     help="Standard deviation of the shapes, such as 2% of the largest shape of the mode at the points.",
 )
+@grouped(ReadingOptions, "source", *READING)
 @click.option("-o", "--output", metavar="HOST", type=FILE, help="File to write; without it, standard output.")
 @click.option("--json", "as_json", is_flag=True, help="Print the host as JSON and nothing else.")
-@click.pass_context
 def host(
-    context: click.Context,
-    /,
+    *,
     files: tuple[Path, ...],
+    source: ReadingOptions,
     output: Path | None,
     as_json: bool,
     modes: str | None,
@@ -107,8 +110,9 @@ def host(
 
     With --modes the files are records of a test at a low level: hits of a hammer, or a shaker, with channels such as
     force:beam.tip, a:beam.tip and a:beam.mid. One response must be where the force acts. Frequencies, damping and shapes are
-    written with their standard errors, or with --frequency-sigma and the like if these are larger. Exit code 3 means that
-    linear modes do not explain the records.
+    written with their standard errors, or with --frequency-sigma and the like if these are larger. Columns of other names are
+    mapped as in identify, by --channel or --mapping, and other options of records read as there. Exit code 3 means that linear
+    modes do not explain the records.
 
     \b
     Examples:
@@ -116,9 +120,13 @@ def host(
       linkwise structure host Job-1_MASS1.mtx Job-1_STIF1.mtx --point tip=1205z --rayleigh 0.5,1e-5 -o beam.toml
       linkwise structure host wing_modes.csv --name wing --shape-sigma 2% -o wing.toml
       linkwise structure host taps.csv --modes auto -o beam.toml
+      linkwise structure host logger.csv --channel force:beam.tip=Hammer --channel a:beam.tip[g]=Acc1 --modes auto -o beam.toml
     """
+    context = click.get_current_context()
     if output is not None and any(output.resolve() == file.resolve() for file in files):
         raise click.UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
+    if modes is None:
+        _refuse(context, _OF_RECORDS, "{} is for records of a test: give --modes with it.")
     title = options["name"] or files[0].stem
     sigmas = {
         quantity: _part(options[f"{quantity}_sigma"], quantity)
@@ -126,13 +134,13 @@ def host(
     }
     estimate = None
     if modes is not None:
-        _refuse(context, _NOT_OF_RECORDS, "--{} is for modes or matrices, and --modes for records of a test.")
-        estimate = _identified(files, modes, options["name"])
+        _refuse(context, _NOT_OF_RECORDS, "{} is for modes or matrices, and --modes for records of a test.")
+        estimate = _identified(source, files, modes, options["name"])
         new_host = estimate.host.known_to_within_at_least(**sigmas)
     elif files[0].suffix.lower() in (".csv", ".uff", ".unv"):
         if len(files) > 1 or any(options[key] for key in ("points", "mass", "stiffness")):
             raise click.UsageError("A file of modes has its own points, and is read alone.")
-        _refuse(context, _OF_MATRICES, "--{} is for matrices; of a file of modes, all are taken as they are.")
+        _refuse(context, _OF_MATRICES, "{} is for matrices; of a file of modes, all are taken as they are.")
         new_host = lw.Host(title, lw.read_modes(files[0])).known_to_within(**sigmas)
     else:
         new_host = _reduced(files, title, options).known_to_within(**sigmas)
@@ -156,20 +164,23 @@ def host(
 
 def _refuse(context: click.Context, options: Sequence[str], message: str) -> None:
     """UsageError with `message` for the first of some options that is given."""
+    flags = {parameter.name: parameter.opts[-1] for parameter in context.command.params}
     for option in options:
         if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
-            raise click.UsageError(message.format(option.replace("_", "-").replace("points", "point")))
+            raise click.UsageError(message.format(flags[option]))
 
 
-def _identified(files: tuple[Path, ...], modes: str, name: str | None) -> lw.HostEstimate:
+def _identified(
+    source: ReadingOptions, files: tuple[Path, ...], modes: str, name: str | None
+) -> lw.HostEstimate:
     """The host identified from records of a test."""
+    source.refuse_unknown_errors()
     if modes != "auto" and (not modes.isdecimal() or int(modes) < 1):
         raise click.UsageError(f"--modes needs a number of modes, or auto, got {modes!r}.")
     with progress("reading") as step:
-        records = [lw.read_record(file) for file in files]
-        for record in records:
-            for note in record.notes:
-                tell(f"note: {note}")
+        records = [source.read_file(file, None) for file in files]
+        for note in dict.fromkeys(note for record in records for note in record.notes):
+            tell(f"note: {note}")
         return lw.identify_host(
             records, modes=None if modes == "auto" else int(modes), name=name, progress=step
         )
