@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from structures import host, link, structure
 
 import linkwise as lw
 from linkwise.likelihood.starts.linear_part import LinearPart
+from linkwise.likelihood.starts.mode_tuning import with_starts
 
 WING = host("wing", (5.0, 9.0), 0.01, {"tip": (0.1, 0.2), "mid": (0.15, -0.1)})
 JOINED = structure({}, link("joint", "wing.mid-ground", "k*d + c*v"), hosts=(WING,))
@@ -28,3 +31,14 @@ def test_process_noise_is_a_covariance_however_overdamped_the_system(damper: flo
     size = np.sqrt(model.process.diagonal())
     assert np.linalg.eigvalsh(model.process / np.outer(size, size)).min() > -1e-12
     assert np.abs((twice - model.process) / np.outer(size, size)).max() < 1e-8
+
+
+def test_other_values_of_modes_give_the_system_of_a_structure_with_these_values() -> None:
+    """What a search for frequencies, damping and springs needs hundreds of times, without a structure for each."""
+    values, equivalent = {"wing.mode1.frequency": 5.5, "wing.mode2.damping": 0.03}, np.array([[70.0, 0.4]])
+    asked = replace(JOINED, hosts=(WING.known_to_within(frequency=0.1, damping=0.5),))
+    moved = LinearPart.of(asked, np.array([[10.0, 0.1]])).with_values(values, equivalent)
+    expected = LinearPart.of(with_starts(asked, values), equivalent)
+    np.testing.assert_allclose(moved.stiffness, expected.stiffness, rtol=1e-12)
+    np.testing.assert_allclose(moved.damping, expected.damping, rtol=1e-12)
+    np.testing.assert_array_equal(moved.equivalent, equivalent)

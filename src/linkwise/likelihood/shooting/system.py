@@ -18,6 +18,7 @@ from linkwise.likelihood.shooting.law_group import LawGroup
 from linkwise.likelihood.shooting.parameters import Parameters
 from linkwise.likelihood.shooting.rate_partials import MemorySlopes, RatePartials
 from linkwise.likelihood.shooting.shape_parameters import ShapeParameters
+from linkwise.likelihood.starts.linear_part import is_linear
 from linkwise.model.slider_corners import slider_parts
 from linkwise.model.structure import Structure
 
@@ -165,6 +166,16 @@ class System:
             if slider_parts(group.law) is not None
         ]
         return first + np.concatenate([np.empty(0, dtype=int), *rows])
+
+    @cached_property
+    def linear_links(self) -> Indices:
+        """Links whose laws are linear in motion, without states, and whose ends move by known shapes."""
+        linear = np.zeros(self.incidence.shape[1], dtype=bool)
+        for group in self.groups:
+            linear[group.links] = is_linear(group.law)
+        if self.shapes is not None:
+            linear &= ~self.shapes.sides.any(axis=0)
+        return np.flatnonzero(linear)
 
     @cached_property
     def interactions(self) -> tuple[tuple[int, int, tuple[tuple[int, float], ...]], ...]:

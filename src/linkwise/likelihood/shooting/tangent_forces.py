@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.system import NumericSystem
@@ -141,6 +142,31 @@ class TangentForces:
             for to, column, slope in self.rate_by_parameter
             if at_state[to] >= 0 and at_column[column] >= 0
         ]
+        return own
+
+    def without(self, links: Indices, gain: Floats) -> TangentForces:
+        """Those of the other links. What coefficients of `links` add is put on the masses, by the gain (n, L)."""
+        own = copy(self)
+        others = np.setdiff1d(np.arange(self.by_d.shape[1]), links)
+        at_link = _places(others, self.by_d.shape[1])
+        retained = at_link[self.rows] >= 0
+        own.by_d, own.by_v = self.by_d[:, others], self.by_v[:, others]
+        own.rows, own.columns = at_link[self.rows[retained]], self.columns[retained]
+        own.by_parameter = self.by_parameter[:, retained]
+        own.owners = at_link[self.owners]
+        if self.by_shape is not None:
+            own.by_shape = at_link[self.by_shape[0]], *self.by_shape[1:]
+        apart = np.flatnonzero(~retained)
+        masses, which = np.nonzero(gain[:, self.rows[apart]])
+        places, at_place = np.unique([masses, self.columns[apart[which]]], axis=1, return_inverse=True)
+        weights = csr_array(
+            (gain[masses, self.rows[apart[which]]].astype(np.float32), (at_place, which)),
+            shape=(places.shape[1], len(apart)),
+        )
+        J, _, K = self.by_parameter.shape
+        change = weights @ self.by_parameter[:, apart].swapaxes(0, 1).reshape(len(apart), J * K)
+        added = np.ascontiguousarray(change.reshape(-1, J, K).swapaxes(0, 1))
+        own.candidates = [*self.candidates, (places[0], places[1], added)]
         return own
 
     def add_candidates(self, candidates: CandidateForces, force: Floats | Single, step: Floats) -> None:

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.likelihood.shooting.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
@@ -20,6 +20,7 @@ from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single,
 
 _WIDE = 20  # columns of a matrix from which sparse products may be faster
 _FULL = 0.2  # of its entries
+_SAME = 1e-9  # relative difference of steps that count as equally long
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +90,86 @@ def tangents(
     n = len(mechanics.gain)
     P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
     starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
+    linear = LinearLinks.of(mechanics, starts, step)
+    if linear is not None:
+        starts, middles = (along.without(linear.links, mechanics.gain) for along in (starts, middles))
+        return linear.march(starts, middles, *units_of_states(scale, step, n, P))
     transfer = Transfer.of(mechanics.incidence, mechanics.gain)
     return march(transfer.stretched(mechanics.system), starts, middles, *units_of_states(scale, step, n, P))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLinks:
+    """Links with linear laws as matrices over the masses, where they are as many as these at least, as in hosts.
+
+    Attributes
+    ----------
+    links : array of int
+        Their numbers.
+    by_motion : array of shape (n, 2 n)
+        What they make of h^2 a by x and u = h v.
+    others : array of int
+        Numbers of the other links.
+    transfer : Transfer
+        How the others are stretched, and act.
+    """
+
+    links: Indices
+    by_motion: Single | csr_array
+    others: Indices
+    transfer: Transfer
+
+    @classmethod
+    def of(cls, mechanics: NumericSystem, starts: TangentForces, step: Floats) -> LinearLinks | None:
+        """Those of a structure by the forces at the starts of steps; None of too few, or in steps of several lengths."""
+        system, links = mechanics.system, mechanics.system.linear_links
+        if len(links) < len(mechanics.masses) or system.base_error is not None:
+            return None
+        if np.ptp(step) > _SAME * step[0]:
+            return None
+        incidence, gain = mechanics.incidence, mechanics.gain
+        slopes = (starts.by_d[0, links, 0], starts.by_v[0, links, 0])
+        by_motion = np.hstack([(gain[:, links] * slope) @ incidence[:, links].T for slope in slopes])
+        others = np.setdiff1d(np.arange(incidence.shape[1]), links)
+        transfer = Transfer.of(incidence[:, others], gain[:, others])
+        return cls(links, _matrix(by_motion), others, transfer)
+
+    def march(
+        self, starts: TangentForces, middles: TangentForces, state: Single, inner: Single
+    ) -> Iterator[TangentStep]:
+        """Carry sensitivities from the nodes on, as `march` does, by the tangent forces of the others."""
+        (_, n, P, K), S = state.shape, len(inner)
+        stack, moved = np.empty((5, n, P, K), np.float32), np.empty_like(state)
+        stack[:2] = state
+        links = np.empty((2, len(self.others), P, K), np.float32)
+        forces = np.zeros((len(self.links) + len(self.others), P, K), np.float32)
+        pulls, pulled = np.empty_like(links[0]), np.empty_like(stack[0])
+        rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
+
+        def accelerate(along: TangentForces, j: int, motion: Single, inside: Single, stage: int) -> None:
+            product(self.transfer.into_links, motion, links)
+            along(j, links, inside, pulls, rates[stage])
+            acceleration = stack[2 + stage]
+            product(self.by_motion, motion.reshape(2 * n, P, K), acceleration)
+            product(self.transfer.gain, pulls, pulled)
+            acceleration += pulled
+            along.inertia(j, acceleration)
+
+        for j in range(middles.steps):
+            accelerate(starts, j, stack[:2], inner, 0)
+            forces[self.others] = pulls
+            yield TangentStep(stack[:2], inner, stack[2], forces)
+            combine(TANGENT_MIDDLE, stack[:3], moved)
+            np.add(inner, np.float32(0.5) * rates[0], out=between)
+            accelerate(middles, j, moved, between, 1)
+            combine(TANGENT_END, stack[:4], moved)
+            np.add(inner, np.float32(2.0) * rates[1] - rates[0], out=between)
+            accelerate(starts, j + 1, moved, between, 2)
+            inner += (rates[0] + np.float32(4.0) * rates[1] + rates[2]) / np.float32(6.0)
+            stack[0] += stack[1]
+            combine(TANGENT_CLOSING, stack[2:], moved)
+            stack[:2] += moved
+        yield TangentStep(stack[:2], inner, None, None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -12,6 +13,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.starts.linear_model import LinearModel
+from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -60,6 +62,31 @@ class LinearPart:
             damping += damper * both
         return cls(structure, stiffness, damping, tuple(open_links), equivalent)
 
+    def with_values(self, values: Mapping[str, float], equivalent: Floats) -> LinearPart:
+        """With other coefficients of linear links, by the names of parameters, and other equivalents of open links.
+
+        The structure stays as it is, so that it serves a search for both.
+        """
+        incidence = self.structure.incidence.toarray()
+        stiffness, damping = self.stiffness.copy(), self.damping.copy()
+        changed = {name.rpartition(".")[0] for name in values}
+        for number, link in enumerate(self.structure.links):
+            if link.name not in changed:
+                continue
+            moved = {name: values.get(f"{link.name}.{name}", value) for name, value in link.values.items()}
+            before, after = (link.law.partials(0.0, 0.0, own) for own in (link.values, moved))
+            both = np.outer(incidence[:, number], incidence[:, number])
+            stiffness += (after.by_d - before.by_d) * both
+            damping += (after.by_v - before.by_v) * both
+        opened = incidence[:, list(self.open)]
+        spring, damper = (equivalent - self.equivalent).T
+        return replace(
+            self,
+            stiffness=stiffness + (opened * spring) @ opened.T,
+            damping=damping + (opened * damper) @ opened.T,
+            equivalent=equivalent,
+        )
+
     def model(
         self, record: Record, sigma: Mapping[str, float], change: float, reach: float = TIGHT
     ) -> LinearModel:
@@ -81,7 +108,8 @@ class LinearPart:
         applied = _applied(record, structure)
         drive = np.zeros((m, len(applied)))
         drive[n : 2 * n] = applied.T / masses[:, None]
-        size = self._force_sizes(record)
+        motion_sizes = self._sizes(record)
+        size = self._force_sizes(*motion_sizes)
         intensity = np.zeros(m)
         intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
         transition, process, input_effect = _discrete(rates, drive, intensity, record.step)
@@ -90,11 +118,11 @@ class LinearPart:
         by_kind = np.stack([np.eye(m)[:n], np.eye(m)[n : 2 * n], rates[n : 2 * n]])
         direct = np.stack([np.zeros_like(drive[:n]), np.zeros_like(drive[:n]), drive[n : 2 * n]])
         observation = np.stack([row @ by_kind[kind] for row, kind in zip(rows, kinds, strict=True)])
-        bound = reach * self._sizes(record)[0]
+        bound = reach * motion_sizes[0]
         bounded = np.concatenate([incidence.T, np.zeros((u, m - n))], axis=1)
         noise = [sigma[name] ** 2 for name in _shown(record)]
         start = np.zeros(m)
-        start[:n], start[n : 2 * n] = self._sizes(record)
+        start[:n], start[n : 2 * n] = motion_sizes
         start[2 * n : 2 * n + u], start[2 * n + u :] = size, size / record.step
         return LinearModel(
             transition=transition,
@@ -114,7 +142,8 @@ class LinearPart:
     def equivalent_units(self, record: Record) -> Floats:
         """(U, 2) sizes of the stiffness and damping of open links: of what would give their ends the measured acceleration."""
         x, v = self._sizes(record)
-        return np.stack([self._force_sizes(record) / x, self._force_sizes(record) / v], axis=1)
+        size = self._force_sizes(x, v)
+        return np.stack([size / x, size / v], axis=1)
 
     def bounds(self, number: int, rate: float) -> tuple[tuple[float, float], tuple[float, float]]:
         """Least and largest stiffness in N/m, and damping in N s/m, of open link `number` in a stable system.
@@ -134,11 +163,10 @@ class LinearPart:
         direction = self.structure.incidence.toarray()[:, self.open[number]]
         return 1.0 / float(direction @ (direction / self.structure.mass_values))
 
-    def _force_sizes(self, record: Record) -> Floats:
-        """(U,) sizes of the forces of open links: what would give their ends the measured acceleration."""
+    def _force_sizes(self, x: float, v: float) -> Floats:
+        """(U,) sizes of the forces of open links: what would give their ends the acceleration of motion of these sizes."""
         incidence = self.structure.incidence.toarray()[:, list(self.open)]
         mobility = np.einsum("il,il->l", incidence, incidence / self.structure.mass_values[:, None])
-        x, v = self._sizes(record)
         return np.asarray(v**2 / max(x, np.finfo(float).tiny) / mobility)
 
     def _sizes(self, record: Record) -> tuple[float, float]:
@@ -169,16 +197,17 @@ def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
         return None
     if not mode and not all(coefficient.known for coefficient in coefficients):
         return None
-    if not is_linear(link):
+    if not is_linear(link.law):
         return None
     slopes = link.law.partials(0.0, 0.0, link.values)
     return float(slopes.by_d), float(slopes.by_v)
 
 
-def is_linear(link: Link) -> bool:
-    """Whether the law of a link is linear in d and v, without states."""
-    return not link.law.states and not any(
-        set(symbols(differentiate(link.law.expression, name))) & {"d", "v"} for name in ("d", "v")
+@lru_cache(maxsize=512)
+def is_linear(law: Law) -> bool:
+    """Whether a law is linear in d and v, without states."""
+    return not law.states and not any(
+        set(symbols(differentiate(law.expression, name))) & {"d", "v"} for name in ("d", "v")
     )
 
 

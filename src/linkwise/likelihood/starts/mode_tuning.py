@@ -98,15 +98,17 @@ def _tuned(
     first = slice(None, min(_TUNED, len(record)))
     samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
 
-    def moved_part(moved: Floats) -> tuple[dict[str, float], LinearPart]:
+    untuned = LinearPart.of(structure, linear.equivalent)
+
+    def moved_values(moved: Floats) -> tuple[dict[str, float], Floats]:
         values = dict(zip((p.name for p in free), map(float, start + unit * moved[: len(free)]), strict=True))
         equivalent = linear.equivalent
         if units is not None:
             equivalent = equivalent + units * moved[len(free) :].reshape(equivalent.shape)
-        return values, LinearPart.of(with_starts(structure, values), equivalent)
+        return values, equivalent
 
     def residual(moved: Floats) -> Floats:
-        model = moved_part(moved)[1].model(record, sigma, change)
+        model = untuned.with_values(*moved_values(moved)).model(record, sigma, change)
         return np.append(innovations(model, samples, inputs).ravel(), moved[: len(free)][stated])
 
     count = len(free) + (0 if units is None else units.size)
@@ -126,7 +128,8 @@ def _tuned(
         diff_step=_DIFFERENCE,
         max_nfev=_STEPS,
     )
-    return moved_part(np.asarray(optimum.x) - 1.0)
+    values, equivalent = moved_values(np.asarray(optimum.x) - 1.0)
+    return values, LinearPart.of(with_starts(structure, values), equivalent)
 
 
 def _stiffened(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> LinearPart:

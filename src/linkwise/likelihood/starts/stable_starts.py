@@ -42,7 +42,7 @@ def stable_starts(
         }
         own |= {name: values[key] for name in link.coefficients if (key := f"{link.name}.{name}") in values}
         free = [name for name in link.law.linear if f"{link.name}.{name}" in values.keys() - stated.keys()]
-        if not free or own.keys() != link.coefficients.keys() or not is_linear(link):
+        if not free or own.keys() != link.coefficients.keys() or not is_linear(link.law):
             continue
         slopes = _slopes(link, own)
         missing = np.clip(slopes, *np.transpose(linear.bounds(number, rate))) - slopes
