@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import linkwise as lw
@@ -38,16 +38,23 @@ def named(name: str, between: str, law: str, /, **values: Value) -> lw.Link:
     return lw.named_law(law).link(name, (first, second), given)
 
 
-def bodies(masses: Mapping[str, Value]) -> tuple[lw.Mass, ...]:
-    """Masses in kg by name."""
-    return tuple(lw.Mass(name, coefficient(value)) for name, value in masses.items())
+def bodies(masses: Mapping[str, Value], rotations: Collection[str] = ()) -> tuple[lw.Mass, ...]:
+    """Masses in kg by name; in kg m^2 those of `rotations`, which turn."""
+    return tuple(
+        lw.Mass(name, coefficient(value), "rad" if name in rotations else "m")
+        for name, value in masses.items()
+    )
 
 
 def structure(
-    masses: Mapping[str, Value], *links: lw.Link, hosts: Sequence[lw.Host] = (), name: str = "test"
+    masses: Mapping[str, Value],
+    *links: lw.Link,
+    hosts: Sequence[lw.Host] = (),
+    name: str = "test",
+    rotations: Collection[str] = (),
 ) -> lw.Structure:
-    """Masses in kg by name, and what links them."""
-    return lw.Structure(name, bodies(masses), links, tuple(hosts))
+    """Masses by name, as `bodies` takes them, and what links them."""
+    return lw.Structure(name, bodies(masses, rotations), links, tuple(hosts))
 
 
 def oscillator(
@@ -114,6 +121,15 @@ CANTILEVER_SINK = {"alpha": -200.0, "beta": 4e6, "c": 0.05}
 def beam_of_one_mode(*links: lw.Link, damping: float = 0.005) -> lw.Structure:
     """A beam by its first mode, of 20 Hz, which is seen at the tip."""
     return structure({}, *links, hosts=[host("beam", [20.0], damping, {"tip": [1.0]})], name="beam")
+
+
+def torsion_chain(*, turns: bool = True, sink: str = NES, **values: Value) -> lw.Structure:
+    """Two discs on a shaft, the second on a bistable torsion spring; or masses on springs in the same numbers."""
+    given = values or {"alpha": -4.0, "beta": 40.0, "c": 0.008}
+    shaft = link("shaft", "disc1-ground", "k*d + c*v", k=400.0, c=0.5)
+    spring = link("sink", "disc2-disc1", sink, **given)
+    discs = {"disc1": 1.0, "disc2": 0.01}
+    return structure(discs, shaft, spring, name="torsion chain", rotations=discs if turns else ())
 
 
 def equal_sinks() -> lw.Structure:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from scipy.sparse import diags_array
+from structures import link, structure, torsion_chain
 
 import linkwise as lw
 
@@ -116,3 +117,97 @@ def test_what_contradicts_itself_is_refused(
     with pytest.raises(lw.StructureError, match=re.escape(message)) as error:
         beam(tmp_path, link, modes, more)
     assert "\n" not in str(error.value)
+
+
+DISCS = """name = "discs"
+[[mass]]
+name = "disc1"
+{first}
+[[mass]]
+name = "disc2"
+{second}
+[[link]]
+name = "shaft"
+between = ["disc1", "ground"]
+law = "k*d + c*v"
+coefficients = {{ k = "5 N m/rad", c = 0.1 }}
+[[link]]
+name = "clutch"
+between = ["disc2", "disc1"]
+law = "k*d"
+coefficients = {{ k = 2.0 }}
+"""
+TURNS = 'unit = "rad"\nmass = '
+
+
+@pytest.mark.parametrize(
+    ("second", "value", "known"),
+    [
+        ('mass = "20 g m^2"', 0.02, True),
+        (f"{TURNS}0.02", 0.02, True),
+        (f'{TURNS}"200 kg cm^2"', 0.02, True),
+        (f'{TURNS}"unknown"', None, False),
+        ('mass = { start = "20 g m^2", sigma = "5 %" }', 0.02, False),
+        (f'{TURNS}"=disc1.mass"', 1.0, True),
+    ],
+)
+def test_a_mass_that_turns_has_a_moment_of_inertia(second: str, value: float | None, known: bool) -> None:
+    discs = lw.parse_structure(DISCS.format(first=f"{TURNS}1.0", second=second))
+    assert discs.rotations == ("disc1", "disc2")
+    disc = discs.mass("disc2")
+    assert (disc.unit, disc.mass_unit, disc.mass.value, disc.mass.known) == ("rad", "kg m^2", value, known)
+    assert discs.link("clutch").law.units == {"k": "N m/rad"}
+    assert lw.parse_structure(lw.format_structure(discs)) == discs
+    assert [parameter.unit for parameter in discs.unknown("mass:disc2").parameters] == ["kg m^2"]
+    assert discs.with_values({"disc2.mass": 0.5}).mass("disc2").unit == "rad"
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        (f'{TURNS}"2 kg"', "mass[1].mass: '2 kg' is in kg: expected a number in kg m^2"),
+        ('unit = "m"\nmass = "2 kg m^2"', "'2 kg m^2' is in kg*m**2: expected a number in kg or"),
+        ('mass = "2 kg m"', "'2 kg m' is in kg*m: expected a number in kg or"),
+        ('unit = "deg"\nmass = 1.0', 'a mass is displaced in "m" or, where it turns, in "rad", got \'deg\''),
+        (f"{TURNS}-1.0", "the mass must be positive, got -1.0 kg m^2"),
+        ("mass = 0.02", 'the end "disc1" turns, in rad, and "disc2" moves in m'),
+    ],
+)
+def test_what_contradicts_the_unit_of_a_mass_is_refused(second: str, message: str) -> None:
+    with pytest.raises(lw.StructureError, match=re.escape(message)) as error:
+        lw.parse_structure(DISCS.format(first=f"{TURNS}1.0", second=second))
+    assert "\n" not in str(error.value)
+
+
+def test_a_mass_is_not_equal_to_a_moment_of_inertia() -> None:
+    text = DISCS.format(first=f"{TURNS}1.0", second='mass = "=disc1.mass"').replace(
+        '"disc2", "disc1"', '"disc2", "ground"'
+    )
+    with pytest.raises(lw.StructureError, match=re.escape('cannot be equal to "disc1.mass" in kg m^2')):
+        lw.parse_structure(text)
+
+
+def test_shapes_of_points_that_turn_have_their_unit(tmp_path: Path) -> None:
+    structure = beam(tmp_path).unknown("beam.mode1.shape.tip", "beam.mode1.shape.tip_r")
+    units = {parameter.name: parameter.unit for parameter in structure.parameters}
+    assert units["beam.mode1.shape.tip"] == "1/sqrt(kg)"
+    assert units["beam.mode1.shape.tip_r"] == "rad/(m sqrt(kg))"
+
+
+def test_equations_are_those_of_masses_with_the_same_numbers() -> None:
+    turning, plain = torsion_chain(), torsion_chain(turns=False)
+    assert turning.shape_key == plain.shape_key
+    assert lw.modes(turning).frequencies.tolist() == lw.modes(plain).frequencies.tolist()
+    bound = lw.Coefficient.unknown(lower=-2.0, upper=-1.0)
+    with pytest.raises(
+        lw.StructureError, match=re.escape("the upper bound must be positive, got -1.0 kg m^2")
+    ):
+        structure({"disc": bound}, link("shaft", "disc-ground", "k*d", k=1.0), rotations=["disc"])
+
+
+def test_notes_and_errors_of_motions_are_in_rad() -> None:
+    unstable = torsion_chain(sink="k*d + c*v", k=-900.0, c=0.0)
+    with pytest.raises(lw.SimulationError, match=r"the displacement of mass disc\d is [\d.e+]+ rad;"):
+        lw.simulate(unstable, release={"v:disc1": 1.0}, duration=30.0, rate=100.0)
+    found = lw.modes(torsion_chain(), at=[0.1, 0.2])
+    assert re.search(r"the links exert [-\d.]+ N m on mass", found.note)

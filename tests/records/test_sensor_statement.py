@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from structures import torsion_chain
 
 import linkwise as lw
 from linkwise.records.sensor_statement import attributes_of, with_statements
@@ -135,3 +136,57 @@ def test_channels_keep_what_is_known_of_them() -> None:
     assert both.select(["x:m1"])[10:].decimate(1).uncertainty == known
     second = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.SensorUncertainty(delay=1e-3)})
     assert set(lw.beside(both.select(["x:m1"]), second).uncertainty) == {"x:m1", "x:m2", "common"}
+
+
+@pytest.mark.parametrize(
+    ("given", "value", "sigma"),
+    [
+        ("0.3 deg", np.radians(0.3), 0.0),
+        ("+- 2 mrad", 0.0, 0.002),
+        ("0.3 deg +- 0.1 deg", np.radians(0.3), np.radians(0.1)),
+        ({"start": "0.3 deg", "sigma": "0.1 deg"}, np.radians(0.3), np.radians(0.1)),
+    ],
+)
+def test_offsets_of_rotations_are_angles(given: object, value: float, sigma: float) -> None:
+    stated = lw.SensorStatement.of({"offset": given, "noise": "0.05 deg"}, "x:disc1")
+    assert stated.offset == pytest.approx((value, sigma), rel=1e-12)
+    assert stated.noise == pytest.approx(np.radians(0.05), rel=1e-12)
+    record = with_statements(lw.Record(0.0, 200.0, ("x:disc1",), MOTION[:, None]), {"x:disc1": stated})
+    assert record.units == {"x:disc1": "rad"}
+    assert record.values[:, 0] == pytest.approx(MOTION - value)
+    removed = [note for note in record.notes if "was removed" in note]
+    assert removed == ([f"x:disc1: an offset of {value:.6g} rad was removed, as known."] if value else [])
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"offset": "0.3 deg", "noise": "0.1 mm"}, "'0.1 mm' is in mm: expected a number in rad"),
+        ({"offset": "0.3 deg +- 0.1 mm"}, "expected a number in rad"),
+        ({"offset": "0.3 kg"}, "expected a number in m"),
+        ({"offset": "5 %"}, "'5 %' has no unit"),
+    ],
+)
+def test_offsets_in_two_units_are_refused(stated: dict[str, object], message: str) -> None:
+    with pytest.raises(lw.RecordError, match=message) as error:
+        lw.SensorStatement.of(stated, "x:disc1")
+    assert "\n" not in str(error.value)
+
+
+def test_an_offset_in_another_unit_than_the_record_is_refused() -> None:
+    record = lw.Record(0.0, 200.0, ("x:disc1",), MOTION[:, None], units={"x:disc1": "rad"})
+    stated = lw.SensorStatement.of({"offset": "0.3 mm"}, "x:disc1")
+    with pytest.raises(lw.RecordError, match="is in rad, and what is stated of its sensor is in m"):
+        with_statements(record, {"x:disc1": stated})
+    turned = lw.SensorStatement.of({"noise": "0.3 deg"}, "x:disc1")
+    with pytest.raises(lw.RecordError, match="is in rad and in m: correct one of them"):
+        stated.over(turned)
+    moved = with_statements(replace(record, units={}), {"x:disc1": stated})
+    with pytest.raises(lw.RecordError, match="converts to m, and disc1 turns, so it is in rad"):
+        lw.identify(moved, torsion_chain().unknown("sink"))
+
+
+def test_what_is_known_of_a_rotation_is_written_in_rad() -> None:
+    known = lw.SensorUncertainty(offset=1e-3)
+    assert attributes_of(known, "x:disc1", "rad") == {"offset": "+- 0.001 rad"}
+    assert lw.SensorStatement.of(attributes_of(known, "x:disc1", "rad"), "x:disc1").uncertainty == known

@@ -20,9 +20,10 @@ from linkwise.absorption.sinks import find_sinks
 from linkwise.absorption.variants import Variants
 from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, SimulationError, StructureError
-from linkwise.model.parameters import SHAPE_UNIT, is_shape
+from linkwise.model.parameters import is_shape, shape_unit
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.records.channel_units import unit_in
 from linkwise.runtime import available_memory
 from linkwise.simulation.motion import SimulatedMotion
 
@@ -162,12 +163,14 @@ def _unit(structure: Structure, name: str) -> str:
             raise StructureError(
                 "a sweep takes coefficients, masses and releases; write a release as x:MASS or v:MASS", name
             )
-        return "m" if kind == "x" else "m/s"
+        return unit_in(structure, name)
     structure.coefficient(name)
     if is_shape(name):
-        return SHAPE_UNIT
+        return shape_unit(name, structure.rotations)
     owner, _, key = name.rpartition(".")
-    return "kg" if key == "mass" and owner in structure.mass_names else structure.link(owner).law.units[key]
+    if key == "mass" and owner in structure.mass_names:
+        return structure.mass(owner).mass_unit
+    return structure.link(owner).law.units[key]
 
 
 def _comparison(structure: Structure, point: Mapping[str, float], options: AbsorptionOptions) -> Comparison:

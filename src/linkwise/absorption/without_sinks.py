@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from linkwise.absorption.sinks import Sink
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Number, Symbol, add, substitute, to_text
+from linkwise.model.coefficient import Coefficient
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.input_signal import InputSignal, TimeFunction
 from linkwise.model.law import Law
@@ -97,7 +98,9 @@ def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation)
         if name not in host
     }
     masses = tuple(
-        mass if joined[mass.name] == kilograms[mass.name] else Mass(mass.name, joined[mass.name])
+        mass
+        if joined[mass.name] == kilograms[mass.name]
+        else replace(mass, mass=Coefficient.number(joined[mass.name]))
         for mass in structure.masses
         if mass.name in joined
     )

@@ -21,6 +21,7 @@ from linkwise.model.link import Link
 from linkwise.model.memory_support import require_rest_at_zero
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
+from linkwise.records.channel_units import unit_in
 
 _ZERO = 1e-14  # times the number of masses, at least ten: squared frequencies below this fraction of the largest count as 0
 _EQUAL = 1e-10  # squared frequencies that differ by less than this fraction of the largest are repeated
@@ -234,7 +235,9 @@ def _note(structure: Structure, squares: Floats, residual: Floats) -> str:
     notes = []
     if np.any(residual):
         worst = int(np.argmax(np.abs(residual)))
-        force = f'the links exert {-residual[worst]:.3g} N on mass "{structure.mass_names[worst]}"'
+        name = structure.mass_names[worst]
+        unit = unit_in(structure, f"force:{name}")
+        force = f'the links exert {-residual[worst]:.3g} {unit} on mass "{name}"'
         notes.append(f"this is not an equilibrium: {force}")
     rigid, unstable = int(np.sum(squares == 0.0)), int(np.sum(squares < 0.0))
     if rigid:

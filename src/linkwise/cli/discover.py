@@ -30,11 +30,12 @@ from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.discovery import term_families as families
-    from linkwise.model import memory_support
+    from linkwise.model import memory_support, rotations
     from linkwise.report import discovery_folder as folders
 else:
     families = lazy_module("linkwise.discovery.term_families")
     memory_support = lazy_module("linkwise.model.memory_support")
+    rotations = lazy_module("linkwise.model.rotations")
     folders = lazy_module("linkwise.report.discovery_folder")  # figures are for those who want a folder
 
 EXAMPLE = "m1=1.0"
@@ -82,11 +83,11 @@ class PriorOptions:
 
 
 def _mass(name: str, text: str) -> float | str:
-    """A plain number, one with a unit of mass, or "unknown"; UsageError for anything else."""
+    """A plain number, a text with a unit of inertia, or "unknown"; UsageError for anything else."""
     if text.strip() == "unknown":
         return "unknown"
     try:
-        return quantity(text, "kg")
+        return text if rotations.is_inertia(text) else quantity(text, "kg")
     except lw.LinkwiseError as error:
         raise click.UsageError(f"--mass {name}: {error}") from error
 
@@ -98,7 +99,8 @@ prior_options = grouped(
         "--mass",
         metavar="NAME=KG",
         multiple=True,
-        help='A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g"; if only ratios of masses are known, forces are '
+        help='A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g", or the inertia of one that turns, as in '
+        '"disc=2 g m^2"; if only ratios of masses are known, forces are '
         "relative to them; NAME=unknown if an applied force or another mass sets the scale. Repeatable, once for every "
         "mass.",
     ),

@@ -5,13 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import inf, isinf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 import linkwise as lw
 from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.model import rotations
+else:
+    rotations = lazy_module("linkwise.model.rotations")
 
 _EXAMPLES = {"gain": "x:m1=1.02", "offset": "x:m1=0.3mm", "delay": "a:base=2ms"}
 _NONE = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
@@ -105,17 +111,24 @@ class ReadingOptions:
 
     def masses_beside(self, structure: lw.Structure) -> tuple[str, ...]:
         """Sentences on masses that the mapping file states and the structure has otherwise or not; the structure counts."""
-        stated = self.record_mapping().masses
+        masses = self.record_mapping().masses
+        stated = {
+            name: lw.Mass(name, *rotations.mass_in_si(mass))
+            for name, mass in masses.items()
+            if mass != "unknown"
+        }
         foreign = tuple(
             f"The mapping file states a mass {name}, which the structure does not have; it is not used."
-            for name in stated
+            for name in masses
             if name not in structure.mass_names
         )
         return foreign + tuple(
-            f"{mass.name} weighs {stated[mass.name]} kg in the mapping file and {mass.mass.value} kg in the structure, which "
-            "counts."
-            for mass in structure.masses
-            if stated.get(mass.name, mass.mass.value) not in (mass.mass.value, "unknown") and mass.mass.known
+            f"{own.name} weighs {stated[own.name].mass.value} {stated[own.name].mass_unit} in the mapping file and "
+            f"{own.mass.value} {own.mass_unit} in the structure, which counts."
+            for own in structure.masses
+            if own.name in stated
+            and own.mass.known
+            and (own.mass.value, own.unit) != (stated[own.name].mass.value, stated[own.name].unit)
         )
 
     @property
@@ -189,25 +202,24 @@ class ReadingOptions:
         """What the options state of sensors; UsageError for a text that does not say it."""
         sensors: dict[str, lw.SensorStatement] = {}
         for kind in _NONE:
-            named: dict[str, lw.StatedError] = {}
+            named: dict[str, lw.SensorStatement] = {}
             for text in getattr(self, kind):
-                name, stated = _stated_error(kind, text)
+                name, stated = _statement(kind, text)
                 if name in named:
                     raise click.UsageError(f"--{kind} is given twice for {name!r}.")
                 named[name] = stated
             for name, stated in named.items():
-                error: dict[str, Any] = {kind: stated}
-                sensors[name] = replace(sensors.get(name, lw.SensorStatement()), **error)
+                sensors[name] = stated.over(sensors.get(name, lw.SensorStatement()))
         runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
         for name, run in runs.items():
             sensors[name] = replace(sensors.get(name, lw.SensorStatement()), interpolation=run)
         for name, text in pairs(self.noise_of, "--noise-of", "x:m1=1e-4").items():
             try:
-                noise = lw.SensorStatement.of({"noise": text}, name).noise
+                noise = lw.SensorStatement.of({"noise": text}, name)
             except lw.RecordError as error:
                 reason = error.__cause__ or error  # without the key, which the option names
                 raise click.UsageError(f"--noise-of {name}={text}: {reason}") from error
-            sensors[name] = replace(sensors.get(name, lw.SensorStatement()), noise=noise)
+            sensors[name] = noise.over(sensors.get(name, lw.SensorStatement()))
         return sensors
 
 
@@ -217,20 +229,26 @@ def _channel(key: str) -> str:
 
 
 def _stated_error(kind: str, text: str) -> tuple[str, lw.StatedError]:
-    """The channel and the error that an option states: CHANNEL, or CHANNEL=SIZE; UsageError for anything else."""
+    """The channel and the error that an option states."""
+    name, statement = _statement(kind, text)
+    stated: lw.StatedError = getattr(statement, kind)
+    return name, stated
+
+
+def _statement(kind: str, text: str) -> tuple[str, lw.SensorStatement]:
+    """What an option states of a channel: CHANNEL, or CHANNEL=SIZE; UsageError for anything else."""
     name, sign, size = (part.strip() for part in text.partition("="))
     if not name or (sign and not size):
         raise click.UsageError(
             f"--{kind} {text!r} is not CHANNEL or CHANNEL=SIZE, as in --{kind} {_EXAMPLES[kind]}."
         )
     if not sign:
-        return name, lw.StatedError(_NONE[kind], inf)
+        return name, lw.SensorStatement(**{kind: lw.StatedError(_NONE[kind], inf)})  # type: ignore[arg-type]
     try:
-        stated: lw.StatedError = getattr(lw.SensorStatement.of({kind: size}, name), kind)
+        return name, lw.SensorStatement.of({kind: size}, name)
     except lw.RecordError as error:
         reason = error.__cause__ or error  # without the key, which the option names
         raise click.UsageError(f"--{kind} {name}={size}: {reason}") from error
-    return name, stated
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import tell
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
+from linkwise.records.channel_units import unit_in
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
 SHOWN = 4  # stable equilibria
@@ -102,7 +103,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
     for mass in subject.masses:
         if mass.name in subject.modes:
             continue
-        click.echo(f"  {mass.name:10} {_shown(mass.mass)} kg")
+        click.echo(f"  {mass.name:10} {_shown(mass.mass)} {mass.mass_unit}")
     for link in subject.links:
         if link.name in subject.modes:
             continue
@@ -113,7 +114,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
         click.echo(f"  {link.name:10} {link.between[0]} - {link.between[1]}: {link.law.text}; {numbers}")
         for line in _state_lines(link):
             click.echo(f"  {'':10} {line}")
-    click.echo(_rest_lines(rests) if rests else f"  equilibria and modes are not shown: {why}")
+    click.echo(_rest_lines(rests, subject) if rests else f"  equilibria and modes are not shown: {why}")
 
 
 @structure.command()
@@ -193,7 +194,8 @@ def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
     """Frequency, damping and shape of every mode."""
     count = "1 mode" if len(host.modes) == 1 else f"{len(host.modes)} modes"
     points = (f"{point} (in rad)" if point in host.rotations else point for point in host.points)
-    lines = [f"  {host.name:10} {count}; shapes in 1/sqrt(kg) at {', '.join(points)}"]
+    units = "1/sqrt(kg)" + (", or rad/(m sqrt(kg))," if host.rotations else "")
+    lines = [f"  {host.name:10} {count}; shapes in {units} at {', '.join(points)}"]
     for name, mode in zip(host.coordinates, host.modes, strict=True):
         frequency, damping = (subject.link(name).coefficients[key] for key in ("frequency", "damping"))
         shape = "  ".join(
@@ -254,12 +256,14 @@ def _rest(subject: lw.Structure, rest: lw.Equilibrium) -> dict[str, Any]:
     }
 
 
-def _rest_lines(rests: dict[str, Any]) -> str:
+def _rest_lines(rests: dict[str, Any], subject: lw.Structure) -> str:
     lines = [
         f"  equilibria: {rests['stable']} stable, {rests['unstable']} unstable. {rests['note']}".rstrip()
     ]
     for rest in rests["first"]:
-        places = ", ".join(f"{name} = {x:.4g} m" for name, x in rest["x"].items())
+        places = ", ".join(
+            f"{name} = {x:.4g} {unit_in(subject, f'x:{name}')}" for name, x in rest["x"].items()
+        )
         pairs = zip(rest["frequencies"], rest["damping"], strict=True)
         tones = ", ".join(f"{frequency:.4g} Hz ({100 * ratio:.2g} %)" for frequency, ratio in pairs)
         lines += [f"    {places}; energy {rest['energy']:.4g} J", f"      modes (damping): {tones}"]

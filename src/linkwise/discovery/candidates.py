@@ -17,14 +17,13 @@ from linkwise.model.host import Host
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.memory_support import refuse_memory
-from linkwise.model.rotations import differ_in_unit, of_hosts
+from linkwise.model.rotations import differ_in_unit, mass_in_si, rotations_of
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import PartialStructure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.records.repetition import check_distinct
 from linkwise.records.stated_noise import check_stated_noise
-from linkwise.units import to_si
 
 _FARTHEST = 100.0  # times a value of a parameter that was found among some
 
@@ -36,6 +35,10 @@ class Pair:
     name: str
     between: tuple[str, str]
     stated: tuple[Link, ...] = ()
+
+    def turns(self, rotations: Collection[str]) -> bool:
+        """Whether an end is among the `rotations`, so that forces are moments."""
+        return not set(rotations).isdisjoint(self.between)
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,11 @@ class Candidates:
             *(point for host in self.hosts for point in host.points),
             *(mass.name for mass in self.masses),
         )
+
+    @cached_property
+    def rotations(self) -> tuple[str, ...]:
+        """The points and masses that turn."""
+        return rotations_of(self.hosts, self.masses)
 
     @cached_property
     def entries(self) -> tuple[CandidateTerm, ...]:
@@ -210,7 +218,7 @@ def all_candidates(
     based = base or any(BASE in link.between for link in stated)
     supports = (*((BASE,) if based else ()), *((GROUND,) if ground else ()))
     link_names = {link.name for links in stated_links.values() for link in links}
-    pairs, turning = [], of_hosts(hosts)
+    pairs, turning = [], rotations_of(hosts, masses)
     for number, end in enumerate(ends):
         for partner in (*supports, *ends[:number]):
             links = tuple(stated_links.get(frozenset((end, partner)), ()))
@@ -298,7 +306,7 @@ def candidates_for(
     elif isinstance(masses, PartialStructure):
         given, stated, hosts = masses.masses, masses.links, masses.hosts
     else:
-        given = tuple(Mass(name, _mass(name, value)) for name, value in masses.items())
+        given = tuple(_mass(name, value) for name, value in masses.items())
         stated = ()
     if not given and not hosts:
         raise IdentificationError(
@@ -352,15 +360,12 @@ def _require_scale(masses: Sequence[Mass], records: Sequence[Record]) -> None:
         )
 
 
-def _mass(name: str, value: float | str) -> Coefficient:
-    """A number in kg, or "unknown"."""
+def _mass(name: str, value: float | str) -> Mass:
+    """A mass of a number in kg, or "unknown"; a text in kg m^2 is the moment of inertia of one that turns."""
     if value == "unknown":
-        return Coefficient.unknown()
-    return Coefficient.number(_kilograms(name, value))
-
-
-def _kilograms(name: str, value: float | str) -> float:
+        return Mass(name, Coefficient.unknown())
     try:
-        return to_si(value, "kg")
+        number, unit = mass_in_si(value)
     except LinkwiseError as error:
         raise StructureError(str(error), f'mass "{name}"') from error
+    return Mass(name, number, unit)

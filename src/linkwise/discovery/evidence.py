@@ -73,7 +73,7 @@ def term_evidence(
                 link=pair.name,
                 between=pair.between,
                 term=(entry.offered if entry.name in candidates.free else entry.term).text,
-                unit=entry.term.unit,
+                unit=entry.term.angular_unit if pair.turns(candidates.rotations) else entry.term.unit,
                 kept=k < len(inside),
                 identifiable=bool(np.isfinite(value)),
                 unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),

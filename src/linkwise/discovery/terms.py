@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -114,6 +114,11 @@ class Term:
     def unit(self) -> str:
         """The SI unit of the coefficient."""
         return Law.parse(self.product).units[self.coefficient]
+
+    @property
+    def angular_unit(self) -> str:
+        """The SI unit of the coefficient in a link between rotations."""
+        return replace(Law.parse(self.product), angular=True).units[self.coefficient]
 
     @property
     def parameter_units(self) -> Mapping[str, str]:

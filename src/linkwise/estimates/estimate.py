@@ -30,7 +30,7 @@ from linkwise.inspection.alert import Alert
 from linkwise.inspection.unanswered import EstimatedError, unanswered_alerts
 from linkwise.model.host_damping import is_between_modes
 from linkwise.model.link import Link
-from linkwise.model.parameters import SHAPE_UNIT, Parameter
+from linkwise.model.parameters import Parameter, is_shape
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -209,17 +209,17 @@ class Estimate(JudgedView):
     def masses(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of all masses, with names such as "m1.mass"."""
         return tuple(
-            self._coefficient(f"{mass.name}.mass", (-1 - index, "mass"), "kg", mass.mass.value or 0.0)
-            for index, mass in enumerate(self.structure.masses)
+            self._coefficient(f"{mass.name}.mass", (-1 - n, "mass"), mass.mass_unit, mass.mass.value or 0.0)
+            for n, mass in enumerate(self.structure.masses)
             if mass.name not in self.structure.modes
         )
 
     @cached_property
     def shapes(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of the shapes of hosts that were not known exactly, with names such as "wing.mode1.shape.tip"."""
-        given = ((p.name, *p.members[0]) for p in self.parameters if p.unit == SHAPE_UNIT)
         value = self.structure.coefficient
-        return tuple(self._coefficient(n, (i, key), SHAPE_UNIT, value(n).value or 0.0) for n, i, key in given)
+        given = ((p, value(p.name).value or 0.0) for p in self.parameters if is_shape(p.name))
+        return tuple(self._coefficient(p.name, p.members[0], p.unit, shape) for p, shape in given)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:

@@ -52,6 +52,11 @@ class ExportedAnswer:
         notes = [] if posterior is not None else ["It has no standard errors, since the answer gives none."]
         if any(host.damping for host in given.structure.hosts):
             notes.append("An end HOST.-modeN moves as minus mode N of the host: damping between modes.")
+        if rotations := given.structure.rotations:
+            notes.append(
+                f"Rotations in rad: {', '.join(rotations)}; masses there are moments of inertia in kg m^2, and links "
+                "moments in N m."
+            )
         note = " ".join(notes)
         return cls(given.structure, names, covariance, note, version("linkwise"))
 
@@ -61,8 +66,16 @@ class ExportedAnswer:
         return self.structure.links
 
     @property
+    def quantities(self) -> dict[str, str]:
+        """SI units of forces, elongations and rates of the links, both where some of them are moments."""
+        angular = sorted({link.law.angular for link in self.links}) or [False]
+        units = {True: ("N m", "rad", "rad/s"), False: ("N", "m", "m/s")}
+        joined = (" or ".join(names) for names in zip(*(units[turns] for turns in angular), strict=True))
+        return dict(zip(("force", "d", "v"), joined, strict=True))
+
+    @property
     def shapes(self) -> Floats:
-        """(P, n) how the points of hosts move by the masses and modes of the structure, in 1/sqrt(kg)."""
+        """(P, n) how the points of hosts move by the masses and modes of the structure, in 1/sqrt(kg), or rad/(m sqrt(kg))."""
         structure = self.structure
         rows = [structure.topology.row(point) for point in structure.points]
         return np.array(rows).reshape(len(rows), structure.size)
@@ -82,7 +95,9 @@ class ExportedAnswer:
             zip(self.names, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist(), strict=True)
         )
         masses = [
-            ExportedCoefficient(mass.name, "mass", mass.mass.value, "kg", errors.get(f"{mass.name}.mass"))
+            ExportedCoefficient(
+                mass.name, "mass", mass.mass.value, mass.mass_unit, errors.get(f"{mass.name}.mass")
+            )
             for mass in self.structure.masses
             if mass.mass.value is not None
         ]

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from linkwise.errors import RecordError
 from linkwise.files.columns import ColumnChoice, choose, ignored, listing, units_over_headers
-from linkwise.files.header import is_angular, si_factor, si_unit
+from linkwise.files.header import si_factor
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.sensor_attributes import statement_of
 from linkwise.files.table import Table
+from linkwise.records.angular_units import si_unit
 from linkwise.records.channel import Channel
 from linkwise.records.checks import check_rate
 from linkwise.records.measured import sampled_columns
@@ -93,12 +94,12 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
 
 
 def _stated_units(chosen: tuple[ColumnChoice, ...]) -> dict[str, str]:
-    """Units of states, of rotations, and, in SI, those stated of places such as points of hosts, which might be rotations."""
+    """Units of states, and in SI those of places, each of which may turn, where the file states them."""
     units = {}
     for choice in (choice for choice in chosen if choice.unit and choice.name != "time"):
         if choice.kind == "state":
             units[choice.name] = choice.unit
-        elif is_angular(choice.unit, choice.kind) or "." in Channel.parse(choice.name).mass:
+        else:
             units[choice.name] = si_unit(choice.unit, choice.kind)
     return units
 

@@ -13,6 +13,7 @@ from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.columns import recognised
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Table
+from linkwise.records.angular_units import is_angular
 from linkwise.records.channel import QUANTITIES, UNITS
 from linkwise.units import factor_to_si
 
@@ -85,6 +86,8 @@ def _free_mass(channels: Iterable[str]) -> str:
 def _guessed(header: ColumnHeader) -> tuple[str, str]:
     """The kind of channel that a header may stand for, and what says so; none where nothing does."""
     for kind in ("x", "v", "a", "force"):
+        if is_angular(header.unit, kind):
+            return kind, "unit"
         try:
             factor_to_si(header.unit, UNITS[kind])
         except LinkwiseError:

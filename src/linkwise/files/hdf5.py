@@ -120,4 +120,4 @@ def write(record: Record, path: Path) -> None:
                 if name in getattr(record, kind):
                     item.attrs[kind] = getattr(record, kind)[name]
         if record.uncertainty:
-            file.attrs["sensors"] = json.dumps(sensors_of(record.uncertainty))
+            file.attrs["sensors"] = json.dumps(sensors_of(record))

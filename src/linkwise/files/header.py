@@ -6,13 +6,12 @@ import re
 from dataclasses import dataclass
 
 from linkwise.errors import LinkwiseError, RecordError
+from linkwise.records.angular_units import is_angular, spelled
 from linkwise.records.channel import ANGULAR_UNITS, QUANTITIES, UNITS, Channel
 from linkwise.records.record import Record
 from linkwise.units import factor_to_si
 
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^():,]*)\))$", re.DOTALL)
-_ANGLE = re.compile(r"(?<![a-z])([munµμ]?rad|deg|°|rev|turn|rpm|arcmin|arcsec)|(radian|degree)")
-_MOMENT = re.compile(r"N\s*[*·⋅ ]?\s*[mcd]?m$|(lbf|ozf|kgf|newton)[ *·]|[ *·](lbf|ozf|kgf)$")
 _TIME = frozenset({"time", "t"})
 
 
@@ -52,30 +51,6 @@ class ColumnHeader:
         return ColumnHeader(self.name.rpartition("/")[2], self.unit)
 
 
-def is_angular(unit: str, kind: str) -> bool:
-    """Whether a channel of `kind` in `unit` is that of a rotation: an angle, its rate, or a moment."""
-    if kind in ("force", "f"):
-        return bool(_MOMENT.search(unit)) and _converts(unit, ANGULAR_UNITS[kind])
-    return kind in ANGULAR_UNITS and bool(_ANGLE.search(unit)) and _converts(unit, ANGULAR_UNITS[kind])
-
-
-def si_unit(unit: str, kind: str) -> str:
-    """The SI unit of a channel of `kind` that is stated in `unit`."""
-    return ANGULAR_UNITS[kind] if is_angular(unit, kind) else UNITS[kind]
-
-
-def _converts(unit: str, dimension: str) -> bool:
-    try:
-        return bool(factor_to_si(_spelled(unit), dimension))
-    except LinkwiseError:
-        return False
-
-
-def _spelled(unit: str) -> str:
-    """A moment in one word, Nm, in two."""
-    return re.sub(r"^([kM]?N)(m?m)$", r"\1 \2", unit)
-
-
 def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str) -> float:
     """Factor from `unit` to the SI unit of `kind` (a kind of channel, or "time"); that of a rotation for an angular unit.
 
@@ -85,7 +60,7 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
         return 1.0
     dimension, quantity = ("s", "time") if kind == "time" else (UNITS[kind], QUANTITIES[kind])
     if is_angular(unit, kind):
-        return factor_to_si(_spelled(unit), ANGULAR_UNITS[kind])
+        return factor_to_si(spelled(unit), ANGULAR_UNITS[kind])
     try:
         return factor_to_si(unit, dimension)
     except LinkwiseError as error:

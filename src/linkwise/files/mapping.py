@@ -35,6 +35,8 @@ import msgspec
 from linkwise.argument_types import checked, checked_class
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.header import ColumnHeader
+from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS
+from linkwise.model.rotations import is_inertia
 from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
 from linkwise.records.channel import Channel
 from linkwise.records.sensor_statement import SensorStatement
@@ -85,8 +87,8 @@ class RecordMapping:
         What is stated of sensors, by channel; ``"common"`` is a gain that all share.
     calibration : float, optional
         Relative standard deviation of the gain of every response of which nothing else is stated.
-    masses : mapping of str to float or "unknown", optional
-        Masses in kg by name.
+    masses : mapping of str to float or str, optional
+        Masses by name: in kg, "unknown", or a text with the moment of inertia of what turns, as ``"20 g m^2"``.
     rate, resample : float, optional
         As of `read_record`.
     decimate : int, optional
@@ -215,7 +217,7 @@ def read_mapping(path: str | Path) -> RecordMapping:
         channels,
         sensors,
         _calibration(table.calibration, source),
-        {name: _si(mass, "kg", source, f"mass.{name}") for name, mass in table.mass.items()},
+        {name: _mass(mass, source, f"mass.{name}") for name, mass in table.mass.items()},
         _rate(table.rate, source, "rate"),
         _rate(table.resample, source, "resample"),
         table.decimate,
@@ -242,13 +244,19 @@ def _calibration(given: object, source: str) -> float | None:
 
 
 def _rate(given: object, source: str, key: str) -> float | None:
-    return None if given is None else float(_si(given, "Hz", source, key))
+    return None if given is None else _si(given, "Hz", source, key)
 
 
-def _si(given: object, dimension: str, source: str, key: str) -> float | str:
-    """A positive number in SI units, or "unknown" for a mass; RecordError names the key."""
-    if given == "unknown" and dimension == "kg":
-        return "unknown"
+def _mass(given: object, source: str, key: str) -> float | str:
+    """A mass in kg, "unknown", or a text with a moment of inertia; RecordError names the key."""
+    if isinstance(given, str) and is_inertia(given):
+        _si(given, MASS_UNITS[ANGLE], source, key)
+        return given
+    return "unknown" if given == "unknown" else _si(given, MASS_UNITS[LENGTH], source, key)
+
+
+def _si(given: object, dimension: str, source: str, key: str) -> float:
+    """A positive number in SI units; RecordError names the key."""
     try:
         value = to_si(given, dimension)
     except LinkwiseError as error:

@@ -163,7 +163,7 @@ def write(record: Record, path: Path) -> None:
         "source": record.source,
     }
     if record.uncertainty:
-        content["sensors"] = json.dumps(sensors_of(record.uncertainty))
+        content["sensors"] = json.dumps(sensors_of(record))
     savemat(path, content, format="5", oned_as="column", long_field_names=True)
 
 

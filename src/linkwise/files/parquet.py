@@ -88,7 +88,7 @@ def write(record: Record, path: Path) -> None:
         **{kind: dict(getattr(record, kind)) for kind in STORED},
         "notes": record.notes,
         "source": record.source,
-        "sensors": sensors_of(record.uncertainty),
+        "sensors": sensors_of(record),
     }
     names = ("time", *headers(record))
     arrays = [pyarrow.array(record.time), *(pyarrow.array(record.channel(name)) for name in record.channels)]

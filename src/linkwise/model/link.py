@@ -22,10 +22,15 @@ from linkwise.model.law import Law
 from linkwise.model.link_state import LinkState, as_link_states
 from linkwise.text import near_miss
 
+ANGLE, LENGTH = "rad", "m"
+"""Units of displacements: of what turns about an axis, and of what moves along a line."""
 GROUND = "ground"
 """The end of a link that is fixed in space."""
 BASE = "base"
 """The end of a link that moves with a recorded or stated base motion."""
+
+MASS_UNITS = {LENGTH: "kg", ANGLE: "kg m^2"}
+"""Units of masses by those of their displacements."""
 
 LONGEST_NAME = 200  # bytes: the name of a link is part of the names of its files, which have at most 255
 _FORBIDDEN = set("[]:=/\\")  # reserved in channel names, file names and name=value pairs
@@ -34,19 +39,22 @@ _FORBIDDEN = set("[]:=/\\")  # reserved in channel names, file names and name=va
 @checked_class
 @dataclass(frozen=True)
 class Mass:
-    """A rigid body that moves along one axis.
+    """A rigid body that moves along one axis, or turns about it.
 
     Parameters
     ----------
     name : str
         Name of the mass.
     mass : Coefficient or float
-        Mass in kg, positive; a number is known, an unknown mass is bounded below by 0.
+        Mass in kg, or moment of inertia in kg m^2 of what turns; positive. A number is known, an unknown mass is bounded below
+        by 0.
+    unit : {"m", "rad"}, optional
+        Unit of its displacement: ``"rad"`` for a body that turns. Forces on it are moments in N m.
 
     Raises
     ------
     StructureError
-        If the name is reserved or invalid, or the mass is not positive.
+        If the name is reserved or invalid, the mass is not positive, or there is no such unit.
     TypeError
         If the mass is neither a `Coefficient` nor a number.
 
@@ -55,27 +63,42 @@ class Mass:
     >>> import linkwise as lw
     >>> lw.Mass("m1", 0.5).mass == lw.Coefficient.number(0.5)
     True
+    >>> lw.Mass("disc", 0.02, unit="rad").mass_unit
+    'kg m^2'
     """
 
     name: str
     mass: Coefficient
+    unit: str
 
-    def __init__(self, name: str, mass: Coefficient | float) -> None:
-        vars(self).update(name=name, mass=as_coefficient(mass, f'mass "{name}"'))
+    def __init__(self, name: str, mass: Coefficient | float, unit: str = LENGTH) -> None:
+        vars(self).update(name=name, mass=as_coefficient(mass, f'mass "{name}"'), unit=unit)
         check_name(self.name, "mass")
         if self.name in (GROUND, BASE):
             raise StructureError(
                 f'"{self.name}" is reserved as an end of links; choose another name',
                 "mass",
             )
+        where = f'mass "{self.name}"'
+        if self.unit not in (LENGTH, ANGLE):
+            raise StructureError(
+                f'unit: a mass is displaced in "m" or, where it turns, in "rad", got {self.unit!r}; a record may be in other '
+                f"units, such as x:{self.name}[deg]",
+                where,
+            )
         value = self.mass.value
         if value is not None and not value > 0.0:
             role = "mass" if self.mass.known else "start of the unknown mass"
-            raise StructureError(f"the {role} must be positive, got {value!r} kg", f'mass "{self.name}"')
+            raise StructureError(f"the {role} must be positive, got {value!r} {self.mass_unit}", where)
         if not self.mass.upper > 0.0:
             raise StructureError(
-                f"the upper bound must be positive, got {self.mass.upper!r} kg", f'mass "{self.name}"'
+                f"the upper bound must be positive, got {self.mass.upper!r} {self.mass_unit}", where
             )
+
+    @property
+    def mass_unit(self) -> str:
+        """SI unit of its mass, which is a moment of inertia where it turns."""
+        return MASS_UNITS[self.unit]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ _MOST = 40  # masses or links that are shown
 
 @as_html.register
 def structure_html(structure: Structure) -> str:
-    """The name of the structure, its masses in kg and the laws of its links."""
+    """The name of the structure, its masses and the laws of its links."""
     masses = [
-        (mass.name, "unknown" if mass.mass.value is None else f"{mass.mass.value:g} kg")
+        (mass.name, "unknown" if mass.mass.value is None else f"{mass.mass.value:g} {mass.mass_unit}")
         for mass in structure.masses[:_MOST]
     ]
     links = [(link.name, " - ".join(link.between), link.law.equations) for link in structure.links[:_MOST]]

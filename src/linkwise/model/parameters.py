@@ -7,34 +7,38 @@ of a mode of a host at a point. A shared coefficient refers to its leader, the c
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.law import Law
-from linkwise.model.link import Link, Mass
+from linkwise.model.link import ANGLE, LENGTH, Link, Mass
 from linkwise.model.named_laws import named_law_of
 from linkwise.model.names import matching, quoted
 from linkwise.text import near_miss
 
-KILOGRAM = "kg"
 MASS = "mass"
 SHAPE = "shape."
 """What the names of shapes in their mode begin with; the name of the point follows."""
-SHAPE_UNIT = "1/sqrt(kg)"
+SHAPE_UNITS = {LENGTH: "1/sqrt(kg)", ANGLE: "rad/(m sqrt(kg))"}
+"""Units of shapes by that of the displacement of their point."""
 _ANY_UNIT = "?"  # unit of a coefficient that its law does not determine
 
 
 @dataclass(frozen=True)
 class CoefficientSlot:
-    """A coefficient in its place: link `index`, or -1 - i for mass or mode i, and its name `key` there."""
+    """A coefficient in its place: link `index`, or -1 - i for mass or mode i, and its name `key` there.
+
+    Its unit is that of its law, or `own_unit` of a mass or a shape.
+    """
 
     index: int
     key: str
     law: Law | None
     coefficient: Coefficient
+    own_unit: str = ""
 
     @property
     def freed(self) -> Coefficient:
@@ -46,9 +50,7 @@ class CoefficientSlot:
     @property
     def unit(self) -> str:
         """SI unit. Inferred on access, since a simulation never needs it."""
-        if self.law is not None:
-            return self.law.units[self.key]
-        return KILOGRAM if self.key == MASS else SHAPE_UNIT
+        return self.own_unit if self.law is None else self.law.units[self.key]
 
 
 @dataclass(frozen=True)
@@ -107,15 +109,15 @@ def coefficient_slots(
             raise StructureError(
                 f'"{name}" names both a mass and a coefficient of a link; rename the mass or the link'
             )
-        slots[name] = CoefficientSlot(-1 - index, MASS, None, mass.mass)
+        slots[name] = CoefficientSlot(-1 - index, MASS, None, mass.mass, mass.mass_unit)
     for index, mass in enumerate(masses if modes else ()):
         if mass.name in modes:
             mode = modes[mass.name]
-            keys = {f"{SHAPE}{point}": mode.shape_value(point) for point in mode.shape}
-            slots |= {
-                f"{mass.name}.{key}": CoefficientSlot(-1 - index, key, None, value)
-                for key, value in keys.items()
-            }
+            for point in mode.shape:
+                key, unit = f"{SHAPE}{point}", SHAPE_UNITS[ANGLE if point in mode.rotations else LENGTH]
+                slots[f"{mass.name}.{key}"] = CoefficientSlot(
+                    -1 - index, key, None, mode.shape_value(point), unit
+                )
     return slots
 
 
@@ -182,6 +184,13 @@ def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:
 def is_shape(name: str) -> bool:
     """Whether a full name is that of a shape of a host, such as "wing.mode1.shape.tip"."""
     return f".{SHAPE}" in name
+
+
+def shape_unit(name: str, rotations: Collection[str]) -> str:
+    """The unit of a shape by its full name, such as "wing.mode1.shape.tip", among points that are `rotations`."""
+    mode, _, point = name.partition(f".{SHAPE}")
+    turns = f"{mode.rpartition('.')[0]}.{point}" in rotations
+    return SHAPE_UNITS[ANGLE if turns else LENGTH]
 
 
 def chosen_names(selector: str, links: Mapping[str, int], slots: Mapping[str, CoefficientSlot]) -> list[str]:

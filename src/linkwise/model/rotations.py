@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
-from linkwise.errors import StructureError
+from linkwise.errors import LinkwiseError, StructureError
 from linkwise.model.host import Host
-from linkwise.model.link import GROUND, Link
+from linkwise.model.link import ANGLE, GROUND, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.names import index_of
-
-ANGLE, LENGTH = "rad", "m"
+from linkwise.units import to_si
 
 
 def with_units(host: Host, units: Mapping[str, str]) -> Host:
@@ -81,6 +80,53 @@ def differ_in_unit(ends: tuple[str, str], rotations: Collection[str]) -> bool:
     return bool(turning) and any(end not in (*turning, GROUND) for end in ends)
 
 
-def of_hosts(hosts: Iterable[Host]) -> tuple[str, ...]:
-    """The points of hosts that turn."""
-    return tuple(point for host in hosts for point in host.rotations)
+def rotations_of(hosts: Iterable[Host], masses: Iterable[Mass]) -> tuple[str, ...]:
+    """The points of hosts and the masses that turn."""
+    points = tuple(point for host in hosts for point in host.rotations)
+    return (*points, *(mass.name for mass in masses if mass.unit == ANGLE))
+
+
+def mass_in_si(given: float | str) -> tuple[float, str]:
+    """A mass in kg, or in kg m^2 where its text is a moment of inertia, and the unit of its displacement.
+
+    Parameters
+    ----------
+    given : float or str
+        A number, which is in kg, or a text with a unit.
+
+    Returns
+    -------
+    tuple of float and str
+        The mass, and ``"m"`` or ``"rad"``.
+
+    Raises
+    ------
+    LinkwiseError
+        If it is neither a number nor a quantity with a unit of mass or of inertia.
+    """
+    unit = ANGLE if is_inertia(given) else LENGTH
+    return to_si(given, MASS_UNITS[unit]), unit
+
+
+def is_inertia(given: object) -> bool:
+    """Whether a mass is a moment of inertia: a text such as "20 g m^2", or a table with one.
+
+    Parameters
+    ----------
+    given : object
+        A number, a text or a table of these.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
+    if isinstance(given, Mapping):
+        return any(is_inertia(value) for value in given.values())
+    if not isinstance(given, str) or not any(character.isdigit() for character in given):
+        return False
+    try:
+        to_si(given, MASS_UNITS[ANGLE])
+    except LinkwiseError:
+        return False
+    return True

@@ -35,7 +35,7 @@ from linkwise.model.parameters import (
     replace_shapes,
     resolve_sharing,
 )
-from linkwise.model.rotations import in_units_of_ends, of_hosts
+from linkwise.model.rotations import in_units_of_ends, rotations_of
 from linkwise.model.topology import LinkShape, Topology
 from linkwise.text import near_miss
 
@@ -149,14 +149,14 @@ class Structure(NotebookView):
         """Names of the points of hosts, such as ``"wing.tip"``."""
         return tuple(point for host in self.hosts for point in host.points)
 
-    @property
+    @cached_property
     def rotations(self) -> tuple[str, ...]:
-        """Names of the points whose displacement is a rotation in rad; links between them are moments in N m."""
-        return of_hosts(self.hosts)
+        """Names of the points and masses whose displacement is a rotation in rad; links between them are moments in N m."""
+        return rotations_of(self.hosts, self.masses)
 
     @cached_property
     def mass_values(self) -> Floats:
-        """Masses in kg, shape (n,); the start value of an unknown. Raises StructureError if there is neither."""
+        """Masses in kg (kg m^2), shape (n,); the start value of an unknown. Raises StructureError if there is neither."""
         for mass in self.masses:
             if mass.mass.value is None:
                 raise StructureError(

@@ -3,7 +3,7 @@
 A coefficient (or a mass) is a number, a string with a unit ("30 kN/m"), "unknown", a table of `start`, `lower`, `upper` for an
 unknown with start value and bounds, a table of `start` and `sigma` for one that is known to within a standard deviation, or
 "=link.coefficient" for a shared one. A state of a link is the text of its rate, or a
-table of `rate`, `initial` and `unit`.
+table of `rate`, `initial` and `unit`. A mass with `unit = "rad"`, or in kg m^2, turns.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from linkwise.atomic import atomic_file
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
-from linkwise.model.link import Link, Mass
+from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.link_state import as_link_states
-from linkwise.model.parameters import KILOGRAM
-from linkwise.model.rotations import of_hosts
+from linkwise.model.rotations import is_inertia, rotations_of
 from linkwise.model.structure import Structure
 from linkwise.model.toml_host import HostTable, host_of
 from linkwise.model.toml_link import LinkTable, coefficient_of, link_of
@@ -38,6 +37,7 @@ _ESCAPES = {'"': '\\"', "\\": "\\\\", "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f
 class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     mass: float | str | dict[str, Any]
+    unit: str = ""
 
 
 class _StructureTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -172,7 +172,7 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     if "host" in tables:
         hosted = decode(tables, _HostedTable, source, "", StructureError)
         hosts = _hosts(hosted, source)
-        return PartialStructure(*_masses_and_links(hosted, source, of_hosts(hosts)), hosts)
+        return PartialStructure(*_masses_and_links(hosted, source, hosts), hosts)
     table = decode(tables, _PartialTable, source, "", StructureError)
     return PartialStructure(*_masses_and_links(table, source))
 
@@ -250,7 +250,7 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
         hosts = _hosts(table, source)
     else:
         table = decode(tables, _StructureTable, source, "", StructureError)
-    masses, links = _masses_and_links(table, source, of_hosts(hosts))
+    masses, links = _masses_and_links(table, source, hosts)
     try:
         return Structure(table.name, masses, links, hosts)
     except StructureError as error:
@@ -262,9 +262,10 @@ def _hosts(table: _HostedTable, source: str) -> tuple[Host, ...]:
 
 
 def _masses_and_links(
-    table: _StructureTable | _HostedTable | _PartialTable, source: str, rotations: Collection[str] = ()
+    table: _StructureTable | _HostedTable | _PartialTable, source: str, hosts: Collection[Host] = ()
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
     masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
+    rotations = rotations_of(hosts, masses)
     links = tuple(link_of(entry, index, source, rotations) for index, entry in enumerate(table.link))
     return masses, links
 
@@ -294,7 +295,8 @@ def format_structure(structure: Structure) -> str:
     for mass in structure.masses:
         if mass.name in structure.modes:
             continue
-        blocks.append(f"[[mass]]\nname = {_string(mass.name)}\nmass = {_coefficient_text(mass.mass)}\n")
+        unit = f"unit = {_string(mass.unit)}\n" if mass.unit != LENGTH else ""
+        blocks.append(f"[[mass]]\nname = {_string(mass.name)}\n{unit}mass = {_coefficient_text(mass.mass)}\n")
     for link in structure.links:
         if link.name in structure.modes:
             continue
@@ -336,9 +338,10 @@ def _host_text(host: Host, structure: Structure) -> str:
 def _mass(entry: _MassTable, index: int, source: str) -> Mass:
     path = f"mass[{index}]"
     where = f'{source}, {path} "{entry.name}"'
-    coefficient = coefficient_of(entry.mass, KILOGRAM, source, f"{path}.mass")
+    unit = entry.unit or (ANGLE if is_inertia(entry.mass) else LENGTH)
+    coefficient = coefficient_of(entry.mass, MASS_UNITS.get(unit, "?"), source, f"{path}.mass")
     try:
-        return Mass(entry.name, coefficient)
+        return Mass(entry.name, coefficient, unit)
     except StructureError as error:
         raise StructureError(error.message, where) from None
 

@@ -9,6 +9,8 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel
 from linkwise.records.record import Record
 
+_MOTIONS = frozenset(ANGULAR_UNITS.values())
+
 
 def unit_in(structure: Structure, name: str) -> str:
     """The SI unit of a channel of a structure; empty for a state without unit.
@@ -78,7 +80,7 @@ def in_units_of(record: Record, structure: Structure) -> Record:
     RecordError
         If a channel is stated in units of a rotation and its place moves in m, or the other way round.
     """
-    if not structure.rotations and not record.units:
+    if not structure.rotations and _MOTIONS.isdisjoint(record.units.values()):
         return record
     units = {}
     for name in record.channels:
@@ -103,9 +105,9 @@ def _contradiction(channel: Channel, stated: str, unit: str) -> str:
     if channel.of_link:
         return f"is stated in a unit that converts to {stated}, and the force of this link is in {unit}: correct the unit"
     turns = unit == ANGULAR_UNITS[channel.kind]
-    point = channel.mass.rpartition(".")[2]
-    remedy = "correct the unit of the channel"
-    if "." in channel.mass:
-        remedy += f', or that of the point in its host: units = {{ {point} = "{"m" if turns else "rad"}" }}'
+    other, (host, _, point) = "m" if turns else "rad", channel.mass.rpartition(".")
+    place = f"point in its host: units = {{ {point} = " if host else "mass: "
+    remedy = f"correct the unit of the channel, or that of the {place}"
+    remedy += f'"{other}" }}' if host else f'unit = "{other}"'
     how = "turns" if turns else "moves along a line"
     return f"is stated in a unit that converts to {stated}, and {channel.mass} {how}, so it is in {unit}: {remedy}"

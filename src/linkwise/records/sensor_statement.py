@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 from linkwise.argument_types import checked_class
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import UNITS, Channel
+from linkwise.records.angular_units import si_unit, unit_behind
+from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, size_in_unit
@@ -19,6 +20,7 @@ from linkwise.text import near_miss
 from linkwise.units import to_si
 
 _NO_CALIBRATION = 0.2  # relative: a number from here on was meant as a percentage
+_IN_UNIT = ("offset", "noise")  # which are in the unit of the channel
 KEYS = ("calibration", "gain", "offset", "delay", "noise", "interpolation")
 _WITHIN = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
 _EXAMPLES = {"gain": "1.02", "offset": "0.3 {unit}", "delay": "2 ms"}
@@ -61,6 +63,8 @@ class SensorStatement:
         Standard deviation of its noise, in the SI unit of the channel.
     interpolation : str, optional
         How an input runs between its samples.
+    unit : str, optional
+        The SI unit of offset and noise, where a text stated one: ``"m"``, or ``"rad"`` of what turns.
 
     Examples
     --------
@@ -75,6 +79,7 @@ class SensorStatement:
     delay: StatedError | None = None
     noise: float | None = None
     interpolation: str | None = None
+    unit: str | None = None
 
     @classmethod
     def of(cls, stated: Mapping[str, object], channel: str, file: str | None = None) -> SensorStatement:
@@ -100,12 +105,14 @@ class SensorStatement:
         RecordError
             If a key is unknown or a value cannot be read; the error names file, channel and key.
         """
-        unit = "" if channel == COMMON else UNITS[Channel.parse(channel).kind]
+        kind = "" if channel == COMMON else Channel.parse(channel).kind
+        units = [unit for key in _IN_UNIT for unit in _units(stated.get(key), kind)]
+        unit = units[0] if units else UNITS.get(kind, "")
         for key in stated:
             if key not in KEYS:
                 message = f"unknown key {key!r}{near_miss(key, KEYS)}; the keys are {', '.join(KEYS)}"
                 raise RecordError(message, file, channel=channel)
-        values: dict[str, Any] = {}
+        values: dict[str, Any] = {"unit": unit} if units else {}
         for key, given in stated.items():
             try:
                 values[key] = _value(key, given, unit)
@@ -133,6 +140,10 @@ class SensorStatement:
         SensorStatement
             Both.
         """
+        if None not in (self.unit, other.unit) and self.unit != other.unit:
+            raise RecordError(
+                f"what is stated of a sensor is in {other.unit} and in {self.unit}: correct one of them"
+            )
         given = {member.name: getattr(self, member.name) for member in fields(self)}
         return replace(other, **{name: value for name, value in given.items() if value is not None})
 
@@ -141,6 +152,14 @@ class SensorStatement:
         """What remains to be found when the known errors are taken out."""
         gain, offset, delay = (getattr(self, name) or StatedError(_PLAIN[name]) for name in _PLAIN)
         return SensorUncertainty(gain.sigma / abs(gain.value), offset.sigma / abs(gain.value), delay.sigma)
+
+
+def _units(given: object, kind: str) -> list[str]:
+    """The SI units of the texts of a quantity of a channel of `kind`."""
+    texts = given.values() if isinstance(given, Mapping) else (given,)
+    parts = (part for text in texts if isinstance(text, str) for part in _WITHIN.split(text))
+    units = [unit_behind(part) for part in parts if part.strip() != "unknown"]
+    return [si_unit(unit, kind) for unit in units if unit and kind in ANGULAR_UNITS]
 
 
 def known_within(text: str, dimension: str, kind: str) -> StatedError:
@@ -232,6 +251,7 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
     values, notes = record.values.copy(), []
     noise, runs = dict(record.noise), dict(record.interpolation)
     uncertainty = dict(record.uncertainty)
+    units = {**record.units, **_units_stated(record, stated, file)}
     late: dict[str, float] = {}
     for name, statement in stated.items():
         if name == COMMON:
@@ -242,7 +262,7 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             uncertainty[name] = known
         if any(0.0 < sigma < inf for sigma in (known.gain, known.offset, known.delay)):
             notes.append(
-                known.described(name, record.units.get(name, ""))
+                known.described(name, units.get(name, ""))
             )  # what is unknown is found, and told then
         if name == COMMON:
             continue
@@ -261,7 +281,7 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             values[:, column] = (values[:, column] - offset.value) / gain.value
             if name in noise:
                 noise[name] /= abs(gain.value)
-            notes.append(_taken_out(name, gain.value, offset.value, record.units.get(name, "")))
+            notes.append(_taken_out(name, gain.value, offset.value, units.get(name, "")))
         if statement.delay is not None and statement.delay.value:
             late[name] = statement.delay.value
         corrected = {"gain": gain.value != 1.0, "offset": offset.value, "delay": late.get(name)}
@@ -278,9 +298,25 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
         noise=noise,
         interpolation=runs,
         uncertainty=uncertainty,
+        units=units,
         notes=(*record.notes, *notes),
     )
     return without_delays(changed, late)
+
+
+def _units_stated(record: Record, stated: Mapping[str, SensorStatement], file: str | None) -> dict[str, str]:
+    """The SI units of channels that statements on their sensors tell; RecordError where the record has another."""
+    units = {
+        name: own.unit for name, own in stated.items() if own.unit is not None and name in record.channels
+    }
+    for name, unit in units.items():
+        if record.units.get(name, unit) != unit:
+            raise RecordError(
+                f"is in {record.units[name]}, and what is stated of its sensor is in {unit}: correct one of them",
+                file,
+                channel=name,
+            )
+    return units
 
 
 def _require_gain_around_one(common: SensorStatement, file: str | None) -> None:
@@ -301,9 +337,11 @@ def _taken_out(name: str, gain: float, offset: float, of_state: str) -> str:
     return f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} removed, as known."
 
 
-def attributes_of(known: SensorUncertainty, channel: str) -> dict[str, str]:
-    """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor."""
-    unit = "" if channel == COMMON else f" {Channel.parse(channel).unit}".replace(" ?", "")
+def attributes_of(known: SensorUncertainty, channel: str, unit: str = "") -> dict[str, str]:
+    """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor, whose SI `unit` may be that of a
+    rotation.
+    """
+    unit = "" if channel == COMMON else f" {unit or Channel.parse(channel).unit}".replace(" ?", "")
     stated = (("gain", known.gain, ""), ("offset", known.offset, unit), ("delay", known.delay, " s"))
     return {
         key: "unknown" if sigma == inf else f"+- {sigma!r}{suffix}" for key, sigma, suffix in stated if sigma

@@ -8,6 +8,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.expression import Call, Expression, Power, walk
 from linkwise.model.link import Link
+from linkwise.records.channel_units import unit_in
 from linkwise.simulation.schedule import RunSchedule
 
 _MOST_LINKS = 6  # whose elongations a message shows
@@ -36,9 +37,10 @@ def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationErr
     x = state[: schedule.structure.size]
     number = int(np.argmax(np.abs(x)))
     mass = schedule.structure.mass_names[number]
+    unit = unit_in(schedule.structure, f"x:{mass}")
     return SimulationError(
-        f"the motion diverges: at {time:g} s the displacement of mass {mass} is {abs(x[number]):.3g} m; a link with negative "
-        "stiffness or damping needs a term that limits the motion, or its sign is wrong",
+        f"the motion diverges: at {time:g} s the displacement of mass {mass} is {abs(x[number]):.3g} {unit}; a link with "
+        "negative stiffness or damping needs a term that limits the motion, or its sign is wrong",
         time,
         mass,
     )
@@ -50,12 +52,13 @@ def not_finite(schedule: RunSchedule, time: float, state: Floats) -> SimulationE
     x = state[: structure.size]
     d = structure.elongations(x, 0.0 if base is None else float(base.value(time)))
     number = int(np.argmax(np.abs(x)))
+    unit = unit_in(structure, f"x:{structure.mass_names[number]}")
     elongations = list(zip(structure.links, d, strict=True))[:_MOST_LINKS]
     rooted = next((link for link in structure.links if any(map(_is_root, walk(link.law.expression)))), None)
     return SimulationError(
         f"a force is not finite after {time:g} s: the displacement of mass {structure.mass_names[number]} is "
-        f"{x[number]:.3g} m and the elongations are "
-        + ", ".join(f"{link.name} {value:.3g} m" for link, value in elongations)
+        f"{x[number]:.3g} {unit} and the elongations are "
+        + ", ".join(f"{link.name} {value:.3g} {link.law.motion_units[0]}" for link, value in elongations)
         + (_ROOT.format(rooted.name) if rooted else ""),
         time,
         structure.mass_names[number],

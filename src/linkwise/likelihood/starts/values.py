@@ -86,8 +86,8 @@ def _with_masses(structure: Structure, starts: tuple[Floats, Floats | None]) -> 
     for parameter, value in zip(structure.parameters, starts[0].tolist(), strict=True):
         if not value > 0.0 and any(key == MASS for _, key in parameter.members):
             raise IdentificationError(
-                f"no starting value for {parameter.name}: what the record gives first is {value:.3g} kg, as noise can make "
-                "it. State { start = ... } for it in the structure"
+                f"no starting value for {parameter.name}: what the record gives first is {value:.3g} {parameter.unit}, as "
+                "noise can make it. State { start = ... } for it in the structure"
             )
     return starts
 
