@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record
-from structures import link, structure, with_links
+from structures import bodies, link, structure, torsion_chain, with_links
 
 import linkwise as lw
 from linkwise.absorption.decay import Decay
@@ -295,3 +296,46 @@ def test_prints_what_matters(paper: lw.Absorption) -> None:
     assert "With its sinks the RMS of the primary masses is 31.7 % smaller over 6 s." in text
     assert "109" in text and "2.379 s" in text
     assert paper.to_dict()["sinks"]["nes1"]["crossings"] == 109
+
+
+def test_a_torsion_chain_is_told_in_rad() -> None:
+    """The numbers are those of masses on springs."""
+    both = [
+        lw.absorb(
+            torsion_chain(turns=turns), duration=4.0, release={"v:disc1": 6.0}, harvesters={"sink": 0.002}
+        )
+        for turns in (True, False)
+    ]
+    turned, plain = (str(result) for result in both)
+    assert re.search(r"disc1 +0\.\d+ rad +0\.\d+ rad", turned) and "0.002 N m s/rad" in turned
+    assert not re.search(r"\d m\b|N s/m", turned)
+    assert re.search(r"disc1 +0\.\d+ m +0\.\d+ m", plain) and "0.002 N s/m" in plain
+    assert both[0].rms_reduction == both[1].rms_reduction
+    assert both[0].masses[0].with_sinks.peak == both[1].masses[0].with_sinks.peak
+    assert lw.plot.absorption(both[0]).get_ylabel() == "disc1\nmrad"
+    assert lw.plot.crossings(both[0]).get_ylabel() == "mrad"
+    with pytest.raises(lw.StructureError, match=r"must be positive, got -1\.0 N m s/rad"):
+        lw.absorb(torsion_chain(), duration=1.0, release={"v:disc1": 6.0}, harvesters={"sink": -1.0})
+
+
+def test_metres_and_radians_are_not_added() -> None:
+    """Of two primaries in different units the reduction is that of parts of what each does without sinks."""
+    chain = torsion_chain()
+    frame = link("frame", "m1-ground", "k*d + c*v", k=900.0, c=0.5)
+    mixed = lw.absorb(
+        replace(chain, masses=(*chain.masses, *bodies({"m1": 1.0})), links=(*chain.links, frame)),
+        duration=4.0,
+        release={"v:disc1": 6.0, "v:m1": 0.01},
+    )
+    parts = [mass.with_sinks.rms / mass.without.rms for mass in mixed.masses]
+    assert {mass.name for mass in mixed.masses} == {"disc1", "m1"}
+    assert mixed.rms_reduction == pytest.approx(1.0 - np.sqrt(np.mean(np.square(parts))), rel=1e-12)
+    assert [mixed.unit(name) for name in ("disc1", "m1")] == ["rad", "m"]
+    swept = lw.absorption_map(
+        mixed.with_sinks.structure,
+        {"disc2.mass": [0.01]},
+        duration=4.0,
+        release={"v:disc1": 6.0, "v:m1": 0.01},
+    )
+    assert swept.axes[0].unit == "kg m^2"
+    assert swept["rms_reduction"][0] == pytest.approx(present(mixed.rms_reduction), rel=1e-9)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 from present import some
-from structures import bodies, link
+from structures import bodies, host, link, torsion_chain
 
 import linkwise as lw
-from linkwise.discovery.candidates import Candidates, all_candidates
+from linkwise.discovery.candidates import Candidates, all_candidates, candidates_for
 from linkwise.discovery.terms import parse_terms
 
 TERMS = parse_terms("v, d, d**3")
@@ -130,3 +130,31 @@ def test_two_stated_links_of_one_pair_are_one_pair() -> None:
 def test_names_do_not_clash(candidates: Candidates) -> None:
     assert len(candidates.by_name) == len(candidates.entries)
     assert len(candidates.full_structure.links) == len(candidates.pairs)
+
+
+def test_no_candidate_joins_a_rotation_and_a_translation() -> None:
+    """Beside a base neither: it moves in m."""
+    carrier = host("beam", (5.0, 31.4), 0.01, {"tip": (1.7, -1.7), "r": (2.3, -8.0)}, rotations=["r"])
+    discs = bodies({"disc": 0.02, "m": 1.0}, ["disc"])
+    candidates = all_candidates(discs, TERMS, hosts=[carrier], base=True)
+    assert {frozenset(pair.between) for pair in candidates.pairs} == {
+        frozenset(ends)
+        for ends in (
+            ("beam.tip", "base"), ("beam.tip", "ground"), ("beam.r", "ground"), ("disc", "ground"), ("disc", "beam.r"),
+            ("m", "base"), ("m", "ground"), ("m", "beam.tip"),
+        )
+    }  # fmt: skip
+    assert [pair.name for pair in candidates.pairs if pair.turns(candidates.rotations)] == [
+        "beam.r-ground", "disc-ground", "disc-beam.r",
+    ]  # fmt: skip
+    assert candidates.full_structure.link("disc-beam.r").law.units["k3"] == "N m/rad^3"
+
+
+def test_a_mass_given_in_kg_m2_turns() -> None:
+    record = lw.simulate(torsion_chain(), release={"v:disc1": 6.0}, duration=0.1, rate=500.0)
+    given = candidates_for([record], {"disc1": "1 kg m^2", "disc2": "100 kg cm^2"}, "v, d")
+    assert [(mass.mass.value, mass.unit) for mass in given.masses] == [(1.0, "rad"), (0.01, "rad")]
+    with pytest.raises(lw.StructureError, match="'1 m' is in m: expected a number in kg"):
+        candidates_for([record], {"disc1": "1 m"}, "v, d")
+    with pytest.raises(lw.RecordError, match=r"disc1 moves along a line, so it is in m: .* unit = \"rad\""):
+        lw.discover(record, {"disc1": 1.0, "disc2": 0.01})

@@ -140,7 +140,7 @@ def test_a_cubic_spring_tells_a_force_from_an_offset_of_all_sensors() -> None:
 
 
 def test_an_offset_of_all_sensors_that_explains_as_much_is_told_without_a_difference_of_zero() -> None:
-    said = RivalError("common offset", "all displacements", 8e-4, (0,), -0.01).remark(("a.f0",))
+    said = RivalError("common offset", "all displacements", 8e-4, (0,), -0.01, "m").remark(("a.f0",))
     assert said.endswith(
         "if all displacements were off by 0.0008 m, the criterion would be the same without it."
     )
@@ -162,4 +162,4 @@ def test_an_offset_of_all_sensors_that_explains_as_much_is_told_without_a_differ
     ],
 )
 def test_a_rival_offset_is_told_with_what_to_do(excess: float, said: str) -> None:
-    assert RivalError("offset", "x:m2", -0.002, (0, 1), excess).remark(("a.f0", "b.k2")) == said
+    assert RivalError("offset", "x:m2", -0.002, (0, 1), excess, "m").remark(("a.f0", "b.k2")) == said

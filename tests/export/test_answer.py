@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import runpy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import openpyxl
 import pytest
 import scipy.io
 from problems import chain_record
-from structures import CANTILEVER, CANTILEVER_SHAPES, host, link, structure
+from structures import CANTILEVER, CANTILEVER_SHAPES, host, link, structure, torsion_chain
 
 import linkwise as lw
 from linkwise.cli import run
@@ -229,3 +230,33 @@ def test_the_command_writes_each_file(
     assert run(["export", str(answer), str(tmp_path / "c.doc")]) == 2
     assert run(["export", str(tmp_path / "none"), str(tmp_path / "c.py")]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".py", ".m", ".mat", ".csv", ".xlsx"])
+def test_rotations_are_exported_in_their_units(tmp_path: Path, suffix: str) -> None:
+    carrier = host("beam", CANTILEVER, 0.01, {**CANTILEVER_SHAPES, "r": (2.3, -8.0, 1.0)}, rotations=["r"])
+    chain = torsion_chain()
+    spring = link("spring", "beam.r-disc1", "k*d", k=5.0)
+    answer = replace(chain, links=(*chain.links, spring), hosts=(carrier,))
+    path = lw.export_answer(answer, tmp_path / f"answer{suffix}")
+    if suffix in (".py", ".m"):
+        text = " ".join(path.read_text().split())
+        assert "in N or N m" in text and "in m or rad" in text.replace(" % ", " ")
+        assert "Rotations in rad: beam.r, disc1, disc2; masses there are moments of inertia in kg m^2" in text
+    if suffix == ".py":
+        assert runpy.run_path(str(path))["force_spring"].__doc__ == "k*d, in N m."
+    if suffix == ".mat":
+        content = scipy.io.loadmat(path, simplify_cells=True)
+        units = dict(zip(content["names"], content["units"], strict=True))
+        assert units["disc2.mass"] == "kg m^2" and units["spring.k"] == "N m/rad"
+        assert "moments in N m" in content["note"]
+    if suffix in (".csv", ".xlsx"):
+        rows = (
+            list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+            if suffix == ".csv"
+            else [[cell.value for cell in row] for row in openpyxl.load_workbook(path)["coefficients"]]
+        )
+        units = {(row[0], row[1]): row[3] for row in rows}
+        assert units["disc1", "mass"] == "kg m^2"
+        assert units["beam.mode1", "shape at beam.r"] == "rad/(m sqrt(kg))"
+        assert units["beam.mode1", "shape at beam.tip"] == "1/sqrt(kg)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 import scipy
 from problems import chain_record
-from structures import link, oscillator, row_of_masses, structure, with_links
+from structures import host, link, oscillator, row_of_masses, structure, torsion_chain, with_links
 
 import linkwise as lw
 from linkwise.likelihood import diagnosis
 from linkwise.likelihood.diagnosis import TestedCauses, link_forces
 from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.hypotheses import missing_forces
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 
@@ -240,3 +242,58 @@ def test_a_missing_damper_is_named_where_chi_square_hardly_shows_it(seed: int) -
     fit = lw.identify(record, chain.unknown("all"))
     first = fit.diagnosis[0]
     assert not fit.trusted and (first.kind, first.where, first.term) == ("link", "m2-ground", "v")
+
+
+def torsional(change: Callable[[np.ndarray], np.ndarray], channel: str = "x:disc2") -> lw.Record:
+    """The record of the torsion chain with one channel changed before noise is added; it does not tell its units."""
+    clean = lw.simulate(torsion_chain(), release={"v:disc1": 6.0}, duration=3.0, rate=500.0)
+    values = clean.values.copy()
+    values[:, clean.channels.index(channel)] = change(clean.channel(channel))
+    return lw.Record(0.0, 500.0, clean.channels, values).with_noise(40.0, seed=5413002)
+
+
+def test_errors_of_rotations_are_told_in_rad() -> None:
+    off = lw.identify(torsional(lambda x: x + 0.003), torsion_chain().unknown("sink"))
+    first = off.diagnosis[0]
+    assert (first.kind, first.where, first.unit) == ("offset", "x:disc2", "rad")
+    assert re.fullmatch(r"an offset of 0\.00\d+ rad in x:disc2", first.description)
+    units = {cause.unit for cause in off.diagnosis if cause.kind in ("term", "drift")}
+    assert units == {"N m", "rad"}
+
+
+def test_terms_that_links_between_rotations_lack_are_moments() -> None:
+    lacking = torsion_chain(sink="alpha*d + c*v", alpha=-4.0, c=0.008).unknown("sink")
+    first = lw.identify(torsional(lambda x: x), lacking).diagnosis[0]
+    assert (first.kind, first.term, first.where, first.unit) == ("term", "d**3", "sink", "N m")
+    assert first.description.endswith(" N m") or " N m (" in first.description
+
+
+def test_degrees_taken_for_radians_are_named() -> None:
+    fit = lw.identify(torsional(np.degrees), torsion_chain().unknown("sink"))
+    assert "another unit of x:disc2, values 57.2958 times too large, as deg taken for rad" in fit.message
+    assert not fit.trusted
+
+
+def test_no_missing_link_joins_a_rotation_and_a_translation() -> None:
+    carrier = host("beam", (5.0, 31.4), 0.01, {"tip": (1.7, -1.7), "r": (2.3, -8.0)}, rotations=["r"])
+    spring = link("spring", "m1-beam.tip", "k*d", k=5.0)
+    disc = link("shaft", "disc-ground", "k*d", k=5.0)
+    mixed = structure({"m1": 1.0, "disc": 0.02}, spring, disc, hosts=[carrier], rotations=["disc"])
+    hypotheses, forces = missing_forces(mixed)
+    links = {lacking.where: lacking.unit for lacking in hypotheses if lacking.kind == "link"}
+    assert links == {
+        "beam.tip-ground": "N", "beam.r-ground": "N m", "m1-ground": "N", "disc-beam.r": "N m",
+    }  # fmt: skip
+    assert {lacking.unit for lacking in hypotheses if lacking.where == "shaft"} == {"N m"}
+    assert len(forces) == len(hypotheses)
+
+
+def test_a_prior_of_an_offset_that_the_record_contradicts_is_told_in_rad() -> None:
+    stated = lw.SensorUncertainty(offset=1e-4)
+    record = replace(torsional(lambda x: x + 0.01), uncertainty={"x:disc2": stated})
+    causes = [
+        cause
+        for cause in lw.identify(record, torsion_chain().unknown("sink")).diagnosis
+        if cause.kind == "prior"
+    ]
+    assert [(cause.where, cause.unit) for cause in causes] == [("offset of x:disc2", "rad")]

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import scipy
 from present import present, some
-from structures import oscillator, row_of_masses
+from structures import oscillator, row_of_masses, torsion_chain
 
 import linkwise as lw
 from linkwise.arrays import Floats
+from linkwise.likelihood.random_forces import force_estimates, random_forces
 from linkwise.verdict import Verdict
 
 RATE = 100.0
@@ -268,3 +269,18 @@ def test_noise_of_an_input_that_no_record_has_is_refused() -> None:
         lw.identify(ambient(1, 20.0, seed=2), chain(1).unknown("all"), input_noise=["force:m1"])
     with pytest.raises(lw.IdentificationError, match='ambient are for method "ml"'):
         lw.identify(ambient(1, 20.0, seed=2), chain(1).unknown("all"), method="weak", ambient="all")
+
+
+def test_random_moments_are_told_in_newton_metres() -> None:
+    subject = torsion_chain()
+    record = lw.simulate(
+        subject, release={"v:disc1": 6.0}, forces={"disc2": "sin(20*t)"}, duration=1.0, rate=500.0
+    )
+    forces = random_forces({"disc1": None}, {"force:disc2": 0.1}, record, subject)
+    found = force_estimates(forces, np.array([2.0, 0.1]), record.rate)
+    assert [force.unit for force in found] == ["N m", "N m"]
+    assert "on disc1 of 0.126 N m/sqrt(Hz)" in found[0].description
+    assert "Noise of force:disc2 of 0.1 N m, as stated" in found[1].description
+    assert found[0].to_dict()["spectral_density_unit"] == "N m/sqrt(Hz)"
+    with pytest.raises(lw.IdentificationError, match=r"N m/sqrt\(Hz\)"):
+        random_forces({"disc1": -1.0}, {}, record, subject)

@@ -56,3 +56,10 @@ def test_the_legend_of_many_modes_lies_beside_the_lines() -> None:
     box = legend.get_window_extent()
     assert box.x0 >= axes.get_window_extent().x1
     assert box.x1 <= figure.bbox.x1
+
+
+def test_labels_have_the_units_of_the_points() -> None:
+    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0)}
+    for rotations, unit in (([], "1/√kg"), (["r"], "1/√kg or rad/(m √kg)"), (["tip", "r"], "rad/(m √kg)")):
+        beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=rotations)
+        assert lw.plot.shapes(beam).get_ylabel() == f"shape, {unit}"

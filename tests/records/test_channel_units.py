@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from present import some
-from structures import host, link, structure
+from structures import host, link, structure, torsion_chain
 
 import linkwise as lw
 from linkwise.records.channel_units import channel_unit, in_units_of
@@ -121,3 +122,43 @@ def test_answers_in_rad_are_those_in_metres() -> None:
     assert turned.noise["x:beam.r"].unit == "rad"
     assert "rad/s" in str(turned)
     assert factor_to_si("N m/rad", "N m") == 1.0
+
+
+@pytest.mark.parametrize(
+    ("header", "turns", "message"),
+    [
+        ("x:disc2[mm]", True, 'disc2 turns, so it is in rad: correct the unit of the channel, or that of the mass'),
+        ("x:disc2[deg]", False, 'correct the unit of the channel, or that of the mass: unit = "rad"'),
+        ("force:disc2[N]", True, "is stated in a unit that converts to N, and disc2 turns, so it is in N m"),
+    ],
+)  # fmt: skip
+def test_units_of_masses_are_compared_too(tmp_path: Path, header: str, turns: bool, message: str) -> None:
+    record = recorded(tmp_path, header)
+    with pytest.raises(lw.RecordError, match=re.escape(message)) as error:
+        lw.identify(record, torsion_chain(turns=turns).unknown("sink"))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("method", ["ml", "weak", "sindy"])
+def test_a_torsion_chain_has_the_answer_of_masses_on_springs(method: Literal["ml", "weak", "sindy"]) -> None:
+    """To the last digit, and with other units: of coefficients, noise, wells, ranges and findings."""
+    answers = []
+    for turns in (True, False):
+        truth = torsion_chain(turns=turns)
+        record = lw.simulate(truth, release={"v:disc1": 6.0}, duration=3.0, rate=500.0).with_noise(
+            40.0, seed=5413001
+        )
+        answers.append(lw.identify(record, truth.unknown("sink"), method=method))
+    turned, plain = answers
+    for own, other in zip(turned.link("sink").coefficients, plain.link("sink").coefficients, strict=True):
+        assert (own.value, own.standard_error) == (other.value, other.standard_error)
+    assert [c.unit for c in turned.link("sink").coefficients] == ["N m/rad", "N m/rad^3", "N m s/rad"]
+    assert turned.noise["x:disc1"].sigma == plain.noise["x:disc1"].sigma
+    assert {noise.unit for noise in turned.noise.values()} == {"rad"}
+    assert [well.value for well in turned.link("sink").wells] == [
+        well.value for well in plain.link("sink").wells
+    ]
+    assert {mass.unit for mass in turned.masses} == {"kg m^2"}
+    assert "rad/s" in str(turned)
+    assert not re.search(r"\d m(/s)?\b|N/m|\bkg\b(?! m)", str(turned))
+    assert re.search(r"\d m(/s)?\b", str(plain))

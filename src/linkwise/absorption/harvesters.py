@@ -38,10 +38,16 @@ def with_harvesters(structure: Structure, harvesters: Harvesters) -> Structure:
             continue
         if not (np.isfinite(damping) and damping > 0.0):
             raise StructureError(
-                f"the damping of a harvester must be positive, got {damping!r} N s/m", f'link "{name}"'
+                f"the damping of a harvester must be positive, got {damping!r} {damping_unit(structure.link(name))}",
+                f'link "{name}"',
             )
         added.append(Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": damping}))
     return replace(structure, links=(*structure.links, *added)) if added else structure
+
+
+def damping_unit(link: Link) -> str:
+    """The SI unit of the damping of a harvester on a link."""
+    return "N m s/rad" if link.law.angular else "N s/m"
 
 
 def delivered_powers(structure: Structure, harvesters: Harvesters) -> dict[str, Expression]:

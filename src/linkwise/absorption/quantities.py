@@ -11,8 +11,9 @@ from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.places import dissipators, mean_host_energies
 from linkwise.absorption.potentials import Potentials
 from linkwise.absorption.runs import Runs
-from linkwise.absorption.vibration import Vibration, reduction, root_sum_square
+from linkwise.absorption.vibration import Vibration, comparable, reduction, root_sum_square
 from linkwise.arrays import Floats, Indices
+from linkwise.records.channel_units import unit_in
 
 
 @dataclass(frozen=True)
@@ -132,11 +133,17 @@ def quantity_values(
         sink.link: np.array([float(len(run[names.index(sink.link)])) for run in runs.crossings])
         for sink in comparison.sinks
     }
+    units = [unit_in(comparison.structure, f"x:{name}") for name in comparison.primaries]
+    of_rms, of_peak = (comparable(sizes, units) for sizes in (baseline.rms, baseline.peak))
     values = {
         "settled": settled.max(axis=0),
         "settled_without": baseline.settled.max(axis=0),
-        "rms_reduction": reduction(root_sum_square(vibration.rms), root_sum_square(baseline.rms)),
-        "peak_reduction": reduction(vibration.peak.max(axis=0), baseline.peak.max(axis=0)),
+        "rms_reduction": reduction(
+            root_sum_square(of_rms * vibration.rms), root_sum_square(of_rms * baseline.rms)
+        ),
+        "peak_reduction": reduction(
+            (of_peak * vibration.peak).max(axis=0), (of_peak * baseline.peak).max(axis=0)
+        ),
         "sinks_share": np.sum([shares[name] for name in comparison.absorbing], axis=0),
         "crossings": np.sum(list(crossings.values()), axis=0),
         "remaining": remaining / total,

@@ -18,9 +18,11 @@ from linkwise.absorption.result_parts import (
     relative_reduction,
     sink_document,
 )
+from linkwise.absorption.vibration import comparable
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.html import JudgedView
+from linkwise.records.channel_units import unit_in
 from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
@@ -83,11 +85,29 @@ class Absorption(JudgedView):
 
     @property
     def rms_reduction(self) -> float | None:
-        """The relative reduction of the RMS of all primary masses together; None if they do not move without sinks."""
-        with_sinks = float(np.linalg.norm([mass.with_sinks.rms for mass in self.masses]))
-        return relative_reduction(
-            with_sinks, float(np.linalg.norm([mass.without.rms for mass in self.masses]))
-        )
+        """The relative reduction of the RMS of all primary masses together; None if they do not move without sinks.
+
+        Where some of them turn, each counts by its RMS over that without sinks.
+        """
+        both = np.array([(mass.with_sinks.rms, mass.without.rms) for mass in self.masses])
+        factors = comparable(both[:, 1], [self.unit(mass.name) for mass in self.masses])
+        with_sinks, without = np.linalg.norm(factors[:, None] * both, axis=0).tolist()
+        return relative_reduction(with_sinks, without)
+
+    def unit(self, mass: str) -> str:
+        """The SI unit of the displacement of a mass or point.
+
+        Parameters
+        ----------
+        mass : str
+            Its name.
+
+        Returns
+        -------
+        str
+            ``"m"``, or ``"rad"`` where it turns.
+        """
+        return unit_in(self.with_sinks.structure, f"x:{mass}")
 
     @property
     def settled(self) -> tuple[float | None, float | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from linkwise.absorption.harvesters import damping_unit
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.result_parts import AbsorptionRun, MassChange, SinkResult
 from linkwise.text import align_columns, as_text, paragraph, remark_lines
@@ -71,14 +72,14 @@ def mass_rows(absorption: Absorption) -> Rows:
     """Peak, RMS, settling time and rate of decay of each primary mass, with and without sinks."""
     first = "point" if primary(absorption) == "points" else "mass"
     titles = (first, "peak", "without", "RMS", "without", "settled", "without", "decay", "without")
-    return [titles, *(_mass_row(mass) for mass in absorption.masses)]
+    return [titles, *(_mass_row(mass, absorption.unit(mass.name)) for mass in absorption.masses)]
 
 
-def _mass_row(mass: MassChange) -> tuple[str, ...]:
+def _mass_row(mass: MassChange, unit: str) -> tuple[str, ...]:
     both = mass.with_sinks, mass.without
     rates = ["-" if decay.rate is None else f"{decay.rate:.3g}/s" for decay in both]
-    peaks = [f"{decay.peak:.4g} m" for decay in both]
-    rms = [f"{decay.rms:.3g} m" for decay in both]
+    peaks = [f"{decay.peak:.4g} {unit}" for decay in both]
+    rms = [f"{decay.rms:.3g} {unit}" for decay in both]
     settled = [seconds(decay.settled) for decay in both]
     return mass.name, *peaks, *rms, *settled, *rates
 
@@ -126,7 +127,8 @@ def harvest_rows(absorption: Absorption) -> Rows:
     """The energy and the power of each harvester."""
     rows: Rows = [("harvester on", "load", "energy", "average power", "share")]
     for harvest in absorption.harvests:
-        load = harvest.expression or f"{harvest.damping:.4g} N s/m"
+        damping = damping_unit(absorption.with_sinks.structure.link(harvest.link))
+        load = harvest.expression or f"{harvest.damping:.4g} {damping}"
         numbers = (load, f"{harvest.energy:.4g} J", f"{harvest.power:.4g} W")
         rows.append((harvest.link, *numbers, percent(harvest.share)))
     return rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -59,6 +59,16 @@ def reduction(with_sinks: Floats, without: Floats) -> Floats:
     """The relative reduction by the sinks; NaN if there is nothing to reduce."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(without > 0.0, 1.0 - with_sinks / without, np.nan))
+
+
+def comparable(without: Floats, units: Collection[str]) -> Floats:
+    """(P, ...) factors by which displacements of P masses may be added: 1, but over those `without` sinks in several `units`.
+
+    Metres and radians have no sum, parts of what a mass would do without sinks have one. Masses at rest count for nothing.
+    """
+    if len(set(units)) <= 1:
+        return np.ones_like(without)
+    return np.divide(1.0, without, out=np.zeros_like(without), where=without > 0.0)
 
 
 def root_sum_square(values: Floats) -> Floats:

@@ -21,7 +21,6 @@ from linkwise.discovery.stepwise import local_search
 from linkwise.likelihood.force_errors import errors_of_stated_values
 from linkwise.likelihood.hypotheses import Hypothesis
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
 
 _LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
 _LARGEST_DAMPING = 1.0  # of a mode, which changes with temperature and joints
@@ -58,7 +57,7 @@ _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 class RivalError:
     """An error of a stated value, `where`, of relative `size`, beside which the `terms`, by number, are not needed.
 
-    Or a zero offset of a channel, in its own unit, or one of all displacements in m.
+    Or a zero offset of a channel, or one of all displacements, in a `unit`.
 
     `excess` is the criterion of that model above that of the selection: below zero the records prefer the error.
     """
@@ -68,6 +67,7 @@ class RivalError:
     size: float
     terms: tuple[int, ...]
     excess: float
+    unit: str = ""
 
     @property
     def is_preferred(self) -> bool:
@@ -79,8 +79,7 @@ class RivalError:
         size = f"{100.0 * abs(self.size):.2g} % {'more' if self.size > 0.0 else 'less'}"
         of = "an error of what is stated"
         if self.kind in _OFFSETS:
-            unit = "m" if self.kind == "common offset" else Channel.parse(self.where).unit
-            size, of = f"{self.size:.3g} {unit}", _OFFSETS[self.kind]
+            size, of = f"{self.size:.3g} {self.unit}", _OFFSETS[self.kind]
         error = _PHRASES[self.kind].format(self.where, size)
         terms = " and ".join(names[number] for number in self.terms)
         if self.is_preferred:

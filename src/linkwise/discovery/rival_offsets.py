@@ -9,6 +9,7 @@ that all sensors of displacement have in common, as where the equilibrium of a s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -28,6 +29,7 @@ from linkwise.likelihood.score_test import (
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.records.channel import Channel
+from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
 
@@ -50,10 +52,12 @@ def rival_offsets(
         return ()
     errors = [("offset", shown[number]) for number in tested]
     of_channels = np.eye(len(tested))
+    units = [unit_in(selection.structure, where) for _, where in errors]
     displacements = np.array([Channel.parse(where).kind == "x" for _, where in errors])
-    if np.count_nonzero(displacements) > 1:
+    if np.count_nonzero(displacements) > 1 and len(set(compress(units, displacements))) == 1:
         errors.append(("common offset", "all displacements"))
         of_channels = np.column_stack([of_channels, displacements])
+        units += [*compress(units, displacements)][:1]
     try:
         model = selection.quadratic_beside(
             _combined(_with_offsets(selection.fit.optimum, tested), of_channels),
@@ -62,7 +66,7 @@ def rival_offsets(
     except np.linalg.LinAlgError:
         return ()
     rivals = [
-        RivalError(kind, where, size, terms, excess)
+        RivalError(kind, where, size, terms, excess, units[column])
         for term in constants
         for column, (kind, where) in enumerate(errors)
         for size, terms, excess in without_term(selection, model, len(names) + column, term)

@@ -10,6 +10,9 @@ import numpy as np
 from linkwise.model.host_damping import in_words
 from linkwise.registry import Registry
 
+DEGREES = float(np.degrees(1.0))
+"""By which an angle in deg is too large where it is taken for one in rad."""
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -161,7 +164,8 @@ def _low_pass(cause: Cause) -> str:
 def _in_other_unit(cause: Cause) -> str:
     large = cause.size >= 1.0
     times, side = f"{cause.size if large else 1.0 / cause.size:g}", "large" if large else "small"
-    example = ", as mm taken for m" if cause.size == 1000.0 and cause.where.startswith("x:") else ""
+    taken = {f"{1000.0:g}": ", as mm taken for m", f"{DEGREES:g}": ", as deg taken for rad"}
+    example = taken.get(times, "") if large and cause.where.startswith("x:") else ""
     return f"another unit of {cause.where}, values {times} times too {side}{example}"
 
 
@@ -221,13 +225,13 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "prior": CauseKind(_stated),
         "term": CauseKind(
             lambda cause: (
-                f"a force like {cause.term} in {cause.where} of {abs(cause.size):.3g} N{_remarked(cause)}"
-            ),
-            unit="N",
+                f"a force like {cause.term} in {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
+            )
         ),
         "link": CauseKind(
-            lambda cause: f"a link {cause.where} with a force like {cause.term} of {abs(cause.size):.3g} N",
-            unit="N",
+            lambda cause: (
+                f"a link {cause.where} with a force like {cause.term} of {abs(cause.size):.3g} {cause.unit}"
+            )
         ),
     },
 )

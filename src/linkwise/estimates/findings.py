@@ -129,23 +129,25 @@ def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
 def _extrapolated(link: LinkEstimate) -> Iterator[str]:
     if not link.wells or not link.free:
         return
-    low, high = link.d_range
+    (low, high), unit = link.d_range, link.link.law.motion_units[0]
     inside = [well.value for well in link.wells if low <= well.value <= high]
     if len(inside) == 1:
         yield (
-            f"{link.link.name} never left the well at {inside[0]:+.4g} m (d from {low:.4g} to {high:.4g} m): its barrier and "
-            "its other wells are extrapolated. Use a stronger excitation."
+            f"{link.link.name} never left the well at {inside[0]:+.4g} {unit} (d from {low:.4g} to {high:.4g} {unit}): its "
+            "barrier and its other wells are extrapolated. Use a stronger excitation."
         )
     elif 1 < len(inside) < len(link.wells):
-        missed = ", ".join(f"{well.value:+.4g} m" for well in link.wells if not low <= well.value <= high)
+        missed = ", ".join(
+            f"{well.value:+.4g} {unit}" for well in link.wells if not low <= well.value <= high
+        )
         yield (
-            f"{link.link.name} never reached the well at {missed} (d from {low:.4g} to {high:.4g} m), which is "
+            f"{link.link.name} never reached the well at {missed} (d from {low:.4g} to {high:.4g} {unit}), which is "
             "extrapolated."
         )
     elif not inside:
         yield (
-            f"{link.link.name} reached none of its wells (d from {low:.4g} to {high:.4g} m): they are extrapolated. Record "
-            "until it comes to rest, or start it from a well."
+            f"{link.link.name} reached none of its wells (d from {low:.4g} to {high:.4g} {unit}): they are extrapolated. "
+            "Record until it comes to rest, or start it from a well."
         )
 
 

@@ -22,7 +22,7 @@ class RandomForceEstimate:
     found : bool
         Whether it was found; else it was stated.
     unit : str
-        N of a force, m or m/s^2 of a base.
+        N of a force, N m of a moment, m or m/s^2 of a base.
     upper_limit : float or None
         Where the deviation was looked for and found to be zero, or not certainly above it: what it does not exceed, at 95 %;
         of an ambient force the spectral density. None for others.
@@ -49,7 +49,7 @@ class RandomForceEstimate:
         if self.upper_limit is not None and self.deviation == 0.0:
             return self._absence(self.upper_limit)
         origin = "found with the other unknowns" if self.found else "as stated"
-        unit, chance = ("N/sqrt(Hz)" if self.ambient else self.unit), ""
+        unit, chance = (f"{self.unit}/sqrt(Hz)" if self.ambient else self.unit), ""
         if self.upper_limit is not None:
             chance = f"; it may be chance, and is below {self.upper_limit:.2g} {unit} (95 %)"
         if self.ambient:
@@ -61,7 +61,7 @@ class RandomForceEstimate:
     def _absence(self, limit: float) -> str:
         """That there is none, and the largest that there may be."""
         kind = "ambient force on" if self.ambient else "noise of"
-        unit = "N/sqrt(Hz)" if self.ambient else self.unit
+        unit = f"{self.unit}/sqrt(Hz)" if self.ambient else self.unit
         return f"No {kind} {self.where} was found: it is below {limit:.2g} {unit} (95 %)."
 
     def to_dict(self) -> dict[str, str | float | bool | None]:

@@ -22,8 +22,9 @@ _KEYWORDS = (
 _OWN = ("d", "v", "states", "link", "force", "rates", "real_or_nan", "answer", "values", "nargin", "error")
 _HEAD = """function [force, rates] = {name}(link, d, v, states)
 %{title}  Forces of the links of a structure, identified by linkwise {version}.
-%   force = {name}(link, d, v) is the force in N of the link of that name at the elongation d = x_first - x_second in m and
-%   its rate v in m/s, numbers or arrays of one size; -force acts on the first end of the link and force on the second.
+%   force = {name}(link, d, v) is the force in {force} of the link of that name at the elongation d = x_first - x_second
+%   in {d} and its rate v in {v}, numbers or arrays of one size; -force acts on the first end of the link and
+%   force on the second.
 %   [force, rates] = {name}(link, d, v, states) is for a link with memory: states and rates are cells with one array a state.
 %   answer = {name}() is a struct of the coefficients in SI units with their standard errors and covariance;
 %   points of hosts move by the product of answer.shapes and the motion of answer.coordinates.{note}
@@ -54,7 +55,7 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
             "letters, digits and underscores after a letter"
         )
     note = f"\n%   {answer.note}" if answer.note else ""
-    head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note)
+    head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note, **answer.quantities)
     cases = "".join(_case(link) for link in answer.links)
     path.write_text(f"{head}{cases}{_TAIL}\n{_values(answer)}", encoding="utf-8", newline="\n")
 

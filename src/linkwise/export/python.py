@@ -15,8 +15,8 @@ from linkwise.model.link import Link
 _RESERVED = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist, *dir(builtins))
 _HEAD = '''"""Forces of the links of a structure, identified by linkwise {version}.
 
-force_LINK(d, v) is the force f in N at the elongation d = x_first - x_second in m and its rate v in m/s, numbers or arrays;
--f acts on the first end of the link and f on the second. A link with memory takes its states behind v, and
+force_LINK(d, v) is the force f in {force} at the elongation d = x_first - x_second in {d} and its rate v in {v}, numbers
+or arrays; -f acts on the first end of the link and f on the second. A link with memory takes its states behind v, and
 rates_LINK(d, v, states) are their rates. Coefficients are keywords, so that others can be tried. An end that is a point of
 a host moves by its modes, each times its shape in POINTS.{note}
 """
@@ -41,6 +41,7 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
     every = answer.coefficients
     head = _HEAD.format(
         version=answer.version,
+        **answer.quantities,
         note=f"\n\n{answer.note}" if answer.note else "",
         name=ascii(answer.structure.name),
         masses=_dict(
@@ -86,7 +87,7 @@ def _functions(link: Link, own: str) -> str:
     arrays = "".join(f"    {name} = np.asarray({name}, dtype=float)\n" for name in variables)
     force = (
         f'@np.errstate(all="ignore")\ndef force_{own}({arguments}):\n'
-        f'    """{_shown(to_text(law.expression))}, in N."""\n{arrays}'
+        f'    """{_shown(to_text(law.expression))}, in {law.force_unit}."""\n{arrays}'
         f"    return {to_code(law.expression, NUMPY, names)} + 0.0*d*v\n"
     )
     if not law.states:

@@ -11,6 +11,8 @@ from typing import Any
 from linkwise.errors import OutputError
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.export.answer import ExportedAnswer
+from linkwise.model.link import ANGLE, LENGTH
+from linkwise.model.parameters import SHAPE_UNITS
 from linkwise.text import csv_cell
 
 _HEADER = ("of", "coefficient", "value", "unit", "standard error", "lower", "upper", "law")
@@ -39,7 +41,8 @@ def _rows(answer: ExportedAnswer) -> list[list[Any]]:
             ]
         )
     for point, parts in answer.points.items():
-        rows += [[mode, f"shape at {point}", part, "1/sqrt(kg)", *[None] * 4] for mode, part in parts.items()]
+        unit = SHAPE_UNITS[ANGLE if point in answer.structure.rotations else LENGTH]
+        rows += [[mode, f"shape at {point}", part, unit, *[None] * 4] for mode, part in parts.items()]
     return rows
 
 

@@ -22,6 +22,7 @@ from linkwise.likelihood.force_errors import force_errors
 from linkwise.likelihood.hypotheses import (
     BETWEEN_MODES,
     Hypothesis,
+    in_units_of,
     linear_terms,
     missing_forces,
     missing_terms,
@@ -40,6 +41,7 @@ from linkwise.likelihood.single_tests import SingleTests, finite_columns, single
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
+from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
 _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
@@ -82,7 +84,7 @@ def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str],
                 remark = _not_tested(tested, len(fit.values))
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
-    conflicts = tuple(_prior_conflicts(fit))
+    conflicts = tuple(_prior_conflicts(fit, identified))
     # which is the same error of a sensor, told as what it contradicts
     stated = {conflict.where for conflict in conflicts}
     others = [
@@ -101,18 +103,15 @@ def least_gain(causes: int) -> float:
     return _CHANCE + 2.0 * float(np.log(max(causes, 1)))
 
 
-def _prior_conflicts(fit: LikelihoodFit) -> Iterator[Cause]:
+def _prior_conflicts(fit: LikelihoodFit, identified: Structure) -> Iterator[Cause]:
     """What was known beforehand of a parameter, or of an error of a sensor, and the records contradict."""
     segments, point = fit.segments, fit.optimum.point
     if segments.prior is None:
         return
-    system = segments.system.parameters
     names = [
-        *zip(system.names, system.units, strict=True),
-        *((f"offset of {name}", Channel.parse(name).unit) for name in fit.offsets),
-        *(
-            ("", "") for disturbance in fit.disturbances for _ in range(disturbance.count)
-        ),  # of which nothing is known
+        *zip(segments.system.parameters.names, segments.system.parameters.units, strict=True),
+        *((f"offset of {name}", unit_in(identified, name)) for name in fit.offsets),
+        *[("", "")] * sum(disturbance.count for disturbance in fit.disturbances),  # of which nothing is known
         *((f"gain of {name}", "1") for name in fit.gains),
         *((f"delay of {name}", "s") for name in fit.delays),
     ]
@@ -248,9 +247,8 @@ def _tested_in(
     blocks = blocks_in(longer[0].segments, fit.segments)
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
     curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
-    tested = TestedCauses(
-        tuple(hypotheses), columns.units, curvature, slope, scatter, errors, filtered, augmented.model
-    )
+    named = in_units_of(hypotheses, identified)
+    tested = TestedCauses(named, columns.units, curvature, slope, scatter, errors, filtered, augmented.model)
     return tested, augmented.growth
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 from linkwise.estimates.cause import CAUSE_KINDS
@@ -12,8 +12,9 @@ from linkwise.likelihood.memory_forces import MEMORY_FORCES, MEMORY_TERMS, Memor
 from linkwise.likelihood.score_test import CandidateForce
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link
+from linkwise.model.rotations import differ_in_unit
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel_units import unit_in
 
 _TERMS = tuple(
     map(
@@ -33,17 +34,23 @@ _PAIRS = 40  # without a link, up to which all of them are tested
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One thing that may be wrong, with the words of a `Cause`."""
+    """One thing that may be wrong, with the words of a `Cause`; `in_units_of` states the `unit` of all but forces."""
 
     kind: str
     where: str
     term: str = ""
     source: str = ""
+    unit: str = ""
 
-    @property
-    def unit(self) -> str:
-        """The unit of its size: that of its kind, or of the channel that it is in."""
-        return CAUSE_KINDS[self.kind].unit or Channel.parse(self.where).unit
+
+def in_units_of(hypotheses: Iterable[Hypothesis], structure: Structure) -> tuple[Hypothesis, ...]:
+    """Hypotheses with the unit of their size: that of their force, of their kind, or of the channel that they are in."""
+    return tuple(
+        replace(
+            lacking, unit=lacking.unit or CAUSE_KINDS[lacking.kind].unit or unit_in(structure, lacking.where)
+        )
+        for lacking in hypotheses
+    )
 
 
 def missing_forces(
@@ -121,13 +128,15 @@ def linear_terms(link: Link, estimated: Collection[str] | None = None) -> set[st
 def _of_term(link: str, law: Law | MemoryForce, structure: Structure) -> Hypothesis:
     """A term that a link lacks; a force like d beside that of a mode is an error of its frequency."""
     kind = "frequency" if link in structure.modes and law.text == "d" else "term"
-    return Hypothesis(kind, link, law.text)
+    unit = structure.link(link).law.force_unit if kind == "term" else "1"
+    return Hypothesis(kind, link, law.text, unit=unit)
 
 
 def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
     """Links between masses or points, and from one to the ground, that are not there; none where there are too many of them.
 
-    Where links end at the base, so may those; at the ground as well only where a link does.
+    Where links end at the base, so may those; at the ground as well only where a link does. None joins a rotation and what
+    moves along a line: its force would have no unit.
     """
     linked = {frozenset(link.between) for link in structure.links}
     supports = [end for end in (GROUND, BASE) if any(end in pair for pair in linked)] or [GROUND]
@@ -135,13 +144,14 @@ def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[Candida
         *((name, support) for name in structure.places for support in supports),
         *((second, first) for first, second in combinations(structure.places, 2)),
     ]
-    free = [pair for pair in ends if frozenset(pair) not in linked]
+    rotations = structure.rotations
+    free = [pair for pair in ends if frozenset(pair) not in linked and not differ_in_unit(pair, rotations)]
     if len(free) > _PAIRS:
         return [], []
     index = structure.topology.index
     pairs = [
         (
-            Hypothesis("link", "-".join(pair), law.text),
+            Hypothesis("link", "-".join(pair), law.text, unit=unit_in(structure, f"force:{pair[0]}")),
             CandidateForce(index[pair[0]], index[pair[1]], law),
         )
         for pair in free

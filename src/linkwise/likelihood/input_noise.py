@@ -25,7 +25,8 @@ from linkwise.likelihood.shooting.normal_equations import Linearization, chunks,
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.variance_score import SquareSum, VarianceScore
 from linkwise.model.structure import Structure
-from linkwise.records.channel import BASE, Channel
+from linkwise.records.channel import BASE
+from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
 # of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
@@ -54,11 +55,12 @@ class InputNoise:
     rms: float
     pattern: Floats
     score: VarianceScore
+    unit: str
 
     @property
     def description(self) -> str:
         """In words, with its size."""
-        return f"noise of {self.channel} of {self.score.deviation:.3g} {Channel.parse(self.channel).unit}"
+        return f"noise of {self.channel} of {self.score.deviation:.3g} {self.unit}"
 
     @property
     def cause(self) -> Cause | None:
@@ -70,7 +72,7 @@ class InputNoise:
             kind="input noise",
             where=self.channel,
             size=score.deviation,
-            unit=Channel.parse(self.channel).unit,
+            unit=self.unit,
             gain=score.gain,
             standard_error=0.5 * score.error / score.deviation,
         )
@@ -98,7 +100,7 @@ def noise_of_inputs(
         slopes = np.einsum("kn,knr->kr", pattern, multipliers)
         score = VarianceScore.of(SquareSum.of(slopes[:, 0], slopes[:, 1:]))
         if score is not None:
-            estimates.append(InputNoise(channel, rms, pattern, score))
+            estimates.append(InputNoise(channel, rms, pattern, score, unit_in(identified, channel)))
     return tuple(estimates)
 
 

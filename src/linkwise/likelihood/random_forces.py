@@ -24,7 +24,7 @@ from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.link_state import LinkState
 from linkwise.model.slider_corners import LAG
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.text import near_miss
@@ -55,11 +55,14 @@ class RandomForce:
         one-sided amplitude spectral density in N/sqrt(Hz); None if it is to be found.
     ambient : bool
         Whether it is an ambient force.
+    unit : str
+        N of a force, N m of a moment, m or m/s^2 of a base.
     """
 
     place: str
     deviation: float | None
     ambient: bool
+    unit: str
 
     @property
     def of_base(self) -> bool:
@@ -98,7 +101,9 @@ def random_forces(
                 f"no ambient force can act on {name}{near_miss(name, names)}: the masses are {', '.join(names)}; "
                 f'"{ALL}" stands for each of them'
             )
-        forces[name] = RandomForce(name, _positive(value, f"the ambient force on {name}", "N/sqrt(Hz)"), True)
+        unit = unit_in(structure, f"{_INPUT}{name}")
+        density = _positive(value, f"the ambient force on {name}", f"{unit}/sqrt(Hz)")
+        forces[name] = RandomForce(name, density, ambient=True, unit=unit)
     channels = [channel for channel in record.inputs if channel.startswith(_INPUT)]
     moving = exciting_base(record, structure) if input_noise else None
     channels += [] if moving is None else [moving]
@@ -118,8 +123,9 @@ def random_forces(
             raise IdentificationError(
                 f"noise of {channel} and an ambient force on {name} are the same to the mass: state one of them"
             )
-        unit = Channel.parse(channel).unit
-        forces[name] = RandomForce(name, _positive(value, f"the noise of {channel}", unit), False)
+        unit = unit_in(structure, channel)
+        sigma = _positive(value, f"the noise of {channel}", unit)
+        forces[name] = RandomForce(name, sigma, ambient=False, unit=unit)
         if channel == moving:
             _require_white(channel, record, structure)
     return tuple(forces[name] for name in (*names, *_OF_BASE) if name in forces)
@@ -276,7 +282,7 @@ def force_estimates(
             deviation=float(deviations[number]),
             spectral_density=float(density[number]),
             found=force.deviation is None,
-            unit=Channel.parse(force.place).unit if force.of_base else "N",
+            unit=force.unit,
         )
         for number, force in enumerate(forces)
     )

@@ -18,9 +18,11 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.cause import DEGREES, Cause
 from linkwise.model.structure import Structure
 from linkwise.progress import silent
+from linkwise.records.channel import ANGULAR_UNITS
+from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed_records
 from linkwise.verdict import Verdict
@@ -34,6 +36,7 @@ _SAMPLES = 20_000
 _CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
 _UNITS = (1e-3, 1e3)  # factors that take out values in mm told as m, the usual error, and the reverse
+_ANGLES = (1.0 / DEGREES, DEGREES)  # likewise those in deg told as rad
 _CORNERS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Hz: AC coupling lies inside. What is best at an end is no high pass, but slow residuals or motion that any makes smaller."""
 _HINT = 5.0  # of -2 log likelihood, from which a corner is looked for between these
@@ -136,6 +139,9 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[RecordingError]
         yield RecordingError("sign", name, partial(_times, name, -1.0))
     for factor in _UNITS:
         for name in (*displacements, *forces):
+            yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
+    for name in (name for name in displacements if unit_in(structure, name) == ANGULAR_UNITS["x"]):
+        for factor in _ANGLES:
             yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
     for channels in (displacements, forces):
         for first, second in combinations(channels, 2):

@@ -34,7 +34,7 @@ from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.variance_score import SquareSum, VarianceScore
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
 _LARGER = 1.1  # times what was stated: with less, 95 % intervals still cover 92 %
@@ -76,7 +76,7 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
     for place, tested in sums.kicks.items():
         score = VarianceScore.of(tested, beside)
         if score is not None and score.normal > SIGNIFICANT:
-            causes.append(_unstated(place, score, sizes.get(place), fit))
+            causes.append(_unstated(place, score, sizes.get(place), fit, identified))
     for number in stated:
         score = VarianceScore.of(sums.forces[number], beside)
         if score is not None and score.normal > SIGNIFICANT and np.hypot(1.0, score.deviation) > _LARGER:
@@ -149,15 +149,18 @@ def _kicks(
     return sizes, kicks
 
 
-def _unstated(place: str, score: VarianceScore, rms: float | None, fit: LikelihoodFit) -> Cause:
+def _unstated(
+    place: str, score: VarianceScore, rms: float | None, fit: LikelihoodFit, identified: Structure
+) -> Cause:
     """A random force that nobody stated: noise of the input, where its root mean square `rms` is far larger, else ambient."""
     error = 0.5 * score.error / score.deviation
     if rms is not None and score.deviation < LARGEST * rms:
-        unit = Channel.parse(place).unit
+        unit = unit_in(identified, place)
         return Cause("input noise", place, score.deviation, unit, score.gain, error)
     density = _density(fit)
     mass = place.rpartition(":")[2]
-    return Cause("ambient", mass, density * score.deviation, "N/sqrt(Hz)", score.gain, density * error)
+    unit = f"{unit_in(identified, f'force:{mass}')}/sqrt(Hz)"
+    return Cause("ambient", mass, density * score.deviation, unit, score.gain, density * error)
 
 
 def _larger(force: RandomForceEstimate, score: VarianceScore) -> Cause:
@@ -169,7 +172,7 @@ def _larger(force: RandomForceEstimate, score: VarianceScore) -> Cause:
         kind="ambient" if force.ambient else "input noise",
         where=force.where,
         size=factor * size,
-        unit="N/sqrt(Hz)" if force.ambient else force.unit,
+        unit=f"{force.unit}/sqrt(Hz)" if force.ambient else force.unit,
         gain=score.gain,
         standard_error=error * size,
         remark=f"{size:.3g} was stated",

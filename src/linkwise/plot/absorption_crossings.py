@@ -62,8 +62,9 @@ def crossings(
     if sink is not None and sink not in names:
         raise StructureError(f"unknown sink {sink!r}; choose from {', '.join(names)}")
     shown = plain.sinks[0 if sink is None else names.index(sink)]
+    law = plain.with_sinks.structure.link(shown.sink.link).law
     with axes_for(ax, legend=legend) as axes:
-        factor, unit = scale(float(np.abs(shown.elongation).max()), "m")
+        factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])
         time, elongation = envelope(plain.time, shown.elongation * factor)
         axes.plot(time, elongation, color=IDENTIFIED, linewidth=0.7, label="elongation")
         for top in shown.tops:

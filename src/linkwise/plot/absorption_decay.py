@@ -62,7 +62,7 @@ def absorption(
     number = _mass_number(plain, mass)
     with axes_for(ax, legend=legend) as axes:
         largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
-        factor, unit = scale(largest, "m")
+        factor, unit = scale(largest, plain.unit(plain.masses[number].name))
         _draw_excursions(axes, plain, number, factor)
         if isinstance(result, AbsorptionIntervals):
             _draw_band(axes, result, number, factor)

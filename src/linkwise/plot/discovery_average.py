@@ -59,7 +59,8 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     largest = max(
         (float(np.max(np.abs(forces[np.isfinite(forces)]), initial=0.0)) for forces in drawn), default=0.0
     )
-    (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), "m"), scale(largest, "N")
+    law, of_d = estimate.link.law, estimate.link.law.motion_units[0]
+    (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), of_d), scale(largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
         if np.isfinite(lower).all():
             band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, linewidth=0)

@@ -344,7 +344,8 @@ def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float
             axes.text(x, y, literal(name), fontsize=size, ha="center", va="center", zorder=6)
         beside = [] if fits else [literal(name)]
         if inch >= _AMOUNTS and is_mass:
-            beside.append(_amount(float(masses[number])))
+            turns = name in discovery.structure.rotations
+            beside.append(f"{masses[number]:.3g} kg m²" if turns else _amount(float(masses[number])))
         angle = _free_direction(number, positions)
         reach, side = radii[number] + 0.13, cos(angle)
         axes.text(

@@ -67,7 +67,10 @@ def displacement(
         if mass not in given.masses:
             raise RecordError(f'{argument}: no mass "{mass}"; the masses are {", ".join(given.masses)}')
     shown = [envelope] if without is None else [without, envelope]
-    factor, unit = scale(max(float(np.abs(_displacement(motion, mass)).max()) for motion in shown), "m")
+    factor, unit = scale(
+        max(float(np.abs(_displacement(motion, mass)).max()) for motion in shown),
+        envelope.record.unit(f"x:{mass}"),
+    )
     time = envelope.record.time
     names = [("this orbit", IDENTIFIED)]
     if without is not None:

@@ -37,7 +37,7 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes drawn on: mass-normalised shapes in 1/sqrt(kg).
+        The axes drawn on: mass-normalised shapes in 1/sqrt(kg), rad/(m sqrt(kg)) of points that turn.
 
     Examples
     --------
@@ -67,7 +67,9 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
                 label=label(f"mode {number + 1}{_frequency(mode.frequency.value)}"),
             )
         axes.set_xticks(places, [literal(point) for point in points])
-        axes.set_ylabel("shape, 1/√kg")
+        turning = len(host.rotations)
+        units = ["1/√kg"] * (turning < len(points)) + ["rad/(m √kg)"] * (turning > 0)
+        axes.set_ylabel(f"shape, {' or '.join(units)}")
     return axes
 
 

@@ -198,7 +198,7 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
     estimate = reported.result.link(name)
     true = {} if reported.truth is None else reported.truth.link(name).values
     derived = [*estimate.wells, *([estimate.barrier] if estimate.barrier else []), *estimate.frequencies]
-    error = reported.nmse.get(name)
+    error, (of_d, of_v) = reported.nmse.get(name), estimate.link.law.motion_units
     return LinkSection(
         title=force_title(estimate.link),
         rates=estimate.link.rate_texts,
@@ -208,8 +208,8 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
             for coefficient in estimate.coefficients
         ),
         derived=tuple(_derived(quantity) for quantity in derived),
-        visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} m, "
-        f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} m/s",
+        visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
+        f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} {of_v}",
         nmse="" if error is None else f"{error:.3g} %",
         pictures=tuple(f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures),
     )

@@ -178,7 +178,7 @@ def _noise(record: Record) -> dict[str, NoiseEstimate]:
     named = [name for name in record.responses if name.startswith("x:")]
     variances = noise_variance(record, named, np.stack([record.channel(name) for name in named]))
     return {
-        name: NoiseEstimate.of(record, name, float(np.sqrt(variance)))
+        name: NoiseEstimate.of(record, name, float(np.sqrt(variance)), record.unit(name))
         for name, variance in zip(named, variances, strict=True)
     }
 

@@ -19,8 +19,7 @@ from linkwise.estimates.unseen_term import unseen_remark
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
-from linkwise.records.channel import Channel
-from linkwise.records.channel_units import channel_unit
+from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import FramedRecord, framed
@@ -266,10 +265,7 @@ def _noise(
         )
         for i in measured
     }
-    states = (name for name in noise if Channel.parse(name).kind == "state")
-    return noise | {
-        name: replace(noise[name], unit=channel_unit(frame.record, name, structure)) for name in states
-    }
+    return {name: replace(estimate, unit=unit_in(structure, name)) for name, estimate in noise.items()}
 
 
 def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[str]:
