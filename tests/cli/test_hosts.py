@@ -309,3 +309,40 @@ def test_errors_of_a_test_are_no_less_than_stated(folder: Path, capsys: pytest.C
     assert first.frequency.value is not None
     assert first.frequency.sigma == pytest.approx(0.01 * first.frequency.value)  # the record tells far more
     assert first.shape_sigma["joint"] == pytest.approx(0.3 * max(map(abs, first.shape.values())))
+
+
+def test_rows_of_matrices_that_turn_are_stated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stiffness = np.array([[400.0, -20.0], [-20.0, 5.0]])
+    np.savez(folder / "post.npz", M=np.diag([1.0, 0.002]), K=stiffness)
+    given = ["structure", "host", "post.npz", "--point", "tip=1", "--point", "tip_r=2", "--keep", "2"]
+    assert run([*given, "--unit", "tip_r=rad", "-o", "post.toml"]) == 0
+    assert lw.read_structure(folder / "post.toml").rotations == ("post.tip_r",)
+    capsys.readouterr()
+    assert run(["structure", "show", "post.toml"]) == 0
+    assert (
+        "shapes in 1/sqrt(kg), or rad/(m sqrt(kg)), at post.tip, post.tip_r (in rad)"
+        in capsys.readouterr().out
+    )
+    for wrong, message in (
+        ("tip_r=deg", 'the point "tip_r" is displaced in "rad" or "m", got \'deg\''),
+        ("top=rad", 'unknown point "top"'),
+        ("tip_r", "is not NAME=VALUE, as in --unit tip_r=rad"),
+    ):
+        assert run([*given, "--unit", wrong]) in (1, 2)
+        assert message in capsys.readouterr().err
+    assert run(["structure", "host", "run.csv", "--modes", "2", "--unit", "tip=rad"]) == 2
+    assert "--unit is for modes or matrices" in capsys.readouterr().err
+
+
+def test_modes_of_a_file_that_turn_are_stated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        run(["structure", "host", "modes.csv", "--name", "wing", "--unit", "joint=rad", "-o", "wing.toml"])
+        == 0
+    )
+    assert lw.read_structure(folder / "wing.toml").rotations == ("wing.joint",)
+    (folder / "turned.csv").write_text("frequency[Hz],damping,tip,12rz[rad]\n5.2,0.01,1.0,0.62\n")
+    assert run(["structure", "host", "turned.csv", "--name", "wing", "-o", "turned.toml"]) == 0
+    assert lw.read_structure(folder / "turned.toml").rotations == ("wing.12rz",)
+    capsys.readouterr()
+    assert run(["structure", "host", "turned.csv", "--unit", "12rz=m"]) != 0
+    assert "is the direction 12rz, which is in rad, not in m" in capsys.readouterr().err

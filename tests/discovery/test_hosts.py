@@ -211,3 +211,56 @@ def test_memory_is_found_in_a_joint_of_a_beam() -> None:
         estimate = discovery.estimate.coefficient(f"body-beam.tip.{name}")
         assert estimate.standard_error is not None
         assert abs(estimate.value - value) < 4.0 * estimate.standard_error  # one draw of five
+
+
+DIRECTIONS = {
+    "ax": (1.0, 0.3, 0.5, -0.2),
+    "ay": (0.2, 1.1, -0.4, 0.6),
+    "bx": (0.6, -0.5, -0.9, 0.7),
+    "by": (-0.3, 0.8, 0.7, 1.0),
+}
+OBLIQUE = {"k": 300.0, "k3": 4e6, "c": 0.3}
+
+
+def across(seed: int) -> tuple[lw.Structure, lw.Record]:
+    """A frame by four modes, with a link between the motion of a in x and that of b in y, hit at each."""
+    frame = host("frame", (5.0, 9.0, 16.0, 23.0), 0.01, DIRECTIONS)
+    joint = link("joint", "frame.ax-frame.by", "k*d + k3*d**3 + c*v", **OBLIQUE)
+    true = structure({}, joint, hosts=[frame], name="frame")
+    hits = {"frame.ax": "20*exp(-((t-0.1)/0.01)**2)", "frame.by": "15*exp(-((t-1.3)/0.01)**2)"}
+    return true, lw.simulate(true, forces=hits, duration=3.0, rate=500.0).with_noise(35.0, seed=seed)
+
+
+def test_a_link_between_two_directions_is_a_row_and_is_found() -> None:
+    true, record = across(5413011)
+    row = true.incidence[:, [-1]].toarray()[:, 0]
+    assert row == pytest.approx(np.subtract(DIRECTIONS["ax"], DIRECTIONS["by"]), rel=1e-15)
+    fit = lw.identify(record, true.unknown("joint"))
+    assert fit.trusted
+    for coefficient in some(fit.link("joint").coefficients):
+        value = OBLIQUE[coefficient.name.rpartition(".")[2]]
+        assert abs(coefficient.value - value) < 4.0 * (coefficient.standard_error or 0.0)
+    found = lw.discover(record, lw.PartialStructure((), (), true.hosts))
+    assert found.trusted
+    assert [(set(own.link.between), own.link.law.text) for own in found.estimate.links] == [
+        ({"frame.ax", "frame.by"}, "k*d + k3*d**3 + c*v")
+    ]
+
+
+def test_a_torsion_spring_between_rotations_is_found_beside_translations() -> None:
+    """Only rotations are offered to rotations, and units are those of moments."""
+    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0)}
+    carrier = host("beam", (5.0, 31.4), 0.01, shapes, rotations=["r"])
+    shaft = link("shaft", "disc-beam.r", "k*d + k3*d**3 + c*v", k=2.0, k3=40.0, c=0.01)
+    true = structure({"disc": 0.002}, shaft, hosts=[carrier], name="beam", rotations=["disc"])
+    hits = {"beam.tip": "3*exp(-((t-0.1)/0.01)**2) - 2.4*exp(-((t-1.1)/0.01)**2)"}
+    record = lw.simulate(true, forces=hits, duration=2.0, rate=300.0).with_noise(40.0, seed=5413012)
+    found = lw.discover(record, lw.PartialStructure(bodies({"disc": 0.002}, ["disc"]), (), (carrier,)))
+    assert found.trusted
+    (own,) = found.estimate.links
+    assert set(own.link.between) == {"disc", "beam.r"}
+    assert {term.term: term.unit for term in found.kept} == {
+        "d": "N m/rad",
+        "d**3": "N m/rad^3",
+        "v": "N m s/rad",
+    }

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -15,8 +15,14 @@ from click.core import ParameterSource
 import linkwise as lw
 from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import exit_code, progress, tell
-from linkwise.cli.options import FILE, grouped
+from linkwise.cli.options import FILE, grouped, pairs
 from linkwise.cli.reading_options import READING, ReadingOptions
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.model import rotations
+else:
+    rotations = lazy_module("linkwise.model.rotations")
 
 _OF_MATRICES = (
     "keep",
@@ -25,7 +31,7 @@ _OF_MATRICES = (
     "rayleigh",
     "no_residual",
 )  # options that mean nothing for modes
-_NOT_OF_RECORDS = ("points", "mass", "stiffness", *_OF_MATRICES)
+_NOT_OF_RECORDS = ("points", "units", "mass", "stiffness", *_OF_MATRICES)
 _OF_RECORDS = tuple(field.name for field in fields(ReadingOptions))
 
 
@@ -48,6 +54,13 @@ _OF_RECORDS = tuple(field.name for field in fields(ReadingOptions))
     multiple=True,
     help="A point for links, sensors or forces: a row of the matrices, counted from 1, or a node and a direction, such as "
     "1205z, where the files name them; or a sum with factors, such as 0.6*1205x+0.8*1205z, an oblique direction. Repeatable.",
+)
+@click.option(
+    "--unit",
+    "units",
+    metavar="NAME=rad",
+    multiple=True,
+    help="That a point turns, where neither a direction such as 1205rz nor the unit of a column says so. Repeatable.",
 )
 @click.option(
     "--keep",
@@ -144,6 +157,8 @@ def host(
         new_host = lw.Host(title, lw.read_modes(files[0])).known_to_within(**sigmas)
     else:
         new_host = _reduced(files, title, options).known_to_within(**sigmas)
+    directions = dict(map(_point, options["points"]))
+    new_host = rotations.with_units(new_host, pairs(options["units"], "--unit", "tip_r=rad"), directions)
     text = lw.format_structure(lw.Structure(title, (), (), (new_host,)))
     if output is not None:
         with atomic_file(output) as partial:

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.model.host import Host
 from linkwise.model.link import ANGLE, GROUND, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.names import index_of
+from linkwise.model.row_weights import unit_of_direction
 from linkwise.units import to_si
 
 
-def with_units(host: Host, units: Mapping[str, str]) -> Host:
+def with_units(
+    host: Host, units: Mapping[str, str], directions: Mapping[str, int | str] = MappingProxyType({})
+) -> Host:
     """A host with the units of the displacement of some points.
 
     Parameters
@@ -25,6 +29,8 @@ def with_units(host: Host, units: Mapping[str, str]) -> Host:
         The host.
     units : mapping of str to str
         ``"rad"`` or ``"m"`` by the name of the point.
+    directions : mapping of str to int or str, optional
+        What points are in a finite-element model; that of a node, such as ``"21ry"``, has one unit. By default their names.
 
     Returns
     -------
@@ -34,11 +40,17 @@ def with_units(host: Host, units: Mapping[str, str]) -> Host:
     Raises
     ------
     StructureError
-        If there is no such point, or another unit.
+        If there is no such point, or another unit, or one that is not of the direction.
     """
     shape, rotations = host.modes[0].shape, set(host.modes[0].rotations)
     for point, unit in units.items():
         index_of(shape, point, "point", "points")
+        direction = str(directions.get(point, point))
+        if unit_of_direction(direction) not in (None, unit):
+            raise StructureError(
+                f'units: the point "{point}" is the direction {direction}, which is in {unit_of_direction(direction)}, not in '
+                f"{unit}"
+            )
         if unit not in (ANGLE, LENGTH):
             raise StructureError(
                 f'units: the point "{point}" is displaced in "rad" or "m", got {unit!r}; a record may be in other units, such '

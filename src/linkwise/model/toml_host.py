@@ -29,7 +29,6 @@ from linkwise.model.host_damping import Pair, entries_of
 from linkwise.model.host_mode import HostMode
 from linkwise.model.matrices import read_host_matrices
 from linkwise.model.rotations import with_units
-from linkwise.model.row_weights import unit_of_direction
 from linkwise.model.toml_link import coefficient_of
 from linkwise.model.toml_tables import decode, read_toml_text
 from linkwise.model.uff_modes import modes_of_uff
@@ -93,21 +92,9 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         for quantity in ("frequency", "damping", "shape")
     }
     try:
-        return with_units(host, _units(entry)).known_to_within(**parts)
+        return with_units(host, entry.units, entry.points).known_to_within(**parts)
     except StructureError as error:
         raise StructureError(error.message, where) from None
-
-
-def _units(entry: HostTable) -> dict[str, str]:
-    """The units of points. Raises StructureError for one that is not of the direction of its point."""
-    for point, unit in entry.units.items():
-        direction = entry.points.get(point, point)
-        stated = unit_of_direction(str(direction))
-        if stated is not None and stated != unit:
-            raise StructureError(
-                f'units: the point "{point}" is the direction {direction}, which is in {stated}, not in {unit}'
-            )
-    return entry.units
 
 
 def part_of(text: str | None, where: str = "") -> float:

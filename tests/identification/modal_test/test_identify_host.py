@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from structures import CANTILEVER
+from structures import CANTILEVER, host, structure
 from tapped_beam import SHAPES, beam, shaken, tapped
 
 import linkwise as lw
@@ -106,3 +106,23 @@ def test_the_name_of_a_host_is_that_of_its_channels() -> None:
     short = lw.Record(0.0, 400.0, tuple(own), record.values)
     assert ModalMeasurement.of([record], "beam").host == "beam"
     assert ModalMeasurement.of([short], "blade").host == "blade"
+
+
+def test_points_whose_channels_are_in_rad_turn() -> None:
+    carrier = host("beam", (5.0, 31.4), 0.01, {"tip": (1.7, -1.7), "r": (2.3, -8.0)}, rotations=["r"])
+    record = lw.simulate(
+        structure({}, hosts=[carrier], name="beam"),
+        forces={"beam.tip": "40*exp(-((t-0.1)/0.004)**2)"},
+        duration=3.0,
+        rate=500.0,
+        sensors=("a:beam.tip", "a:beam.r"),
+    ).with_noise(40.0, seed=5413013)
+    found = lw.identify_host(record, modes=2)
+    assert found.trusted
+    assert found.host.rotations == ("beam.r",)
+    plain = lw.identify_host(replace(record, units={}), modes=2)
+    assert plain.host.rotations == ()
+    assert [mode.shape for mode in plain.host.modes] == [mode.shape for mode in found.host.modes]
+    moved = replace(record, units={"a:beam.r": "m/s^2"})
+    with pytest.raises(lw.RecordError, match=r"another channel of beam\.r says that it is displaced in rad"):
+        lw.identify_host([record, moved], modes=2)

@@ -10,7 +10,7 @@ import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, RecordError
 from linkwise.identification.modal_test.result import HostEstimate
 from linkwise.likelihood.whiteness import is_white
 from linkwise.modal.measured import ModalMeasurement
@@ -19,7 +19,10 @@ from linkwise.modal.pursuit import PursuedModes, doubled_mode, pursued_modes, sh
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.host_mode import HostMode
+from linkwise.model.link import ANGLE, LENGTH
+from linkwise.model.rotations import with_units
 from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.channel import ANGULAR_UNITS, BASE, Channel
 from linkwise.records.record import Record
 from linkwise.records.sequence import record_list
 from linkwise.runtime import one_blas_thread
@@ -136,6 +139,7 @@ def identify_host(
     of_pairs = errors[len(errors) - len(fit.pairs) :]
     errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
     host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
+    host = with_units(host, _units(records, host))
     return HostEstimate(
         host=host,
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
@@ -145,6 +149,25 @@ def identify_host(
         remarks=_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
         seconds=perf_counter() - started,
     )
+
+
+def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
+    """Units of the points whose channels state one. Raises RecordError for a point that is said to turn and to move."""
+    units: dict[str, str] = {}
+    stated = ((name, unit) for record in records for name, unit in record.units.items())
+    for name, unit in stated:
+        channel = Channel.parse(name)
+        if channel.kind not in ANGULAR_UNITS or channel.mass == BASE:
+            continue
+        point = channel.mass.removeprefix(f"{host.name}.")
+        turns = ANGLE if unit == ANGULAR_UNITS[channel.kind] else LENGTH
+        if units.setdefault(point, turns) != turns:
+            raise RecordError(
+                f"is in {unit}, and another channel of {channel.mass} says that it is displaced in {units[point]}: correct "
+                "the unit of one of them",
+                channel=name,
+            )
+    return {point: unit for point, unit in units.items() if point in host.modes[0].shape}
 
 
 def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedModes:
