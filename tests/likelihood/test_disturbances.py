@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record
+from structures import torsion_chain
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -128,3 +129,13 @@ def test_columns_are_the_derivatives_of_the_residuals() -> None:
 def test_what_cannot_be_found_is_refused(options: LikelihoodOptions, reason: str) -> None:
     with pytest.raises(lw.IdentificationError, match=reason):
         lw.identify(disturbed(HUM, seed=26), ASKED, **options)  # type: ignore[arg-type]
+
+
+def test_disturbances_of_rotations_are_told_in_rad() -> None:
+    record = lw.simulate(torsion_chain(), release={"v:disc1": 6.0}, duration=2.0, rate=500.0)
+    record = record.with_noise(40.0, seed=5413021)
+    fit = lw.identify(
+        record, torsion_chain().unknown("sink"), drifts={"x:disc2": 1.0}, hums={"x:disc1": 50.0}
+    )
+    told = [remark for remark in fit.remarks if "drifts over" in remark or "50 Hz" in remark]
+    assert len(told) == 2 and all(" rad " in remark for remark in told), fit.remarks

@@ -11,7 +11,6 @@ from linkwise.estimates.sensor_error import ErrorKind, SensorErrorEstimate
 from linkwise.inspection.unanswered import EstimatedError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 _LOOSENED = (
@@ -58,7 +57,7 @@ def fit_remarks(
     return (
         *(force.description for force in fit.random_forces),
         *(error.description for error in sensor_errors),
-        *_disturbances(fit),
+        *_disturbances(fit, records[0]),
         *_unused_bounds(fit, records),
         *loosened,
         *tied,
@@ -159,12 +158,12 @@ def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
     )
 
 
-def _disturbances(fit: LikelihoodFit) -> Iterator[str]:
-    """What was found of drifts and hums."""
+def _disturbances(fit: LikelihoodFit, record: Record) -> Iterator[str]:
+    """What was found of drifts and hums of channels of a record."""
     first = 0
     for disturbance in fit.disturbances:
         sizes, deviations = fit.waveforms[:, first : first + disturbance.count]
-        yield disturbance.describe(sizes, deviations, Channel.parse(disturbance.channel).unit)
+        yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
         first += disturbance.count
 
 
