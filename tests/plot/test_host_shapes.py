@@ -63,3 +63,13 @@ def test_labels_have_the_units_of_the_points() -> None:
     for rotations, unit in (([], "1/√kg"), (["r"], "1/√kg or rad/(m √kg)"), (["tip", "r"], "rad/(m √kg)")):
         beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=rotations)
         assert lw.plot.shapes(beam).get_ylabel() == f"shape, {unit}"
+
+
+def test_points_that_turn_have_a_panel_of_their_own() -> None:
+    """Their shapes have another unit and size."""
+    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0), "mid": (0.6, 1.2)}
+    beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=["r"]).known_to_within(shape=0.02)
+    panels = lw.plot.shapes_figure(structure({}, hosts=[beam], name="beam")).axes
+    assert [panel.get_ylabel() for panel in panels] == ["shape, 1/√kg", "shape, rad/(m √kg)"]
+    names = [[text.get_text() for text in panel.get_xticklabels()] for panel in panels]
+    assert names == [["tip", "mid"], ["r"]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -75,7 +76,7 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
 
 @checked
 def shapes_figure(structure: Structure) -> Figure:
-    """Shapes of the modes of every host of a structure, one below the other.
+    """Shapes of the modes of every host of a structure, one below the other; points that turn in a panel of their own.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def shapes_figure(structure: Structure) -> Figure:
     >>> len(lw.plot.shapes_figure(lw.Structure("wing", (), (), (wing,))).axes)
     1
     """
-    hosts = structure.hosts
+    hosts = [part for host in structure.hosts for part in _by_unit(host)]
     if not hosts:
         raise StructureError("the structure has no host, whose shapes could be drawn")
     with sheet(len(hosts), height=_HEIGHT * len(hosts), colorbars=True) as (
@@ -111,6 +112,28 @@ def shapes_figure(structure: Structure) -> Figure:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
             wrap_title(axes, host.name)
     return figure
+
+
+def _by_unit(host: Host) -> list[Host]:
+    """The host with the points that move along a line, and with those that turn, whose shapes have another size."""
+    turning = host.modes[0].rotations
+    still = [point for point in host.modes[0].shape if point not in turning]
+    groups = [points for points in (still, sorted(turning, key=list(host.modes[0].shape).index)) if points]
+    return [host] if len(groups) == 1 else [_at(host, points) for points in groups]
+
+
+def _at(host: Host, points: list[str]) -> Host:
+    """The host with some of its points."""
+    modes = (
+        replace(
+            mode,
+            shape={point: mode.shape[point] for point in points},
+            shape_sigma={point: sigma for point, sigma in mode.shape_sigma.items() if point in points},
+            rotations=mode.rotations & frozenset(points),
+        )
+        for mode in host.modes
+    )
+    return replace(host, modes=tuple(modes))
 
 
 def _frequency(value: float | None) -> str:
