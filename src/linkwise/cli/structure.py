@@ -14,7 +14,6 @@ from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import tell
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
-from linkwise.records.channel_units import unit_in
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
 SHOWN = 4  # stable equilibria
@@ -262,7 +261,7 @@ def _rest_lines(rests: dict[str, Any], subject: lw.Structure) -> str:
     ]
     for rest in rests["first"]:
         places = ", ".join(
-            f"{name} = {x:.4g} {unit_in(subject, f'x:{name}')}" for name, x in rest["x"].items()
+            f"{name} = {x:.4g} {'rad' if name in subject.rotations else 'm'}" for name, x in rest["x"].items()
         )
         pairs = zip(rest["frequencies"], rest["damping"], strict=True)
         tones = ", ".join(f"{frequency:.4g} Hz ({100 * ratio:.2g} %)" for frequency, ratio in pairs)

@@ -164,8 +164,8 @@ def _low_pass(cause: Cause) -> str:
 def _in_other_unit(cause: Cause) -> str:
     large = cause.size >= 1.0
     times, side = f"{cause.size if large else 1.0 / cause.size:g}", "large" if large else "small"
-    taken = {f"{1000.0:g}": ", as mm taken for m", f"{DEGREES:g}": ", as deg taken for rad"}
-    example = taken.get(times, "") if large and cause.where.startswith("x:") else ""
+    examples = {f"{1000.0:g}": ", as mm taken for m", f"{DEGREES:g}": ", as deg taken for rad"}
+    example = examples.get(times, "") if large and cause.where.startswith("x:") else ""
     return f"another unit of {cause.where}, values {times} times too {side}{example}"
 
 

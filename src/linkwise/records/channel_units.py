@@ -105,9 +105,9 @@ def _contradiction(channel: Channel, stated: str, unit: str) -> str:
     if channel.of_link:
         return f"is stated in a unit that converts to {stated}, and the force of this link is in {unit}: correct the unit"
     turns = unit == ANGULAR_UNITS[channel.kind]
-    other, (host, _, point) = "m" if turns else "rad", channel.mass.rpartition(".")
+    contrary, (host, _, point) = "m" if turns else "rad", channel.mass.rpartition(".")
     place = f"point in its host: units = {{ {point} = " if host else "mass: "
     remedy = f"correct the unit of the channel, or that of the {place}"
-    remedy += f'"{other}" }}' if host else f'unit = "{other}"'
+    remedy += f'"{contrary}" }}' if host else f'unit = "{contrary}"'
     how = "turns" if turns else "moves along a line"
     return f"is stated in a unit that converts to {stated}, and {channel.mass} {how}, so it is in {unit}: {remedy}"

@@ -139,6 +139,11 @@ class SensorStatement:
         -------
         SensorStatement
             Both.
+
+        Raises
+        ------
+        RecordError
+            If one is stated in m and the other in rad.
         """
         if None not in (self.unit, other.unit) and self.unit != other.unit:
             raise RecordError(
