@@ -8,7 +8,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from structures import link, named, structure
+from structures import link, named, structure, torsion_chain
 
 import linkwise as lw
 from linkwise.study.method_discover import DiscoveryMethod
@@ -217,3 +217,9 @@ def test_tables_make_methods_and_documents_make_them_again() -> None:
 def test_a_wrong_table_is_named(table: str, message: str) -> None:
     with pytest.raises(lw.StudyError, match=message):
         parse_study(f"{HEAD}[[method]]\n{table}\n", "s.toml", Path())
+
+
+def test_discovery_is_told_moments_of_inertia() -> None:
+    chain = Subject("torsion", torsion_chain(), duration=2.0, rate=500.0, release={"v:disc1": 6.0})
+    result = DiscoveryMethod("discover").evaluate(chain, chain.simulate(), snr_db=40.0, seed=5)
+    assert result.status == "converged" and result.terms == {"right": 5, "missing": 0, "extra": 0}

@@ -14,7 +14,7 @@ from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.law import Law
-from linkwise.model.link import ANGLE, LENGTH, Link, Mass
+from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.named_laws import named_law_of
 from linkwise.model.names import matching, quoted
 from linkwise.text import near_miss
@@ -109,7 +109,7 @@ def coefficient_slots(
             raise StructureError(
                 f'"{name}" names both a mass and a coefficient of a link; rename the mass or the link'
             )
-        slots[name] = CoefficientSlot(-1 - index, MASS, None, mass.mass, mass.mass_unit)
+        slots[name] = CoefficientSlot(-1 - index, MASS, None, mass.mass, MASS_UNITS[mass.unit])
     for index, mass in enumerate(masses if modes else ()):
         if mass.name in modes:
             mode = modes[mass.name]

@@ -94,8 +94,8 @@ def differ_in_unit(ends: tuple[str, str], rotations: Collection[str]) -> bool:
 
 def rotations_of(hosts: Iterable[Host], masses: Iterable[Mass]) -> tuple[str, ...]:
     """The points of hosts and the masses that turn."""
-    points = tuple(point for host in hosts for point in host.rotations)
-    return (*points, *(mass.name for mass in masses if mass.unit == ANGLE))
+    points = [point for host in hosts for point in host.rotations]
+    return (*points, *[mass.name for mass in masses if mass.unit == ANGLE])
 
 
 def mass_in_si(given: float | str) -> tuple[float, str]:

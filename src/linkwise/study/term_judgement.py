@@ -9,7 +9,7 @@ from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.identification.force_error import nmse
 from linkwise.model.host_support import refuse_hosts
 from linkwise.model.law import Law
-from linkwise.model.link import Link
+from linkwise.model.link import LENGTH, Link
 from linkwise.model.memory_support import refuse_memory
 from linkwise.model.rig_support import refuse_rig
 from linkwise.model.structure import Structure
@@ -53,7 +53,7 @@ def term_counts(
 
 
 def masses_alone(subject: Subject, method: str) -> dict[str, float | str]:
-    """The masses in kg by name, which is all that a `method` that looks for links and terms is told.
+    """The masses by name, in kg or, of what turns, with their unit: all that a `method` that looks for links is told.
 
     Raises IdentificationError for a structure of another kind than masses on links.
     """
@@ -61,7 +61,10 @@ def masses_alone(subject: Subject, method: str) -> dict[str, float | str]:
     refuse_rig(structure, method)
     refuse_memory(structure.links, method, "maximum likelihood takes it")
     refuse_hosts(structure, method)
-    return dict(zip(structure.mass_names, map(float, structure.mass_values), strict=True))
+    values = zip(structure.masses, structure.mass_values.tolist(), strict=True)
+    return {
+        mass.name: value if mass.unit == LENGTH else f"{value!r} {mass.mass_unit}" for mass, value in values
+    }
 
 
 def _between(structure: Structure, ends: tuple[str, str]) -> Link | None:
