@@ -57,9 +57,9 @@ def acceleration_surface(
     """
     surface = comparison.surfaces[number]
     velocity, force = surface.velocity, -surface.acceleration
-    to_d, unit_d = scale(float(np.abs(surface.displacement).max()), "m")
-    to_v, unit_v = scale(float(np.abs(velocity).max()), "m/s")
-    of_force = "restoring force per mass, m/s^2"
+    to_d, unit_d = scale(float(np.abs(surface.displacement).max()), surface.unit)
+    to_v, unit_v = scale(float(np.abs(velocity).max()), f"{surface.unit}/s")
+    of_force = f"restoring force per mass, {surface.unit}/s^2"
     some: slice | Indices = scattered(len(force))
     if section:
         some = np.flatnonzero(np.abs(velocity) < _AT_REST * np.abs(velocity).max())

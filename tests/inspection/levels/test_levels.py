@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import scipy
 from matplotlib.lines import Line2D
-from structures import oscillator, row_of_masses
+from present import some
+from structures import oscillator, row_of_masses, torsion_chain
 
 import linkwise as lw
 from linkwise.cli import run
@@ -312,3 +313,21 @@ def test_inspect_compares_levels(
         assert (tmp_path / "levels" / f"{figure}.png").exists()
     assert run(["inspect", "soft.csv", "--modes", "2"]) == 2
     assert "--modes is for --levels" in capsys.readouterr().err
+
+
+def test_levels_of_rotations_are_in_newton_metres() -> None:
+    records = [
+        lw.simulate(
+            torsion_chain(),
+            forces={"disc1": f"{level}*exp(-((t-0.2)/0.02)**2)"},
+            duration=6.0,
+            rate=400.0,
+            sensors=("a:disc1",),
+        ).with_noise(45.0, seed=5413030 + level)
+        for level in (2, 20)
+    ]
+    compared = lw.compare_levels(records, modes=1)
+    assert compared.unit == "N m" and "peak force, N m" in str(compared)
+    assert {surface.unit for surface in some(compared.surfaces)} == {"rad"}
+    assert lw.plot.acceleration_surface(compared).get_xlabel().endswith("rad")
+    assert lw.plot.acceleration_surface(compared, section=True).get_ylabel().endswith(", rad/s^2")

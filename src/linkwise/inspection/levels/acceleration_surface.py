@@ -19,7 +19,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.inspection.levels.ring_down import decay_of, motions
-from linkwise.records.channel import Channel
+from linkwise.model.link import ANGLE, LENGTH
+from linkwise.records.channel import ANGULAR_UNITS, Channel
 from linkwise.records.record import Record
 from linkwise.signals.integrate import channel_motion, highpass
 
@@ -37,7 +38,9 @@ class AccelerationSurface:
     channel : str
         The channel from which all three follow.
     displacement, velocity, acceleration : array of shape (N,)
-        Its motion in m, m/s and m/s^2; integrals without what is slower than the modes.
+        Its motion in m, m/s and m/s^2, or in rad and so on; integrals without what is slower than the modes.
+    unit : str
+        Unit of the displacement, ``"rad"`` of what turns.
 
     Examples
     --------
@@ -53,6 +56,7 @@ class AccelerationSurface:
     displacement: Floats
     velocity: Floats
     acceleration: Floats
+    unit: str = LENGTH
 
 
 def acceleration_surfaces(
@@ -71,11 +75,14 @@ def acceleration_surfaces(
     surfaces = []
     for name in motions(record):
         motion = channel_motion(record, name, noise[name])
-        integrated = "xva".index(Channel.parse(name).kind)
+        kind = Channel.parse(name).kind
+        integrated = "xva".index(kind)
+        unit = ANGLE if record.unit(name) == ANGULAR_UNITS[kind] else LENGTH
         parts = [
             highpass(part, record.rate, _SLOW * slowest) if order < integrated else part
             for order, part in enumerate(motion)
         ]
-        surfaces.append(AccelerationSurface(name, *(part[inner] for part in parts)))
+        displacement, velocity, acceleration = (part[inner] for part in parts)
+        surfaces.append(AccelerationSurface(name, displacement, velocity, acceleration, unit))
     surfaces.sort(key=lambda surface: -float(np.std(surface.displacement)))
     return tuple(surfaces[:_MOST])

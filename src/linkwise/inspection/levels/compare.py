@@ -122,7 +122,7 @@ def compare_levels(
         labels=labels,
         levels=levels[order],
         channel=channel,
-        unit="N" if channel is None else ordered[0].unit(channel),
+        unit=ordered[0].unit(channel or force),
         frequencies=np.array([refined.frequencies for refined in by_level]),
         damping=np.array([refined.damping for refined in by_level]),
         frequency_errors=np.array(
