@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.linear_model import Factor, GaussNewtonModel
 from linkwise.likelihood.shooting.local_equations import LocalFactor, LocalLinearization, LocalSystem
 from linkwise.likelihood.shooting.normal_equations import Linearization, block_ends
 
-_AT_ONCE = 128  # unknowns whose states are held together, of many masses
+_AT_ONCE = 64  # unknowns whose states are held together, of many masses; as many nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,39 +145,26 @@ def _subtract_products(
     """Take E_b' F and g_b' F from `corner` and `gradient`; F is `follow` (K, c, m), of `some` columns in the blocks' order."""
     linear, order, weight = equations.linear, equations.order, equations.weight
     K, own_gradient = len(follow), linear.data.gradient + weight * linear.defects.gradient
-    by_state = [np.ascontiguousarray(follow[:, :, own].transpose(0, 2, 1)) for own in order.of_states]
-    blocks = list(enumerate(pairwise(block_ends(K, len(corner)))))
-    for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
-        b = len(linear.groups[pair.second].states)
-        upper = data.upper[:, :, b:].astype(float)
-        moving = defects.upper.shape[2] - b
-        upper[:, :, :moving] += weight * defects.upper[:, :, b:]
-        for block, (first, last) in blocks:
-            corner[block, order.of_border[pair.second], some] -= _product(
-                upper[first:last], by_state[pair.first][first:last]
-            )
-        if pair.first == pair.second:
-            continue
-        lower = data.lower.astype(float)
-        lower[:, : defects.lower.shape[1]] += weight * defects.lower
-        lower = lower.transpose(0, 2, 1)
-        for block, (first, last) in blocks:
-            corner[block, order.of_border[pair.first], some] -= _product(
-                lower[first:last], by_state[pair.second][first:last]
-            )
-    for number, group in enumerate(linear.groups):
-        a = len(group.states)
-        columns = np.arange(corner.shape[1])[order.of_border[number]][: group.moving - a]
-        rows = order.places[group.rows]
-        for block, (first, last) in blocks:
-            inner = slice(first, min(last, K - 1))
-            later = np.ascontiguousarray(follow[first + 1 : inner.stop + 1, :, rows].transpose(0, 2, 1))
-            corner[block, columns, some] += weight * _product(
-                linear.ends[number][inner, :, a:].astype(float), later
-            )
-    for block, (first, last) in blocks:
-        inner = slice(first, min(last, K - 1))
-        gradient[block, some] -= np.einsum("km,kcm->c", own_gradient[first:last], follow[first:last])
+    for block, (first, last) in enumerate(pairwise(block_ends(K, len(corner)))):
+        part, own = slice(first, last), corner[block, :, some]
+        by_state = [
+            np.ascontiguousarray(follow[part, :, of].transpose(0, 2, 1)) for of in order.of_states
+        ]
+        for pair, data in zip(linear.pairs, linear.products, strict=True):
+            b = len(linear.groups[pair.second].states)
+            upper = data.upper[part, :, b:].astype(float)
+            own[order.of_border[pair.second]] -= _product(upper, by_state[pair.first])
+            if pair.first != pair.second:
+                lower = data.lower[part].astype(float).transpose(0, 2, 1)
+                own[order.of_border[pair.first]] -= _product(lower, by_state[pair.second])
+        defects = weight * equations.followed_defects(part, follow)
+        for number, group in enumerate(linear.groups):
+            a = len(group.states)
+            columns = np.arange(len(own))[order.of_border[number]][: group.moving - a]
+            fallen = np.ascontiguousarray(defects[:, :, order.places[group.rows]].transpose(0, 2, 1))
+            own[columns] -= _product(linear.ends[number][part, :, a:].astype(float), fallen)
+        inner = slice(first, min(last, K - 1))  # segments that another follows
+        gradient[block, some] -= np.einsum("km,kcm->c", own_gradient[part], follow[part])
         later = follow[first + 1 : inner.stop + 1]
         gradient[block, some] += weight * np.einsum("km,kcm->c", linear.missed[inner], later)
 

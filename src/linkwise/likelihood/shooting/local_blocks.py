@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 
 _TOGETHER = 8  # segments whose products are summed in the precision of the rows
@@ -41,14 +42,12 @@ class PairBlocks:
     lower: NDArray[Any]
 
     @classmethod
-    def empty(
-        cls, K: int, groups: tuple[Neighbourhood, Neighbourhood], sizes: tuple[int, int], kind: type
-    ) -> PairBlocks:
-        """Room for K segments and as many columns of each group."""
+    def empty(cls, K: int, groups: tuple[Neighbourhood, Neighbourhood], kind: type) -> PairBlocks:
+        """Room for K segments and all columns of each group."""
         first, second = groups
-        below = 0 if first is second else sizes[0] - len(first.states)
+        below = 0 if first is second else len(first.border)
         return cls(
-            np.empty((K, len(first.states), sizes[1]), kind),
+            np.empty((K, len(first.states), second.size), kind),
             np.empty((K, below, len(second.states)), kind),
         )
 
@@ -65,24 +64,21 @@ class PairBlocks:
             self.lower[:, below(first, self.lower.shape[1])],
         )
 
-    def put(self, part: slice, rows: tuple[NDArray[Any], NDArray[Any]], pieces: Sequence[slice]) -> Floats:
-        """Store the products of `rows` (k, r, P) and (k, r, P') of a chunk; returns the corners (b, q, q') of its pieces."""
+    def put(self, part: slice, rows: tuple[NDArray[Any], NDArray[Any]]) -> None:
+        """Store the products of `rows` (k, r, P) and (k, r, P') of a chunk."""
         (_, a, _), (_, below, b) = self.upper.shape, self.lower.shape
         first, second = rows
         np.matmul(first[:, :, :a].transpose(0, 2, 1), second, out=self.upper[part])
         if below:
             np.matmul(first[:, :, a:].transpose(0, 2, 1), second[:, :, :b], out=self.lower[part])
-        return np.stack([_summed(first[piece, :, a:], second[piece, :, b:]) for piece in pieces])
 
 
 @dataclass(frozen=True, eq=False)
 class LocalQuadraticForm:
-    """One quadratic form over scaled unknowns.
+    """The gradient of one quadratic form over scaled unknowns, and its matrix within the border.
 
     Attributes
     ----------
-    pairs : sequence of PairBlocks
-        Blocks of groups that meet.
     gradient : array of shape (K, m)
         That of the nodes.
     corners : sequence of array
@@ -95,7 +91,6 @@ class LocalQuadraticForm:
         What is added to the diagonal of the border.
     """
 
-    pairs: Sequence[PairBlocks]
     gradient: Floats
     corners: Sequence[Floats]
     places: Sequence[tuple[Indices, Indices]]
@@ -107,9 +102,8 @@ class LocalQuadraticForm:
     ) -> LocalQuadraticForm:
         """That of these unknowns of the border alone, in arrays of its own."""
         own = [group.places_of(border) for group in groups]
-        pairs, corners, places = [], [], []
-        for pair, blocks, corner, both in zip(meeting, self.pairs, self.corners, self.places, strict=True):
-            pairs.append(blocks.within(own[pair.first], own[pair.second], len(groups[pair.second].states)))
+        corners, places = [], []
+        for pair, corner, both in zip(meeting, self.corners, self.places, strict=True):
             chosen = [below(own[number], len(where)) for number, where in zip(pair.groups, both, strict=True)]
             corners.append(corner[:, chosen[0][:, None], chosen[1]])
             first = np.searchsorted(border, both[0][chosen[0]])
@@ -117,7 +111,7 @@ class LocalQuadraticForm:
             second = np.searchsorted(border, both[1][chosen[1]]) if apart else first
             places.append((first, second))
         return LocalQuadraticForm(
-            pairs, self.gradient, corners, places, self.corner_gradients[:, border], self.prior[border]
+            self.gradient, corners, places, self.corner_gradients[:, border], self.prior[border]
         )
 
     @property
@@ -166,6 +160,26 @@ def below(numbers: Indices, limit: int) -> Indices:
 def sums_over(values: NDArray[Any], pieces: Sequence[slice]) -> Floats:
     """(b, ...) sums of values (k, ...) of segments over pieces of these."""
     return np.stack([values[piece].sum(axis=0, dtype=float) for piece in pieces])
+
+
+def corners_of(
+    rows: tuple[NDArray[Any], NDArray[Any]], states: tuple[int, int], pieces: Sequence[slice]
+) -> Floats:
+    """(b, q, q') products of the border in `rows` (k, r, a + q) and (k, r, b + q') of two groups, over pieces of a chunk."""
+    (first, second), (a, b) = rows, states
+    return np.stack([_summed(first[piece, :, a:], second[piece, :, b:]) for piece in pieces])
+
+
+def common_rows(
+    rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rows (k, r, P) and (k, r, P') of two groups: those (k, r, ..., P) that they have in `common`."""
+    first, second = (
+        block[:, own] if isinstance(own := as_slice(which), slice) else np.take(block, own, axis=1)
+        for block, which in zip(rows, common, strict=True)
+    )
+    k, r = len(first), int(np.prod(first.shape[1:-1]))
+    return first.reshape(k, r, first.shape[-1]), second.reshape(k, r, second.shape[-1])
 
 
 def _summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.block_factor import BlockEquations, BlockFactor, NodeBlocks
 from linkwise.likelihood.shooting.bordered_system import Damping
-from linkwise.likelihood.shooting.local_blocks import LocalQuadraticForm, MeetingGroups, Order, below
+from linkwise.likelihood.shooting.local_blocks import (
+    LocalQuadraticForm,
+    MeetingGroups,
+    Order,
+    PairBlocks,
+    below,
+    common_rows,
+)
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import NEGLIGIBLE
 
@@ -27,6 +34,8 @@ class LocalLinearization:
         The groups of columns.
     pairs : sequence of MeetingGroups
         Those that meet.
+    products : sequence of PairBlocks
+        What each of these pairs contributes to the data part; what it contributes to the defects follows from `ends`.
     data, defects : LocalQuadraticForm
         The data part, and the defects for q = 1 without the diagonal of the later node.
     ends : sequence of array
@@ -41,6 +50,7 @@ class LocalLinearization:
 
     groups: Sequence[Neighbourhood]
     pairs: Sequence[MeetingGroups]
+    products: Sequence[PairBlocks]
     data: LocalQuadraticForm
     defects: LocalQuadraticForm
     ends: Sequence[NDArray[Any]]
@@ -50,7 +60,11 @@ class LocalLinearization:
 
     def within(self, border: Indices) -> LocalLinearization:
         """That of these unknowns of the border alone, in arrays of its own."""
-        ends = []
+        products, ends = [], []
+        for pair, blocks in zip(self.pairs, self.products, strict=True):
+            first, second = (self.groups[number] for number in pair.groups)
+            both = first.places_of(border), second.places_of(border)
+            products.append(blocks.within(*both, len(second.states)))
         for group, own in zip(self.groups, self.ends, strict=True):
             a = len(group.states)
             moving = a + below(group.places_of(border), group.moving - a)
@@ -58,6 +72,7 @@ class LocalLinearization:
         return replace(
             self,
             groups=[group.within(border) for group in self.groups],
+            products=products,
             data=self.data.within(self.pairs, self.groups, border),
             defects=self.defects.within(self.pairs, self.groups, border),
             ends=ends,
@@ -89,15 +104,29 @@ class LocalLinearization:
         """(K, m) of the nodes, in the order of the blocks."""
         order = Order(self.groups)
         nodes = np.zeros(self.missed.shape)
-        for pair, data, defects in zip(self.pairs, self.data.pairs, self.defects.pairs, strict=True):
+        for pair, data in zip(self.pairs, self.products, strict=True):
             if pair.first == pair.second:
                 own = order.of_states[pair.first]
                 size = own.stop - own.start
+                ends = self.ends[pair.first][:, :, :size].astype(float)
                 nodes[:, own] = np.einsum("kii->ki", data.upper[:, :, :size])
-                nodes[:, own] += weight * np.einsum("kii->ki", defects.upper[:, :, :size])
+                nodes[:, own] += weight * np.einsum("kri,kri->ki", ends, ends)
         nodes += self.unconstrained[:, None]
         nodes[1:] += weight * self.joined[:-1, None]
         return nodes
+
+
+    def products_of_ends(self, some: slice) -> list[PairBlocks]:
+        """What pairs contribute to the defects of some segments, for q = 1, of their moving columns alone."""
+        ends = [own[some].astype(float) for own in self.ends]
+        products = []
+        for pair in self.pairs:
+            first, second = common_rows([ends[number] for number in pair.groups], pair.rows)
+            a, b = (len(self.groups[number].states) for number in pair.groups)
+            upper = first[:, :, :a].transpose(0, 2, 1) @ second
+            below = first[:, :, a:] if pair.first != pair.second else first[:, :, :0]
+            products.append(PairBlocks(upper, below.transpose(0, 2, 1) @ second[:, :, :b]))
+        return products
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +191,12 @@ class LocalSystem:
         linear, order, weight = self.linear, self.order, self.weight
         some, m = slice(first, last), linear.missed.shape[1]
         diagonal = np.zeros((last - first, m, m))
-        for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
+        of_ends = linear.products_of_ends(some)
+        for pair, data, defects in zip(linear.pairs, linear.products, of_ends, strict=True):
             at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
             b = at_second.stop - at_second.start
             own = diagonal[:, at_first, at_second]
-            np.multiply(defects.upper[some, :, :b], weight, out=own)
+            np.multiply(defects.upper[:, :, :b], weight, out=own)
             own += data.upper[some, :, :b]
         before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
         later = slice(before.start + 1 - first, None)
@@ -175,20 +205,23 @@ class LocalSystem:
         on_diagonal[later] += weight * linear.joined[before, None]
         if damping is not None:
             on_diagonal += damping.nodes[some]
-        return NodeBlocks(diagonal, self.rights(first, last), self.coupling(first, last))
+        return NodeBlocks(diagonal, self._rights(first, last, of_ends), self.coupling(first, last))
 
     def rights(self, first: int, last: int) -> Floats:
         """(c, p + 1, m) border and gradient of some nodes."""
+        return self._rights(first, last, self.linear.products_of_ends(slice(first, last)))
+
+    def _rights(self, first: int, last: int, of_ends: Sequence[PairBlocks]) -> Floats:
         linear, order, weight = self.linear, self.order, self.weight
         some, p = slice(first, last), len(order.border)
         right = np.zeros((last - first, p + 1, linear.missed.shape[1]))
-        for pair, data, defects in zip(linear.pairs, linear.data.pairs, linear.defects.pairs, strict=True):
+        for pair, data, defects in zip(linear.pairs, linear.products, of_ends, strict=True):
             at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
             b = at_second.stop - at_second.start
-            upper = _weighted_sum(data.upper[some, :, b:], defects.upper[some, :, b:], weight, 2)
+            upper = _weighted_sum(data.upper[some, :, b:], defects.upper[:, :, b:], weight, 2)
             right[:, order.of_border[pair.second], at_first] = upper.transpose(0, 2, 1)
             if pair.first != pair.second:
-                lower = _weighted_sum(data.lower[some], defects.lower[some], weight, 1)
+                lower = _weighted_sum(data.lower[some], defects.lower, weight, 1)
                 right[:, order.of_border[pair.first], at_second] = lower
         before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
         later = slice(before.start + 1 - first, None)
@@ -215,39 +248,52 @@ class LocalSystem:
         """What a border (p,), in the order of the blocks, leaves of the gradient of the nodes, (K, m)."""
         linear, order, weight = self.linear, self.order, self.weight
         left = self.gradient
-        for form, factor in ((linear.data, 1.0), (linear.defects, weight)):
-            for pair, blocks in zip(linear.pairs, form.pairs, strict=True):
-                at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
-                b = at_second.stop - at_second.start
-                by_second = border[order.of_border[pair.second]][: blocks.upper.shape[2] - b]
-                left[:, at_first] -= factor * (blocks.upper[:, :, b:] @ by_second)
-                if pair.first != pair.second:
-                    by_first = border[order.of_border[pair.first]][: blocks.lower.shape[1]]
-                    left[:, at_second] -= factor * (by_first @ blocks.lower)
+        for pair, blocks in zip(linear.pairs, linear.products, strict=True):
+            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
+            b = at_second.stop - at_second.start
+            left[:, at_first] -= blocks.upper[:, :, b:] @ border[order.of_border[pair.second]]
+            if pair.first != pair.second:
+                left[:, at_second] -= border[order.of_border[pair.first]] @ blocks.lower
+        ends = np.zeros(left.shape)
         for number, group in enumerate(linear.groups):
             a = len(group.states)
-            ends = linear.ends[number][:-1, :, a:] @ border[order.of_border[number]][: group.moving - a]
-            left[1:, order.places[group.rows]] += weight * ends
+            own = linear.ends[number][:, :, a:] @ border[order.of_border[number]][: group.moving - a]
+            ends[:, order.places[group.rows]] += own
+        for number, group in enumerate(linear.groups):
+            rows, states = order.places[group.rows], linear.ends[number][:, :, : len(group.states)]
+            left[:, order.of_states[number]] -= weight * (ends[:, None, rows] @ states)[:, 0]
+        left[1:] += weight * ends[:-1]
         return left
 
     def across(self, nodes: Floats) -> Floats:
         """What nodes (K, m) add to the equations of the border, (p,), both in the order of the blocks."""
         linear, order, weight = self.linear, self.order, self.weight
         added = np.zeros(len(order.border))
-        for form, factor in ((linear.data, 1.0), (linear.defects, weight)):
-            for pair, blocks in zip(linear.pairs, form.pairs, strict=True):
-                at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
-                b = at_second.stop - at_second.start
-                of_second = np.tensordot(nodes[:, at_first], blocks.upper[:, :, b:], 2)
-                added[order.of_border[pair.second]][: len(of_second)] += factor * of_second
-                if pair.first != pair.second:
-                    of_first = np.einsum("kqb,kb->q", blocks.lower, nodes[:, at_second])
-                    added[order.of_border[pair.first]][: len(of_first)] += factor * of_first
+        for pair, blocks in zip(linear.pairs, linear.products, strict=True):
+            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
+            b = at_second.stop - at_second.start
+            added[order.of_border[pair.second]] += np.tensordot(nodes[:, at_first], blocks.upper[:, :, b:], 2)
+            if pair.first != pair.second:
+                of_first = np.einsum("kqb,kb->q", blocks.lower, nodes[:, at_second])
+                added[order.of_border[pair.first]] += of_first
+        defects = self.followed_defects(slice(0, len(nodes)), nodes[:, None])[:, 0]
         for number, group in enumerate(linear.groups):
-            a = len(group.states)
-            of_ends = np.tensordot(nodes[1:, order.places[group.rows]], linear.ends[number][:-1, :, a:], 2)
-            added[order.of_border[number]][: group.moving - a] -= weight * of_ends
+            a, own = len(group.states), defects[:, order.places[group.rows]]
+            of_ends = np.tensordot(own, linear.ends[number][:, :, a:], 2)
+            added[order.of_border[number]][: group.moving - a] += weight * of_ends
         return added
+
+    def followed_defects(self, some: slice, nodes: Floats) -> Floats:
+        """(k, c, m) by how much the defects at the ends of some segments fall where all nodes (K, c, m) move."""
+        linear, order = self.linear, self.order
+        defects = np.zeros(nodes[some].shape)
+        later = nodes[some.start + 1 : some.stop + 1]
+        defects[: len(later)] -= later
+        for number, group in enumerate(linear.groups):
+            states = linear.ends[number][some, :, : len(group.states)].astype(float)
+            own = nodes[some, :, order.of_states[number]] @ states.transpose(0, 2, 1)
+            defects[:, :, order.places[group.rows]] += own
+        return defects
 
 
 @dataclass(frozen=True, eq=False)

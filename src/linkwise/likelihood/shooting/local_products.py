@@ -15,10 +15,12 @@ from linkwise.likelihood.shooting.local_blocks import (
     MeetingGroups,
     Order,
     PairBlocks,
+    common_rows,
+    corners_of,
     sums_over,
 )
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
-from linkwise.likelihood.shooting.local_rows import LocalRows, as_slice
+from linkwise.likelihood.shooting.local_rows import LocalRows
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import block_ends, blocks_of, border_columns
 
@@ -47,11 +49,9 @@ def local_linearization(
     segments, groups = rows.segments, rows.groups
     order, pairs, K = Order(groups), _pairs(groups), segments.count
     ends_of_blocks = block_ends(K, blocks)
-    sizes = [group.size for group in groups], [group.moving for group in groups]
-    data, defects = (
-        [_room(K, groups, pair, of_form, kind) for pair in pairs]
-        for of_form, kind in zip(sizes, (np.float32, np.float64), strict=True)
-    )
+    products = [
+        PairBlocks.empty(K, (groups[pair.first], groups[pair.second]), np.float32) for pair in pairs
+    ]
     gradients = np.zeros((2, K, len(order.states)))
     joined = np.append(segments.linked, False).astype(float)
     missed = np.zeros((K, len(order.states)))
@@ -73,15 +73,13 @@ def local_linearization(
             by_ends = _gradient(exact[number], missed[part][:, order.places[group.rows]])
             gradients[0, part, at], gradients[1, part, at] = by_data[:, :a], by_ends[:, :a]
             slopes.append([sums_over(by_data[:, a:], pieces), sums_over(by_ends[:, a:], pieces)])
-        corners = [
-            [
-                data[number].put(
-                    part, _meeting([by_group[i].data for i in pair.groups], pair.channels), pieces
-                ),
-                defects[number].put(part, _meeting([exact[i] for i in pair.groups], pair.rows), pieces),
-            ]
-            for number, pair in enumerate(pairs)
-        ]
+        corners = []
+        for pair, own_products in zip(pairs, products, strict=True):
+            shown = common_rows([by_group[i].data for i in pair.groups], pair.channels)
+            moved = common_rows([exact[i] for i in pair.groups], pair.rows)
+            own_products.put(part, shown)
+            states = len(groups[pair.first].states), len(groups[pair.second].states)
+            corners.append([corners_of(rows_of_both, states, pieces) for rows_of_both in (shown, moved)])
         return slopes + corners
 
     parts = _chunks(groups, K)
@@ -90,12 +88,14 @@ def local_linearization(
         by_part, [[block for block, _ in blocks_of(part, ends_of_blocks)] for part in parts], blocks
     )
     of_data, of_defects = (
-        _form(own, gradient, [totals[kind] for totals in sums], groups, pairs)
-        for kind, (own, gradient) in enumerate(zip((data, defects), gradients, strict=True))
+        _form(gradient, [totals[kind] for totals in sums], groups, pairs)
+        for kind, gradient in enumerate(gradients)
     )
     _add_prior(of_data, rows)
     unconstrained = segments.unconstrained.astype(float)
-    return LocalLinearization(groups, pairs, of_data, of_defects, ends, missed, joined, unconstrained)
+    return LocalLinearization(
+        groups, pairs, products, of_data, of_defects, ends, missed, joined, unconstrained
+    )
 
 
 def _by_blocks(
@@ -124,13 +124,12 @@ def _add_prior(form: LocalQuadraticForm, rows: LocalRows) -> None:
 
 
 def _form(
-    blocks: Sequence[PairBlocks],
     gradient: Floats,
     sums: Sequence[Floats],
     groups: Sequence[Neighbourhood],
     pairs: Sequence[MeetingGroups],
 ) -> LocalQuadraticForm:
-    """The form of `blocks` with `sums` over blocks of segments: gradients (B, q) of groups, corners (B, q, q') of pairs."""
+    """The form with `sums` over blocks of segments: gradients (B, q) of groups, corners (B, q, q') of pairs."""
     p = sum(len(group.border) for group in groups)
     gradients = np.zeros((len(sums[0]), p))
     for group, total in zip(groups, sums, strict=False):
@@ -140,15 +139,7 @@ def _form(
         first = groups[pair.first].border[: total.shape[1]]
         second = first if pair.first == pair.second else groups[pair.second].border[: total.shape[2]]
         places.append((first, second))
-    return LocalQuadraticForm(blocks, gradient, corners, places, gradients, np.zeros(p))
-
-
-def _room(
-    K: int, groups: Sequence[Neighbourhood], pair: MeetingGroups, sizes: Sequence[int], kind: type
-) -> PairBlocks:
-    """Room for the products of as many columns of each group of a pair."""
-    first, second = pair.groups
-    return PairBlocks.empty(K, (groups[first], groups[second]), (sizes[first], sizes[second]), kind)
+    return LocalQuadraticForm(gradient, corners, places, gradients, np.zeros(p))
 
 
 def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:
@@ -178,15 +169,3 @@ def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
     """(k, P) products of rows (k, ..., P) with what they leave (k, ...)."""
     k, size = len(rows), rows.shape[-1]
     return np.asarray((missed.reshape(k, 1, -1) @ rows.reshape(k, -1, size))[:, 0])
-
-
-def _meeting(
-    rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rows (k, r, P) and (k, r, P') of two groups: those (k, r, ..., P) that they have in `common`."""
-    first, second = (
-        block[:, own] if isinstance(own := as_slice(which), slice) else np.take(block, own, axis=1)
-        for block, which in zip(rows, common, strict=True)
-    )
-    k, r = len(first), int(np.prod(first.shape[1:-1]))
-    return first.reshape(k, r, first.shape[-1]), second.reshape(k, r, second.shape[-1])
