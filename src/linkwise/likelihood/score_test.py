@@ -16,9 +16,10 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.memory_forces import MemoryForce
 from linkwise.likelihood.shooting.block_information import FactoredModel
+from linkwise.likelihood.shooting.bordered_system import BorderEquations
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.shooting.linear_model import linear_model
+from linkwise.likelihood.shooting.linear_model import border_equations, linear_model
 from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
@@ -113,27 +114,29 @@ def augmented_quadratic(
     linear = linear_model(
         segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors, blocks=blocks
     )
-    factor = linear.factor(optimum.q)
-    if factor is None:
+    in_blocks = blocks > 1
+    border = linear.factor(optimum.q) if in_blocks else border_equations(linear, optimum.q)
+    if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))
     model, growth = None, 1.0
     if isinstance(linear, Linearization):
         growth = float(np.max(np.abs(linear.state_ends), initial=1.0))
-    if blocks > 1 and not factor.damped:
+    if in_blocks and not border.damped:
         estimated = np.delete(
-            np.arange(len(factor.schur)), segments.system.parameters.size + np.arange(added)
+            np.arange(len(border.schur)), segments.system.parameters.size + np.arange(added)
         )
-        model = FactoredModel.within(linear, factor, estimated, optimum.q)
+        assert not isinstance(border, BorderEquations)  # a factor was asked for
+        model = FactoredModel.within(linear, border, estimated, optimum.q)
     own = slice(0, segments.system.parameters.size + added)
     nuisance = slice(own.stop, None)
-    curvature, slope = factor.schur[own, own], factor.reduced[own]
-    follow: Floats = np.zeros((len(factor.schur) - own.stop, own.stop))
+    curvature, slope = border.schur[own, own], border.reduced[own]
+    follow: Floats = np.zeros((len(border.schur) - own.stop, own.stop))
     if len(follow):  # offsets and gains of sensors
-        among, with_own = factor.schur[nuisance, nuisance], factor.schur[own, nuisance]
+        among, with_own = border.schur[nuisance, nuisance], border.schur[own, nuisance]
         follow = np.asarray(np.linalg.solve(among, with_own.T), dtype=float)
         curvature = curvature - with_own @ follow
-        slope = slope - follow.T @ factor.reduced[nuisance]
+        slope = slope - follow.T @ border.reduced[nuisance]
     if optimum.coloured is None:
         return AugmentedQuadratic(curvature, slope, curvature, model, growth)
     rows = eliminated_rows(

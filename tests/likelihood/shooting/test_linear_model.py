@@ -7,7 +7,7 @@ from typing import cast
 
 import pytest
 
-from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, firm_factor
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, firm_border
 
 
 @pytest.mark.parametrize(
@@ -18,5 +18,5 @@ def test_a_covariance_comes_from_equations_to_which_nothing_is_added(
 ) -> None:
     """What is added to the nodes would count as information; the least relaxation that needs none is taken."""
     linear = SimpleNamespace(factor=lambda q: SimpleNamespace(q=q, damped=q < firm_from))
-    factor = firm_factor(cast(GaussNewtonModel, linear), 1e-5)
+    factor = firm_border(cast(GaussNewtonModel, linear), 1e-5)
     assert factor is not None and cast(SimpleNamespace, factor).q == pytest.approx(expected)

@@ -26,7 +26,7 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.chord_steps import ChordEquations
 from linkwise.likelihood.shooting.curved_step import curved_step, is_settled
 from linkwise.likelihood.shooting.damped_step import DampedEquations, bounds, freedom
-from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, covariance, firm_factor, linear_model
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, covariance, firm_border, linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.schedule import AnnealingSchedule as AnnealingSchedule
@@ -174,7 +174,7 @@ def anneal(
         status = AnnealingStatus.INTERRUPTED
     factor = None if damped is None else damped.undamped_factor(control.q)
     linear, damped = linear or linear_model(segments, misfit, scales, loss, executor), None
-    covariance_of = partial(covariance, factor or firm_factor(linear, control.q), scales)
+    covariance_of = partial(covariance, factor or firm_border(linear, control.q), scales)
     return _fit(segments, covariance_of, misfit, scales, loss, control.q, status, tuple(path))
 
 

@@ -12,11 +12,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, lapack
+from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats
+from linkwise.likelihood.shooting.bordered_system import BorderEquations, border_step
 
-_AT_ONCE = 32  # nodes that are assembled together
+_AT_ONCE = 32  # nodes that are assembled together at most
+_HELD = 2_000_000  # numbers in the blocks of these
 _PARALLEL = 6e6  # multiplications a node from which products take longer than one thread takes to hand over to the other
 
 
@@ -64,9 +66,24 @@ class BlockEquations:
 
     def factor(self) -> BlockFactor | None:
         """The Cholesky factor; None where the equations are not positive definite."""
+        roots = np.empty((self.shape[0], *2 * self.shape[1:]))
+        border = self._eliminated(roots)
+        return None if border is None else BlockFactor(self, roots, border.schur, border.reduced)
+
+    def border(self) -> BorderEquations | None:
+        """What the factor has of the border, without room for all of it."""
+        return self._eliminated(None)
+
+    @property
+    def at_once(self) -> int:
+        """How many nodes are assembled together."""
+        m, p = self.shape[1], len(self.corner)
+        return max(4, min(_AT_ONCE, _HELD // (m * (2 * m + p + 1))))
+
+    def _eliminated(self, roots: Floats | None) -> BorderEquations | None:
+        """The border with all nodes eliminated, whose `roots` (K, m, m) are filled where they are asked for."""
         K, m = self.shape
         middle = K // 2
-        roots = np.empty((K, m, m))
         halves = (
             _Elimination(self, roots, range(middle)),
             _Elimination(self, roots, range(K - 1, middle, -1)),
@@ -90,15 +107,16 @@ class BlockEquations:
         schur = self.corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
-        return BlockFactor(self, roots, schur, self.corner_gradient - moment[p, :p])
+        return BorderEquations(schur, self.corner_gradient - moment[p, :p], float(moment[p, p]))
 
 
 class _Elimination:
-    """Nodes eliminated one after the other: `roots` of each are filled, `moment` (p + 1, p + 1) is summed."""
+    """Nodes eliminated one after the other: `roots` of each are filled, if any, `moment` (p + 1, p + 1) is summed."""
 
-    def __init__(self, equations: BlockEquations, roots: Floats, nodes: range) -> None:
+    def __init__(self, equations: BlockEquations, roots: Floats | None, nodes: range) -> None:
         size = len(equations.corner) + 1
         self.equations, self.roots, self.nodes = equations, roots, nodes
+        self.root = np.empty(2 * equations.shape[1:])  # of the last node that was eliminated
         self.moment = np.zeros((size, size))
         self.link: Floats | None = None  # (m, m) of the node behind with the last one that was eliminated
         self.right: Floats | None = None  # (p + 1, m) of the latter
@@ -107,8 +125,9 @@ class _Elimination:
     def run(self) -> bool:
         """Eliminate all nodes; False where one is not positive definite."""
         nodes, step = self.nodes, self.nodes.step
-        for begin in range(0, len(nodes), _AT_ONCE):
-            some = nodes[begin : begin + _AT_ONCE]
+        at_once = self.equations.at_once
+        for begin in range(0, len(nodes), at_once):
+            some = nodes[begin : begin + at_once]
             first, last = min(some[0], some[-1]), max(some[0], some[-1])
             blocks = self.equations.blocks(first if step > 0 else first - 1, last + 1)
             if step < 0:  # the links are with the nodes before
@@ -121,7 +140,7 @@ class _Elimination:
                 if not self.eliminate(node, blocks.diagonal[own], blocks.right[own]):
                     return False
                 link = np.array(blocks.coupling[own], order="C")
-                _, info = lapack.dtrtrs(self.roots[node].T, link.T, lower=1, overwrite_b=1)
+                _, info = lapack.dtrtrs(self.root.T, link.T, lower=1, overwrite_b=1)
                 if info:
                     return False
                 self.link, self.right = link, blocks.right[own]
@@ -137,11 +156,13 @@ class _Elimination:
 
     def eliminate(self, node: int, diagonal: Floats, right: Floats) -> bool:
         """Root of a node's `diagonal` to `roots`, and `right` through it, in place."""
-        self.roots[node] = diagonal
-        _, info = lapack.dpotrf(self.roots[node].T, lower=1, clean=0, overwrite_a=1)
+        if self.roots is not None:
+            self.root = self.roots[node]
+        self.root[:] = diagonal
+        _, info = lapack.dpotrf(self.root.T, lower=1, clean=0, overwrite_a=1)
         if info:
             return False
-        _, info = lapack.dtrtrs(self.roots[node].T, right.T, lower=1, overwrite_b=1)
+        _, info = lapack.dtrtrs(self.root.T, right.T, lower=1, overwrite_b=1)
         return not info
 
 
@@ -161,14 +182,9 @@ class BlockFactor:
 
         None where the equations are not positive definite.
         """
-        border = np.zeros(len(self.reduced)) if fixed_values is None else np.where(free, 0.0, fixed_values)
-        if free.any():
-            try:
-                root = cholesky(self.schur[np.ix_(free, free)], lower=True)
-            except np.linalg.LinAlgError:
-                return None
-            right = self.reduced[free] - self.schur[np.ix_(free, ~free)] @ border[~free]
-            border[free] = cho_solve((root, True), right)
+        border = border_step(self.schur, self.reduced, free, fixed_values)
+        if border is None:
+            return None
         return self.nodes(np.array(self.equations.remainder(border)[:, None], order="C"))[:, 0], border
 
     def nodes(self, right: Floats) -> Floats:

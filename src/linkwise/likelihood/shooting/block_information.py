@@ -147,9 +147,7 @@ def _subtract_products(
     K, own_gradient = len(follow), linear.data.gradient + weight * linear.defects.gradient
     for block, (first, last) in enumerate(pairwise(block_ends(K, len(corner)))):
         part, own = slice(first, last), corner[block, :, some]
-        by_state = [
-            np.ascontiguousarray(follow[part, :, of].transpose(0, 2, 1)) for of in order.of_states
-        ]
+        by_state = [np.ascontiguousarray(follow[part, :, of].transpose(0, 2, 1)) for of in order.of_states]
         for pair, data in zip(linear.pairs, linear.products, strict=True):
             b = len(linear.groups[pair.second].states)
             upper = data.upper[part, :, b:].astype(float)

@@ -70,6 +70,37 @@ class BorderedSystem:
 
 
 @dataclass(frozen=True, eq=False)
+class BorderEquations:
+    """Equations of the border with the nodes eliminated, `schur` (p, p) and `reduced` (p,); by how much the nodes alone would
+    reduce the cost, and whether the equations were `damped`.
+    """
+
+    schur: Floats
+    reduced: Floats
+    by_nodes: float
+    damped: bool = False
+
+    def reduction(self, border: Floats) -> float:
+        """By how much a step with this border (p,) reduces the cost where the nodes follow."""
+        return self.by_nodes + float(border @ (2.0 * self.reduced - self.schur @ border))
+
+
+def border_step(schur: Floats, reduced: Floats, free: Bools, fixed_values: Floats | None) -> Floats | None:
+    """The border (p,) that the equations of the border ask for, entries outside `free` (p,) kept at `fixed_values` (p,), by
+    default at zero; None where they are not positive definite.
+    """
+    border = np.zeros(len(reduced)) if fixed_values is None else np.where(free, 0.0, fixed_values)
+    if free.any():
+        try:
+            root = cholesky(schur[np.ix_(free, free)], lower=True)
+        except np.linalg.LinAlgError:
+            return None
+        right = reduced[free] - schur[np.ix_(free, ~free)] @ border[~free]
+        border[free] = cho_solve((root, True), right)
+    return border
+
+
+@dataclass(frozen=True, eq=False)
 class BorderedFactor:
     """Factor of the nodes, `chol` (banded) and `forward` (K, m, p + 1); equations of the border, `schur` (p, p) and
     `reduced` (p,); whether it was `damped`.
@@ -103,14 +134,9 @@ class BorderedFactor:
 
         None where the equations are not positive definite.
         """
-        border = np.zeros(len(self.reduced)) if fixed_values is None else np.where(free, 0.0, fixed_values)
-        if free.any():
-            try:
-                root = cholesky(self.schur[np.ix_(free, free)], lower=True)
-            except np.linalg.LinAlgError:
-                return None
-            right = self.reduced[free] - self.schur[np.ix_(free, ~free)] @ border[~free]
-            border[free] = cho_solve((root, True), right)
+        border = border_step(self.schur, self.reduced, free, fixed_values)
+        if border is None:
+            return None
         right = self.forward[..., -1] - self.forward[..., :-1] @ border
         nodes, _ = lapack.dtbtrs(self.chol, right.reshape(-1, 1), uplo="L", trans="T")
         return nodes.reshape(self.shape), border

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.arrays import Floats
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem
+from linkwise.arrays import Bools, Floats
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem, border_step
 from linkwise.likelihood.shooting.late_sensors import LARGEST
-from linkwise.likelihood.shooting.linear_model import Factor, GaussNewtonModel
-from linkwise.likelihood.shooting.local_equations import LocalSystem
+from linkwise.likelihood.shooting.linear_model import Border, Factor, GaussNewtonModel
+from linkwise.likelihood.shooting.local_equations import LocalLinearization, LocalSystem
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
@@ -75,15 +75,43 @@ def damped_step(
     equations, factor = damped.equations, damped.factor
     if factor is None:
         return None
+    held = _within_bounds(segments, factor, misfit, scales, length)
+    solved = None if held is None else factor.solve(held.free, held.fixed)
+    if held is None or solved is None:
+        return None
+    nodes, border = length * solved[0], length * solved[1]
+    moved = (nodes * scales.state).T
+    point = misfit.point.moved(misfit.point.nodes + moved, held.border)
+    excess = factor.excess(solved[1], held.free)
+    predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * excess
+    return point, predicted
+
+
+@dataclass(frozen=True, eq=False)
+class _BorderStep:
+    """A step of the unknowns of the border: which were `free` (P,) of their bounds, where the others were `fixed` (P,), in
+    scaled unknowns, the whole `step` (P,) in these, and the `border` (P,) to which the part asked for leads.
+    """
+
+    free: Bools
+    fixed: Floats
+    step: Floats
+    border: Floats
+
+
+def _within_bounds(
+    segments: Segments, equations: Border, misfit: Misfit, scales: Scales, length: float
+) -> _BorderStep | None:
+    """The part `length` of the step that equations of the border ask for, with unknowns that would pass a bound held there."""
     lower, upper = bounds(segments)
     old = misfit.point.border
     free, ends = np.ones(segments.parameters, bool), old.copy()
     while True:
-        solved = factor.solve(free, (ends - old) / scales.theta)
-        if solved is None:
+        fixed = (ends - old) / scales.theta
+        step = border_step(equations.schur, equations.reduced, free, fixed)
+        if step is None:
             return None
-        nodes, border = length * solved[0], length * solved[1]
-        new = old + border * scales.theta
+        new = old + length * step * scales.theta
         outside = free & ((new < lower) | (new > upper))
         if not outside.any():
             break
@@ -91,11 +119,7 @@ def damped_step(
         free &= ~outside
     if length == 1.0:
         new = np.where(free, new, ends)  # to the last digit
-    new = np.clip(new, lower, upper)
-    moved = (nodes * scales.state).T
-    point = misfit.point.moved(misfit.point.nodes + moved, new)
-    predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * factor.excess(solved[1], free)
-    return point, predicted
+    return _BorderStep(free, fixed, step, np.clip(new, lower, upper))
 
 
 def bounds(segments: Segments) -> tuple[Floats, Floats]:
@@ -156,5 +180,9 @@ def full_reduction(
     """
     if damped.damping < SLIGHT:
         return 0.0
+    if isinstance(linear, LocalLinearization):  # a second factor would take as much room as the first one
+        border = linear.equations(damped.q).border()
+        held = None if border is None else _within_bounds(segments, border, misfit, scales, 1.0)
+        return float("inf") if border is None or held is None else border.reduction(held.step)
     attempt = damped_step(segments, DampedEquations.of(linear, damped.q, 0.0), misfit, scales, 1.0)
     return float("inf") if attempt is None else attempt[1]

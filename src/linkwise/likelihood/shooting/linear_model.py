@@ -7,7 +7,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
 from linkwise.likelihood.shooting.local_equations import LocalFactor, LocalLinearization
 from linkwise.likelihood.shooting.local_products import local_linearization
 from linkwise.likelihood.shooting.local_rows import LocalRows
@@ -22,6 +22,7 @@ from linkwise.runtime import processors
 
 GaussNewtonModel = Linearization | LocalLinearization
 Factor = BorderedFactor | LocalFactor
+Border = BorderEquations | Factor
 
 _LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
 _WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
@@ -120,29 +121,34 @@ def column_origins(
     return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
 
 
-def firm_factor(linear: GaussNewtonModel, q: float) -> Factor | None:
-    """The factor at a relaxation, or at the least larger one at which nothing has to be added to its nodes.
+def border_equations(linear: GaussNewtonModel, q: float) -> Border | None:
+    """The equations of the border at a relaxation, as the factor has them; of many masses without room for the factor."""
+    return linear.border(q) if isinstance(linear, LocalLinearization) else linear.factor(q)
+
+
+def firm_border(linear: GaussNewtonModel, q: float) -> Border | None:
+    """`border_equations` at a relaxation, or at the least larger one at which nothing has to be added to the nodes.
 
     What is added makes a factor, and would count as information; a larger relaxation can only widen the covariance. Where
     nothing helps it is that with the addition.
     """
-    factor = linear.factor(q)
-    for looser in _LOOSER if factor is not None and factor.damped else ():
-        again = linear.factor(looser * q)
+    border = border_equations(linear, q)
+    for looser in _LOOSER if border is not None and border.damped else ():
+        again = border_equations(linear, looser * q)
         if again is not None and not again.damped:
             return again
-    return factor
+    return border
 
 
-def covariance(factor: Factor | None, scales: Scales, free: Bools) -> Floats:
+def covariance(border: Border | None, scales: Scales, free: Bools) -> Floats:
     """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
     size = len(scales.theta)
     unknown = np.full((size, size), np.inf)
-    if factor is None:
+    if border is None:
         return unknown
     chosen = np.ix_(free, free)
     try:
-        inverse = np.linalg.inv(factor.schur[chosen])
+        inverse = np.linalg.inv(border.schur[chosen])
     except np.linalg.LinAlgError:
         return unknown
     out = np.zeros((size, size))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -42,27 +43,25 @@ class PairBlocks:
     lower: NDArray[Any]
 
     @classmethod
-    def empty(cls, K: int, groups: tuple[Neighbourhood, Neighbourhood], kind: type) -> PairBlocks:
-        """Room for K segments and all columns of each group."""
-        first, second = groups
-        below = 0 if first is second else len(first.border)
-        return cls(
-            np.empty((K, len(first.states), second.size), kind),
-            np.empty((K, below, len(second.states)), kind),
-        )
+    def room(
+        cls, K: int, pairs: Sequence[MeetingGroups], groups: Sequence[Neighbourhood]
+    ) -> list[PairBlocks]:
+        """Room for K segments and all columns of pairs of groups, in single precision."""
+        shapes = []
+        for pair in pairs:
+            first, second = (groups[number] for number in pair.groups)
+            q = 0 if pair.first == pair.second else len(first.border)
+            shapes += [(K, len(first.states), second.size), (K, q, len(second.states))]
+        arrays = in_one_piece(shapes)
+        return [cls(*both) for both in zip(arrays[::2], arrays[1::2], strict=True)]
 
-    def within(self, first: Indices, second: Indices, states: int) -> PairBlocks:
-        """Those of some places in the border of each group, of which the second has so many `states`."""
-        return PairBlocks(
-            np.concatenate(
-                [
-                    self.upper[..., :states],
-                    self.upper[..., states + below(second, self.upper.shape[2] - states)],
-                ],
-                axis=2,
-            ),
-            self.lower[:, below(first, self.lower.shape[1])],
-        )
+    def put_within(self, whole: PairBlocks, first: Indices, second: Indices) -> None:
+        """Store those of `whole` of some places in the border of each group."""
+        states = self.lower.shape[2]
+        self.upper[..., :states] = whole.upper[..., :states]
+        np.take(whole.upper, states + second, axis=2, out=self.upper[..., states:])
+        if len(self.lower[0]):
+            self.lower[:] = whole.lower[:, first]
 
     def put(self, part: slice, rows: tuple[NDArray[Any], NDArray[Any]]) -> None:
         """Store the products of `rows` (k, r, P) and (k, r, P') of a chunk."""
@@ -160,6 +159,13 @@ def below(numbers: Indices, limit: int) -> Indices:
 def sums_over(values: NDArray[Any], pieces: Sequence[slice]) -> Floats:
     """(b, ...) sums of values (k, ...) of segments over pieces of these."""
     return np.stack([values[piece].sum(axis=0, dtype=float) for piece in pieces])
+
+
+def in_one_piece(shapes: Sequence[tuple[int, ...]]) -> list[NDArray[Any]]:
+    """Arrays in single precision of one allocation: many small ones leave holes, which the system does not get back."""
+    ends = np.cumsum([0, *(prod(shape) for shape in shapes)]).tolist()
+    whole = np.empty(ends[-1], np.float32)
+    return [whole[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)]
 
 
 def corners_of(

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.block_factor import BlockEquations, BlockFactor, NodeBlocks
-from linkwise.likelihood.shooting.bordered_system import Damping
+from linkwise.likelihood.shooting.bordered_system import BorderEquations, Damping
 from linkwise.likelihood.shooting.local_blocks import (
     LocalQuadraticForm,
     MeetingGroups,
@@ -19,9 +19,12 @@ from linkwise.likelihood.shooting.local_blocks import (
     PairBlocks,
     below,
     common_rows,
+    in_one_piece,
 )
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import NEGLIGIBLE
+
+Solved = TypeVar("Solved")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +63,19 @@ class LocalLinearization:
 
     def within(self, border: Indices) -> LocalLinearization:
         """That of these unknowns of the border alone, in arrays of its own."""
-        products, ends = [], []
-        for pair, blocks in zip(self.pairs, self.products, strict=True):
-            first, second = (self.groups[number] for number in pair.groups)
-            both = first.places_of(border), second.places_of(border)
-            products.append(blocks.within(*both, len(second.states)))
-        for group, own in zip(self.groups, self.ends, strict=True):
+        groups, K = [group.within(border) for group in self.groups], len(self.missed)
+        places = [group.places_of(border) for group in self.groups]
+        products = PairBlocks.room(K, self.pairs, groups)
+        for pair, blocks, whole in zip(self.pairs, products, self.products, strict=True):
+            blocks.put_within(whole, *(places[number] for number in pair.groups))
+        ends = in_one_piece([(K, len(group.rows), group.moving) for group in groups])
+        for group, own, some, before in zip(self.groups, ends, places, self.ends, strict=True):
             a = len(group.states)
-            moving = a + below(group.places_of(border), group.moving - a)
-            ends.append(np.concatenate([own[..., :a], own[..., moving]], axis=2))
+            own[..., :a] = before[..., :a]
+            own[..., a:] = before[..., a + below(some, group.moving - a)]
         return replace(
             self,
-            groups=[group.within(border) for group in self.groups],
+            groups=groups,
             products=products,
             data=self.data.within(self.pairs, self.groups, border),
             defects=self.defects.within(self.pairs, self.groups, border),
@@ -84,13 +88,20 @@ class LocalLinearization:
 
     def factor(self, q: float) -> LocalFactor | None:
         """Factor of `equations`; of nodes that the samples hardly determine, with the least diagonal that makes it one."""
-        equations = self.equations(q)
+        return self._first_of(self.equations(q).factor, q)
+
+    def border(self, q: float) -> BorderEquations | None:
+        """What `factor` has of the border, without room for all of it."""
+        return self._first_of(self.equations(q).border, q)
+
+    def _first_of(self, of: Callable[[Damping | None], Solved | None], q: float) -> Solved | None:
+        """What there is with the least that has to be added to the diagonal of the nodes; None where nothing helps."""
         nothing = np.zeros(len(self.data.prior))
         for strength in (0.0, *NEGLIGIBLE):
             nodes = strength * self.diagonal(1.0 / q**2)
-            factor = equations.factor(Damping(nodes, nothing) if strength else None)
-            if factor is not None:
-                return factor
+            solved = of(Damping(nodes, nothing) if strength else None)
+            if solved is not None:
+                return solved
         return None
 
     def damping(self, strength: float) -> Damping | None:
@@ -114,7 +125,6 @@ class LocalLinearization:
         nodes += self.unconstrained[:, None]
         nodes[1:] += weight * self.joined[:-1, None]
         return nodes
-
 
     def products_of_ends(self, some: slice) -> list[PairBlocks]:
         """What pairs contribute to the defects of some segments, for q = 1, of their moving columns alone."""
@@ -141,6 +151,15 @@ class LocalSystem:
         """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite."""
         factor = self._of_blocks(damping).factor()
         return None if factor is None else LocalFactor(factor, self.order, damping is not None)
+
+    def border(self, damping: Damping | None = None) -> BorderEquations | None:
+        """The equations of the border, in its own order; None where they are not positive definite."""
+        border = self._of_blocks(damping).border()
+        if border is None:
+            return None
+        places = np.argsort(self.order.border)
+        schur, reduced = border.schur[np.ix_(places, places)], border.reduced[places]
+        return BorderEquations(schur, reduced, border.by_nodes, damping is not None)
 
     def with_nodes_of(self, factor: LocalFactor, border: Indices) -> LocalFactor:
         """The factor, from that of equations with more unknowns in the border, of which `border` are those of these."""

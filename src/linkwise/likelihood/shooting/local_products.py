@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.local_blocks import (
     LocalQuadraticForm,
     MeetingGroups,
@@ -17,6 +17,7 @@ from linkwise.likelihood.shooting.local_blocks import (
     PairBlocks,
     common_rows,
     corners_of,
+    in_one_piece,
     sums_over,
 )
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
@@ -49,15 +50,13 @@ def local_linearization(
     segments, groups = rows.segments, rows.groups
     order, pairs, K = Order(groups), _pairs(groups), segments.count
     ends_of_blocks = block_ends(K, blocks)
-    products = [
-        PairBlocks.empty(K, (groups[pair.first], groups[pair.second]), np.float32) for pair in pairs
-    ]
+    products = PairBlocks.room(K, pairs, groups)
     gradients = np.zeros((2, K, len(order.states)))
     joined = np.append(segments.linked, False).astype(float)
     missed = np.zeros((K, len(order.states)))
     missed[:-1] = rows.misfit.defects.reshape(len(order.states), -1).T
     missed = missed[:, order.states] * joined[:, None]
-    ends = [np.empty((K, len(group.rows), group.moving), np.float32) for group in groups]
+    ends = in_one_piece([(K, len(group.rows), group.moving) for group in groups])
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
     def work(part: slice) -> list[list[Floats]]:
