@@ -15,7 +15,7 @@ J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Stat. Sci. 14, 382 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -152,15 +152,6 @@ class ModelAverage:
         return gradient
 
 
-def _is_determined(quadratic: QuadraticModel, subset: Collection[int]) -> bool:
-    """Whether a subset has one best value of each coefficient: two points of a host may move alike to rounding."""
-    try:
-        quadratic.solve(sorted(subset))
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
 def model_average(selection: Selection, candidates: Candidates, errors: Floats) -> ModelAverage:
     """The models around a selection that survive, and the probabilities of all terms that were tested.
 
@@ -171,7 +162,7 @@ def model_average(selection: Selection, candidates: Candidates, errors: Floats) 
     rises = {
         subset: rise
         for subset, rise in _rises(selection).items()
-        if rise >= _WINDOW or _is_determined(quadratic, subset)
+        if rise >= _WINDOW or quadratic.determines(sorted(subset))
     }
     weights = np.exp(-0.5 * (np.array(list(rises.values())) - min(rises.values())))
     weights /= weights.sum()

@@ -71,6 +71,15 @@ class QuadraticModel:
             variance = np.maximum(variance, (inverse @ blocks[np.ix_(inside, inside)] @ inverse).diagonal())
         return Solution(values, values / np.sqrt(np.where(variance < 0.0, np.nan, variance)))
 
+    def determines(self, chosen: Sequence[int] | Indices) -> bool:
+        """Whether `solve` finds one best value of each coefficient: two points of a host may move alike to rounding."""
+        inside = np.asarray(chosen, dtype=np.intp)
+        try:
+            _factor_of(self.h[np.ix_(inside, inside)])
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
     def cost(self, chosen: Sequence[int] | Indices) -> float:
         """The least cost of the coefficients `chosen`, relative to that of no coefficients."""
         inside = np.asarray(chosen, dtype=np.intp)
@@ -129,9 +138,15 @@ def inverse_of(matrix: Floats) -> Floats:
     """The inverse of a positive definite matrix, which is scaled to unit diagonal first."""
     if not len(matrix):
         return matrix
+    factor, scale = _factor_of(matrix)
+    return np.asarray(cho_solve((factor, True), np.eye(len(matrix))) * np.outer(scale, scale))
+
+
+def _factor_of(matrix: Floats) -> tuple[Floats, Floats]:
+    """The Cholesky factor, in the lower triangle, of a matrix scaled to unit diagonal, and the `scale` of its columns."""
     diagonal = matrix.diagonal()
     if not np.all(diagonal > 0.0):
         raise np.linalg.LinAlgError("a column is zero")
     scale = 1.0 / np.sqrt(diagonal)
-    factor = cho_factor(matrix * np.outer(scale, scale), lower=True, check_finite=False)
-    return np.asarray(cho_solve(factor, np.eye(len(matrix))) * np.outer(scale, scale))
+    factor, _ = cho_factor(matrix * np.outer(scale, scale), lower=True, check_finite=False)
+    return factor, scale
