@@ -269,6 +269,7 @@ def test_help_names_every_family(capsys: pytest.CaptureFixture[str]) -> None:
             [*MASSES, "--terms", "friction()"],
             "the family friction takes the rate in m/s at which it saturates",
         ),
+        ([*MASSES, "--test", "m1-m7"], '"m1-m7" is not a link that is looked for'),
         ([*MASSES, "--terms", "d**"], "Something is missing after '**'."),
         ([*MASSES, "--with", "nowhere.csv"], "nowhere.csv: there is no such file"),
         ([*MASSES, "second.csv"], "argument (second.csv). State each further record with --with."),

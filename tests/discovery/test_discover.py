@@ -359,9 +359,31 @@ def test_candidates_that_were_never_tested_are_counted(
     assert fractions == sorted(fractions)
     remark = (
         f"{untested} candidates that were significant in the equation of neither of their masses were dropped without "
-        "a test by likelihood."
+        "a test by likelihood. The result folder lists them as untested; one or all of these links can be asked for."
     )
     assert remark in discovery.remarks
+
+
+def test_links_that_are_asked_for_are_tested_whatever_the_screen_says(
+    four: lw.Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By their ends in either order; the answer remains."""
+    monkeypatch.setattr(screen, "_TOGETHER", 1)
+    kilograms, found = masses(lw.bnes_chain(4)), terms(lw.bnes_chain(4))
+    before = lw.discover(four, kilograms)
+    dropped = sorted({name.rpartition(".")[0] for name in before.untested})[0]
+    first, second = dropped.split("-")
+    asked = lw.discover(four, kilograms, tested=f"{second}-{first}")
+    gained = {name for name in before.untested if name.startswith(f"{dropped}.")}
+    assert set(before.untested) - set(asked.untested) == gained
+    assert gained <= {term.name for term in asked.terms}
+    everything = lw.discover(four, kilograms, tested=["all"])
+    assert not everything.untested and len(everything.terms) == 40
+    assert terms(asked.structure) == terms(everything.structure) == found
+    with pytest.raises(
+        lw.StructureError, match='"m1-m9" is not a link that is looked for: give its two ends'
+    ):
+        lw.discover(four, kilograms, tested="m1-m9")
 
 
 def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:

@@ -48,6 +48,7 @@ class PriorOptions:
     mass: tuple[str, ...]
     structure: Path | None
     terms: str | None
+    tested: str | None
     more: tuple[Path, ...]
 
     def masses(self, mapping: lw.RecordMapping) -> lw.PartialStructure | dict[str, float | str]:
@@ -74,10 +75,11 @@ class PriorOptions:
 
     def options(self, errors: dict[str, Any]) -> lw.DiscoveryOptions:
         """The options of `linkwise.discover`, with `errors` of sensors and inputs; UsageError for invalid terms."""
+        tested = [link.strip() for link in (self.tested or "").split(",") if link.strip()]
         if self.terms is None:
-            return lw.DiscoveryOptions(**errors)
+            return lw.DiscoveryOptions(tested=tested, **errors)
         try:
-            return lw.DiscoveryOptions(terms=self.terms, **errors)
+            return lw.DiscoveryOptions(terms=self.terms, tested=tested, **errors)
         except lw.IdentificationError as error:
             raise click.UsageError(f"--terms: {error}") from error
 
@@ -114,6 +116,13 @@ prior_options = grouped(
         "--terms",
         metavar="LIST",
         help='Candidate terms of every link: functions of d and v, or families of them. Default "v, d, d**2, d**3".',
+    ),
+    click.option(
+        "--test",
+        "tested",
+        metavar="LIST",
+        help='Links whose terms are all tested by likelihood, as in "m3-m1, m7-ground", or all. Of more than 12 masses a '
+        "screen drops most terms before, which it counts.",
     ),
     click.option(
         "--with",

@@ -65,7 +65,7 @@ class Candidates:
 
     Laws with `memory` were offered by name. Stated links are part of every structure; `inactive` holds names of candidates
     that are left out. Terms with parameters have those of `values`, by name, and 1 in SI units before there are any; in
-    structures those of `free` candidates are unknown.
+    structures those of `free` candidates are unknown. All terms of the pairs `asked_for`, by name, are to be tested.
     """
 
     masses: tuple[Mass, ...]
@@ -76,6 +76,7 @@ class Candidates:
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     free: frozenset[str] = frozenset()
     memory: tuple[str, ...] = ()
+    asked_for: frozenset[str] = frozenset()
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -113,6 +114,28 @@ class Candidates:
         """The names of all candidates on the links that have at least one of the candidates in `names`."""
         linked = {self.by_name[name].pair for name in names if name in self.by_name}
         return frozenset(entry.name for entry in self.entries if entry.pair in linked)
+
+    @property
+    def always_tested(self) -> frozenset[str]:
+        """The names of the candidates on the links that were asked for."""
+        return frozenset(
+            entry.name for entry in self.entries if self.pairs[entry.pair].name in self.asked_for
+        )
+
+    def asking_for(self, links: Collection[str]) -> Candidates:
+        """The candidates with all terms of `links` tested, by their names or ends in either order, of "all" of every link.
+
+        Raises StructureError for another link.
+        """
+        names = {f"{a}-{b}": pair.name for pair in self.pairs for a, b in (pair.between, pair.between[::-1])}
+        names |= {pair.name: pair.name for pair in self.pairs}
+        strange = [link for link in links if link not in names and link != "all"]
+        if strange:
+            raise StructureError(
+                f'"{strange[0]}" is not a link that is looked for: give its two ends, as in "{self.pairs[-1].name}", or "all"'
+            )
+        chosen = names.values() if "all" in links else (names[link] for link in links)
+        return replace(self, asked_for=frozenset(chosen))
 
     def structure(self, chosen: Collection[str], name: str = "discovered structure") -> Structure:
         """The structure of the stated links and the `chosen` candidates, by name, with unknown coefficients.

@@ -99,7 +99,7 @@ def discover(
     RecordError
         If two records hold the same samples, or the noise stated of a channel is far more than its samples.
     StructureError
-        If a mass is listed twice or unknown, or a stated link ends at something that is not a mass.
+        If a mass is listed twice or unknown, a stated link ends at something that is not a mass, or one to be tested is none.
     LawError
         If a term is not a valid expression.
     TypeError
@@ -124,7 +124,7 @@ def discover(
     started = perf_counter()
     chosen = DiscoveryOptions.given(options, keywords)
     records = record_list(record)
-    candidates = candidates_for(records, masses, chosen.terms)
+    candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
     records = in_units(records, candidates)
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
@@ -370,7 +370,7 @@ def check_discovery(
     """
     chosen = DiscoveryOptions.given(options, keywords)
     records = record_list(record)
-    candidates = candidates_for(records, masses, chosen.terms)
+    candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
     errors_to_find(records, calibration=chosen.calibration)  # refuses those of other channels
     return _checked(records, candidates).remarks
 

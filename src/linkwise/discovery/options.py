@@ -29,6 +29,7 @@ class DiscoveryKeywords(TypedDict, total=False):
     admit: str | Sequence[str]
     ambient: Deviations
     input_noise: Deviations
+    tested: str | Sequence[str]
 
 
 @checked_class
@@ -57,6 +58,10 @@ class DiscoveryOptions:
     ambient, input_noise : sequence of str or mapping of str to float or None
         Masses on which a random force acts that no channel shows, and inputs whose channel has noise, as of
         `MaximumLikelihood`: every fit of the search counts them in.
+    tested : str or sequence of str
+        Links, by their ends as in "m3-m1", whose terms are all tested by likelihood; "all" for every link, which takes memory
+        with the square of the candidates. By default, of more than 12 masses those are tested that are significant in the
+        equation of one of their masses.
 
     Raises
     ------
@@ -84,11 +89,12 @@ class DiscoveryOptions:
     admit: str | Sequence[str] = ()
     ambient: Deviations = field(default=(), hash=False)
     input_noise: Deviations = field(default=(), hash=False)
+    tested: str | Sequence[str] = ()
 
     def __post_init__(self) -> None:
         terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)
         object.__setattr__(self, "terms", terms)
-        for name in ("offsets", "gains", "delays", "admit"):
+        for name in ("offsets", "gains", "delays", "admit", "tested"):
             given = getattr(self, name) or ()
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
         object.__setattr__(self, "calibration", dict(self.calibration or {}))

@@ -81,6 +81,7 @@ class ScreenedRecords:
         inactive = inactive_terms(motions, rates, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
         result = screen(displaced, motions, candidates, progress)
+        result = replace(result, tested=result.tested | candidates.always_tested)
         first = result.significant
         if integrated:
             first = (
@@ -101,7 +102,7 @@ def _untested_remark(count: int) -> tuple[str, ...]:
         return ()
     return (
         f"{count} candidates that were significant in the equation of neither of their masses were dropped without a test by "
-        "likelihood.",
+        "likelihood. The result folder lists them as untested; one or all of these links can be asked for.",
     )
 
 
