@@ -25,7 +25,8 @@ from linkwise.likelihood.shooting.local_rows import LocalRows
 from linkwise.likelihood.shooting.neighbourhoods import Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import block_ends, blocks_of, border_columns
 
-_AT_ONCE = 400_000  # numbers in the sensitivities of a chunk
+_AT_ONCE = 400_000  # numbers in the sensitivities of a group in a chunk
+_HELD = 8_000_000  # numbers in the rows of all groups in a chunk
 
 
 def local_linearization(
@@ -81,7 +82,7 @@ def local_linearization(
             corners.append([corners_of(rows_of_both, states, pieces) for rows_of_both in (shown, moved)])
         return slopes + corners
 
-    parts = _chunks(groups, K)
+    parts = _chunks(groups, K, len(segments.samples))
     by_part = map(work, parts) if executor is None else executor.map(work, parts)
     sums = _by_blocks(
         by_part, [[block for block, _ in blocks_of(part, ends_of_blocks)] for part in parts], blocks
@@ -154,12 +155,15 @@ def _pairs(groups: Sequence[Neighbourhood]) -> list[MeetingGroups]:
     return pairs
 
 
-def _chunks(groups: Sequence[Neighbourhood], K: int) -> list[slice]:
-    """The segments in an even number of parts of about equal length, for two threads, whose sensitivities stay in a core's
-    cache, of the largest group at least.
+def _chunks(groups: Sequence[Neighbourhood], K: int, samples: int) -> list[slice]:
+    """The segments in an even number of parts of about equal length, for two threads.
+
+    The sensitivities of the largest group stay in a core's cache, and the rows of all groups, of so many `samples` of a
+    segment, do not take more memory where there are more masses.
     """
     largest = max(2 * len(group.masses) * group.size for group in groups)
-    pairs = max(1, -(-K * largest // (2 * _AT_ONCE)))
+    held = sum((samples * len(group.channels) + len(group.rows)) * group.size for group in groups)
+    pairs = max(1, -(-K * largest // (2 * _AT_ONCE)), -(-K * held // (2 * _HELD)))
     size = max(16, -(-K // (2 * pairs * 16)) * 16)
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
