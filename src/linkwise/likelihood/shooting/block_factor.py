@@ -66,7 +66,7 @@ class BlockEquations:
 
     def factor(self) -> BlockFactor | None:
         """The Cholesky factor; None where the equations are not positive definite."""
-        roots = np.empty((self.shape[0], *2 * self.shape[1:]))
+        roots = TriangularRoots.empty(*self.shape)
         border = self._eliminated(roots)
         return None if border is None else BlockFactor(self, roots, border.schur, border.reduced)
 
@@ -80,8 +80,8 @@ class BlockEquations:
         m, p = self.shape[1], len(self.corner)
         return max(4, min(_AT_ONCE, _HELD // (m * (2 * m + p + 1))))
 
-    def _eliminated(self, roots: Floats | None) -> BorderEquations | None:
-        """The border with all nodes eliminated, whose `roots` (K, m, m) are filled where they are asked for."""
+    def _eliminated(self, roots: TriangularRoots | None) -> BorderEquations | None:
+        """The border with all nodes eliminated, whose `roots` are filled where they are asked for."""
         K, m = self.shape
         middle = K // 2
         halves = (
@@ -110,10 +110,43 @@ class BlockEquations:
         return BorderEquations(schur, self.corner_gradient - moment[p, :p], float(moment[p, p]))
 
 
+@dataclass(frozen=True, eq=False)
+class TriangularRoots:
+    """Cholesky factors L of K nodes; `pairs` ((K + 1) / 2, m + 1, m) has L of one node and L' of the next in one rectangle.
+
+    `upper` (m, m) tells an upper triangle.
+    """
+
+    pairs: Floats
+    upper: Bools
+
+    @classmethod
+    def empty(cls, K: int, m: int) -> TriangularRoots:
+        """Room for those of K nodes of m states."""
+        return cls(np.empty(((K + 1) // 2, m + 1, m)), np.tri(m, dtype=bool).T)
+
+    def put(self, node: int, root: Floats) -> None:
+        """Store a factor, `root` (m, m), which has L' in its upper triangle; what is below is not looked at."""
+        own = self.pairs[node // 2]
+        np.copyto(own[1:].T if node % 2 else own[:-1], root, where=self.upper)
+
+    def through(self, node: int, right: Floats, *, transposed: bool = False) -> None:
+        """Solve L x = b, or L' x = b, for each of the rows of `right` (c, m), in place."""
+        own, upper = self.pairs[node // 2], node % 2 == 1
+        triangle = own[1:].T if upper else own[:-1].T
+        lapack.dtrtrs(triangle, right.T, lower=int(not upper), trans=int(transposed != upper), overwrite_b=1)
+
+    def diagonals(self, K: int) -> Floats:
+        """(K, m) the diagonals."""
+        first, second = self.pairs[:, :-1], self.pairs[:, 1:]
+        both = np.stack([np.einsum("kii->ki", first), np.einsum("kii->ki", second)], axis=1)
+        return both.reshape(-1, both.shape[2])[:K]
+
+
 class _Elimination:
     """Nodes eliminated one after the other: `roots` of each are filled, if any, `moment` (p + 1, p + 1) is summed."""
 
-    def __init__(self, equations: BlockEquations, roots: Floats | None, nodes: range) -> None:
+    def __init__(self, equations: BlockEquations, roots: TriangularRoots | None, nodes: range) -> None:
         size = len(equations.corner) + 1
         self.equations, self.roots, self.nodes = equations, roots, nodes
         self.root = np.empty(2 * equations.shape[1:])  # of the last node that was eliminated
@@ -156,24 +189,24 @@ class _Elimination:
 
     def eliminate(self, node: int, diagonal: Floats, right: Floats) -> bool:
         """Root of a node's `diagonal` to `roots`, and `right` through it, in place."""
-        if self.roots is not None:
-            self.root = self.roots[node]
         self.root[:] = diagonal
         _, info = lapack.dpotrf(self.root.T, lower=1, clean=0, overwrite_a=1)
         if info:
             return False
+        if self.roots is not None:
+            self.roots.put(node, self.root)
         _, info = lapack.dtrtrs(self.root.T, right.T, lower=1, overwrite_b=1)
         return not info
 
 
 @dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """Factor of `equations`: lower triangles of `roots` (K, m, m) transposed, and equations of the border, `schur` (p, p) and
+    """Factor of `equations`: `roots` of the nodes, and equations of the border, `schur` (p, p) and
     `reduced` (p,).
     """
 
     equations: BlockEquations
-    roots: Floats
+    roots: TriangularRoots
     schur: Floats
     reduced: Floats
 
@@ -194,18 +227,18 @@ class BlockFactor:
         halves = range(middle), range(K - 1, middle, -1)
         for half in halves:
             for node, link in self._links(half):
-                self._through(node, right[node])
+                self.roots.through(node, right[node])
                 own = right[node].copy()
-                self._through(node, own, transposed=True)
+                self.roots.through(node, own, transposed=True)
                 right[node + half.step] -= own @ link.T
-        self._through(middle, right[middle])
-        self._through(middle, right[middle], transposed=True)
+        self.roots.through(middle, right[middle])
+        self.roots.through(middle, right[middle], transposed=True)
         for half in halves:
             for node, link in self._links(half[::-1]):
                 carried = right[node + half.step] @ link
-                self._through(node, carried)
+                self.roots.through(node, carried)
                 right[node] -= carried
-                self._through(node, right[node], transposed=True)
+                self.roots.through(node, right[node], transposed=True)
         return right
 
     def moved(self, nodes: Floats, border: Floats) -> BlockFactor:
@@ -220,7 +253,9 @@ class BlockFactor:
 
     def _links(self, nodes: range) -> Iterator[tuple[int, Floats]]:
         """Of each of some nodes the block (m, m) of the one behind it on the way to the middle (rows) with it (columns)."""
-        before = len(nodes) > 0 and max(nodes) > len(self.roots) // 2  # then that is the one before it
+        before = (
+            len(nodes) > 0 and max(nodes) > self.equations.shape[0] // 2
+        )  # then that is the one before it
         for begin in range(0, len(nodes), _AT_ONCE):
             some = nodes[begin : begin + _AT_ONCE]
             first = min(some) - before
@@ -229,9 +264,6 @@ class BlockFactor:
                 block = blocks[node - before - first]
                 yield node, block.T if before else block
 
-    def _through(self, node: int, right: Floats, *, transposed: bool = False) -> None:
-        lapack.dtrtrs(self.roots[node].T, right.T, lower=1, trans=int(transposed), overwrite_b=1)
-
     def excess(self, border: Floats, free: Bools) -> float:
         """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
         return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
@@ -239,4 +271,4 @@ class BlockFactor:
     def log_determinant(self, free: Bools) -> float:
         """Of the whole matrix, border restricted to `free`."""
         _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
-        return 2.0 * float(np.log(np.einsum("kii->ki", self.roots)).sum()) + float(border)
+        return 2.0 * float(np.log(self.roots.diagonals(self.equations.shape[0])).sum()) + float(border)
