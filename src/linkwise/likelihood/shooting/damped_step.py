@@ -75,14 +75,14 @@ def damped_step(
     equations, factor = damped.equations, damped.factor
     if factor is None:
         return None
-    held = _within_bounds(segments, factor, misfit, scales, length)
-    solved = None if held is None else factor.solve(held.free, held.fixed)
-    if held is None or solved is None:
+    bounded = _within_bounds(segments, factor, misfit, scales, length)
+    solved = None if bounded is None else factor.solve(bounded.free, bounded.fixed)
+    if bounded is None or solved is None:
         return None
     nodes, border = length * solved[0], length * solved[1]
     moved = (nodes * scales.state).T
-    point = misfit.point.moved(misfit.point.nodes + moved, held.border)
-    excess = factor.excess(solved[1], held.free)
+    point = misfit.point.moved(misfit.point.nodes + moved, bounded.border)
+    excess = factor.excess(solved[1], bounded.free)
     predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * excess
     return point, predicted
 
@@ -182,7 +182,7 @@ def full_reduction(
         return 0.0
     if isinstance(linear, LocalLinearization):  # a second factor would take as much room as the first one
         border = linear.equations(damped.q).border()
-        held = None if border is None else _within_bounds(segments, border, misfit, scales, 1.0)
-        return float("inf") if border is None or held is None else border.reduction(held.step)
+        bounded = None if border is None else _within_bounds(segments, border, misfit, scales, 1.0)
+        return float("inf") if border is None or bounded is None else border.reduction(bounded.step)
     attempt = damped_step(segments, DampedEquations.of(linear, damped.q, 0.0), misfit, scales, 1.0)
     return float("inf") if attempt is None else attempt[1]

@@ -162,8 +162,8 @@ def _chunks(groups: Sequence[Neighbourhood], K: int, samples: int) -> list[slice
     segment, do not take more memory where there are more masses.
     """
     largest = max(2 * len(group.masses) * group.size for group in groups)
-    held = sum((samples * len(group.channels) + len(group.rows)) * group.size for group in groups)
-    pairs = max(1, -(-K * largest // (2 * _AT_ONCE)), -(-K * held // (2 * _HELD)))
+    numbers = sum((samples * len(group.channels) + len(group.rows)) * group.size for group in groups)
+    pairs = max(1, -(-K * largest // (2 * _AT_ONCE)), -(-K * numbers // (2 * _HELD)))
     size = max(16, -(-K // (2 * pairs * 16)) * 16)
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
