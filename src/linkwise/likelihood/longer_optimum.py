@@ -37,19 +37,20 @@ def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Op
     Returns
     -------
     tuple of (Optimum, Misfit)
-        Those in longer segments; the given ones where the links between segments, which they leave out, cost anything.
+        Those in longer segments; the given ones where the links inside these, which they leave out, cost anything.
     """
     optimum, misfit = fit.optimum, fit.misfit
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
-    most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
-    if not exact or not misfit.continuity / optimum.q**2 < most * optimum.noise**2:
-        return optimum, misfit
-    longer = LongerSegments.of(optimum.segments, _most_joined(optimum.segments) if longest else None)
+    joined = _most_joined(optimum.segments) if longest else None
+    longer = LongerSegments.of(optimum.segments, joined) if exact else None
     if longer is None:
         return optimum, misfit
-    return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), longer.misfit(
-        misfit
-    )
+    of_longer = longer.misfit(misfit)
+    left_out = (misfit.continuity - of_longer.continuity) / optimum.q**2
+    most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
+    if not left_out < most * optimum.noise**2:
+        return optimum, misfit
+    return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), of_longer
 
 
 def in_half_the_samples(
