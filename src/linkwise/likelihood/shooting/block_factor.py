@@ -7,7 +7,7 @@ of blocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,8 @@ from linkwise.likelihood.shooting.bordered_system import BorderEquations, border
 
 _AT_ONCE = 32  # nodes that are assembled together at most
 _HELD = 2_000_000  # numbers in the blocks of these
-_PARALLEL = 6e6  # multiplications a node from which products take longer than one thread takes to hand over to the other
+_BLOCK = 40  # states in a diagonal block of a root
+_PARALLEL = 1.5e6  # multiplications a node from which products take longer than one thread takes to hand over to the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,12 +170,9 @@ class _Elimination:
                 )
             for node in some:
                 own = node - first
-                self.carry(blocks.diagonal[own], blocks.right[own])
-                if not self.eliminate(node, blocks.diagonal[own], blocks.right[own]):
-                    return False
                 link = np.array(blocks.coupling[own], order="C")
-                _, info = lapack.dtrtrs(self.root.T, link.T, lower=1, overwrite_b=1)
-                if info:
+                self.carry(blocks.diagonal[own], blocks.right[own])
+                if not self.eliminate(node, blocks.diagonal[own], blocks.right[own], link):
                     return False
                 self.link, self.right = link, blocks.right[own]
             rows = np.concatenate(list(blocks.right), axis=1)
@@ -187,16 +185,34 @@ class _Elimination:
             diagonal -= self.link @ self.link.T
             right -= self.right @ self.link.T
 
-    def eliminate(self, node: int, diagonal: Floats, right: Floats) -> bool:
-        """Root of a node's `diagonal` to `roots`, and `right` through it, in place."""
+    def eliminate(self, node: int, diagonal: Floats, *rows: Floats) -> bool:
+        """Root of a node's `diagonal` to `roots`, and `rows` (r, m) through it, in place."""
         self.root[:] = diagonal
         _, info = lapack.dpotrf(self.root.T, lower=1, clean=0, overwrite_a=1)
         if info:
             return False
         if self.roots is not None:
             self.roots.put(node, self.root)
-        _, info = lapack.dtrtrs(self.root.T, right.T, lower=1, overwrite_b=1)
-        return not info
+        return _solve_rows(self.root, rows)
+
+
+def _solve_rows(root: Floats, rows: Sequence[Floats]) -> bool:
+    """Rows (r, m) times the inverse of the upper triangle of `root` (m, m), in place; False where that is singular.
+
+    Products with the inverses of its diagonal blocks let two threads run at once, which the solutions of LAPACK do not: SciPy
+    holds the lock of the interpreter meanwhile.
+    """
+    for first in range(0, len(root), _BLOCK):
+        own = slice(first, first + _BLOCK)
+        inverse, info = lapack.dtrtri(root[own, own].T, lower=1)
+        if info:
+            return False
+        upper = np.triu(inverse.T)
+        for some in rows:
+            if first:
+                some[:, own] -= some[:, :first] @ root[:first, own]
+            some[:, own] = some[:, own] @ upper
+    return True
 
 
 @dataclass(frozen=True, eq=False)
