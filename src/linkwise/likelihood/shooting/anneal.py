@@ -157,7 +157,7 @@ def anneal(
                 if schedule.exceeded(step, unclear):
                     status = AnnealingStatus.COSTLY
                     break
-            small, left = schedule.is_little(step, unclear)
+            small, left = schedule.is_little(step, unclear, segments)
             settled = small and is_settled(segments, linear, damped, misfit, scales, loss, left)
             if step.reduction > 0.0 and not settled and control.may_try(schedule, segments):
                 chords = ChordEquations(segments, linear, damped, before, scales, loss)

@@ -16,6 +16,7 @@ from linkwise.progress import ProgressReport
 _LOWEST_GAIN = -10.0  # gain ratio below which the parabola through a step is meaningless
 _MARGIN = 10.0  # times the reduction of the cost that is estimated to be left, which is not exact
 _ROUNDING = 1e-7  # of the cost: error of reductions predicted by sensitivities in single precision
+_ROUNDING_OF_MANY = 3e-7  # the same by those along parts of a structure of many masses
 _OF_PART = 2.0  # times what a quarter of a step gains, or more of it: what a full one leaves is less
 
 
@@ -65,9 +66,10 @@ class AnnealingSchedule:
         left = max(_MARGIN * step.remaining, _OF_PART * unclear)
         return step.cost - step.reduction - left > self.sufficient_cost
 
-    def is_little(self, step: AnnealingStep, unclear: float) -> tuple[bool, float]:
+    def is_little(self, step: AnnealingStep, unclear: float, segments: Segments) -> tuple[bool, float]:
         """Whether a step, of which so much is `unclear`, may end the search, and what may be left of the cost then."""
-        left = self.tolerance + _ROUNDING * step.cost
+        rounding = _ROUNDING if len(segments.system.incidence) < MANY else _ROUNDING_OF_MANY
+        left = self.tolerance + rounding * step.cost
         return step.q <= self.final_q and max(step.remaining, unclear) < left, left
 
     def factor(self, left: float) -> float:
