@@ -75,6 +75,24 @@ def test_equations_of_looser_links_lead_to_tight_ones() -> None:
     assert end.misfit.cost(Q) < reference.misfit.cost(Q) + 0.1 < begin.cost(Q)
 
 
+@pytest.mark.parametrize(("standard_errors", "settled"), [(0.2, True), (1.5, False)])
+def test_equations_serve_for_a_covariance_within_half_a_standard_error(
+    standard_errors: float, settled: bool
+) -> None:
+    """However much the defects at their point cost, which tight links multiply."""
+    start = optimum(10)
+    fit = searched(start)
+    deviation = np.sqrt(np.diag(fit.covariance))
+    moved = start.point.border + np.where(np.arange(len(deviation)) == 3, standard_errors * deviation, 0.0)
+    noise = 1e-4 * np.random.default_rng(4).normal(size=start.point.nodes.shape)
+    point = start.point.moved(start.point.nodes + noise * start.scales.state[:, None], moved)
+    chords, begin = first_step(replace(start, point=point), Q)
+    assert chords.misfit.cost(Q) - begin.cost(Q) > 0.005 * start.segments.observed.sum()
+    end = present(chords.followed(begin, Q, 1e-2))
+    assert end.settled == settled
+    assert end.misfit.cost(Q) < fit.misfit.cost(Q) + 0.02
+
+
 def test_they_are_not_tried_by_damped_or_far_equations_or_under_wrong_laws() -> None:
     start = with_other_noise(optimum(2), 3, share=0.05)
     for q, damping in ((Q, 0.1), (100.0 * Q, 0.0)):

@@ -33,9 +33,8 @@ from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.schedule import AnnealingStep
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
-_NEAR = (
-    0.005  # of the cost per sample: what the first step may have lowered it by where a covariance is needed
-)
+_NEAR = 0.5  # standard errors: how far unknowns may be from equations that serve for a covariance
+_ALONG = 0.005  # of the noise, in power: how far the motion may be
 _LOOSER = 30.0  # times the relaxation that is aimed at: that of equations that still lead to it
 _FAR = 20.0  # times what ends a search: what may be left by equations that are not near
 _MOST = 12  # steps
@@ -115,7 +114,7 @@ class ChordEquations:
         lower, upper = bounds(self.segments)
         misfit = best = start
         reduction = np.inf
-        while len(left) < _MOST and not (left and max(left[-1], abs(reduction)) < enough):
+        while len(left) < _MOST and not (left and max(left[-1], abs(reduction) if near else 0.0) < enough):
             solved = self._solved(misfit, pulls, q)
             if solved is None or _are_slow([*left, solved.predicted]):
                 break
@@ -133,17 +132,26 @@ class ChordEquations:
             misfit = trial
             if misfit.cost(q) < best.cost(q):
                 best = misfit
-        settled = near and bool(left) and max(left[-1], abs(reduction)) < little
+        little_left = bool(left) and max(left[-1], abs(reduction)) < little
+        settled = near and little_left and self._is_near(best, q)
         return None if best is start else ChordEnd(best, q, left[-1], settled)
 
     def _lead_to(self, q: float) -> bool:
         full = self.damped.factor is not None and not self.damped.damping
         return full and self.damped.q <= _LOOSER * q and has_adjoint(self.segments)
 
-    def _is_near(self, start: Misfit, q: float) -> bool:
+    def _is_near(self, misfit: Misfit, q: float) -> bool:
         """Whether the equations of their point serve for a covariance as well."""
-        samples = int(self.segments.observed.sum())
-        return self.damped.q <= q and self.misfit.cost(q) - start.cost(q) < _NEAR * samples
+        factor, samples = self.damped.factor, int(self.segments.observed.sum())
+        if self.damped.q > q or factor is None:
+            return False
+        border = self._scaled(misfit.point, self.misfit.point)[1]
+        try:
+            variances = np.linalg.inv(factor.schur).diagonal()
+        except np.linalg.LinAlgError:
+            return False
+        moved = float(np.sum((misfit.residuals - self.misfit.residuals) ** 2))
+        return bool(np.all(border**2 < _NEAR**2 * variances)) and moved < _ALONG * samples
 
     def _scaled(self, point: Iterate, before: Iterate) -> tuple[Floats, Floats]:
         """(K, m) and (P,) how two points differ in scaled unknowns."""
