@@ -90,6 +90,19 @@ def test_score_tests_are_those_of_short_segments(
     assert np.max(np.abs(longer.deviations / short.deviations - 1.0)) < 0.1
 
 
+def test_score_tests_of_many_masses_are_those_of_short_segments(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In standard deviations to a twentieth: columns reach parts of the structure only, and farther in longer segments."""
+    tests = Tests(26, 2.0)
+    monkeypatch.setattr(diagnosis, "in_half_the_samples", in_all_samples)
+    tested, longer = tests()
+    monkeypatch.setattr(diagnosis, "in_longer_segments", in_short_segments)
+    of_short, short = tests()
+    assert tested.errors.values.shape[-1] == -(-of_short.errors.values.shape[-1] // 4)
+    scores = [np.sign(own.sizes) * np.sqrt(own.gains) for own in (longer, short)]
+    assert np.max(np.abs(scores[0] - scores[1])) < 0.05 * tests.fit.optimum.noise
+    assert np.max(np.abs(longer.deviations / short.deviations - 1.0)) < 0.1
+
+
 @pytest.mark.parametrize("masses", [2, 4])
 def test_score_tests_in_half_the_samples_are_those_in_all(
     monkeypatch: pytest.MonkeyPatch, masses: int

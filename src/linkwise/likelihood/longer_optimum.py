@@ -21,6 +21,7 @@ from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 _LINKS = 0.25  # of -2 log likelihood, of which a coefficient gains 1 by chance: what links cost at most, and gains change by
 _AMONG = 40  # masses that share this cost: of more of them it grows with their number, and of each it remains as small
 _LONGEST = (8, 7, 6, 5, 4)  # short segments in one of the longest, the first that leaves blocks as they are
+_LONGEST_OF_MANY = (4,)  # in longer ones an influence reaches too far
 _SHIFTED = 1 / 30  # of a block, by which its ends are shifted at most
 
 
@@ -32,7 +33,7 @@ def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Op
     fit : LikelihoodFit
         The fit.
     longest : bool, optional
-        Whether segments of few masses may be longer still, so that sensitivities may grow a thousandfold in one.
+        Whether they may be longer still, so that sensitivities of few masses may grow a thousandfold in one.
 
     Returns
     -------
@@ -41,16 +42,17 @@ def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Op
     """
     optimum, misfit = fit.optimum, fit.misfit
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
-    joined = _most_joined(optimum.segments) if longest else None
-    longer = LongerSegments.of(optimum.segments, joined) if exact else None
-    if longer is None:
-        return optimum, misfit
-    of_longer = longer.misfit(misfit)
-    left_out = (misfit.continuity - of_longer.continuity) / optimum.q**2
     most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
-    if not left_out < most * optimum.noise**2:
-        return optimum, misfit
-    return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), of_longer
+    tried = (_most_joined(optimum.segments), None) if longest else (None,)
+    for joined in dict.fromkeys(tried if exact else ()):
+        longer = LongerSegments.of(optimum.segments, joined)
+        if longer is None:
+            break
+        of_longer = longer.misfit(misfit)
+        left_out = (misfit.continuity - of_longer.continuity) / optimum.q**2
+        if left_out < most * optimum.noise**2:
+            return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), of_longer
+    return optimum, misfit
 
 
 def in_half_the_samples(
@@ -78,13 +80,14 @@ def blocks_in(longer: Segments, shorter: Segments) -> int:
 
 
 def _most_joined(segments: Segments) -> int | None:
-    """How many short segments of few masses are joined at most, so that blocks, where there are any, stay the same."""
-    if len(segments.system.incidence) >= MANY:
-        return None
-    for joined in _LONGEST:
+    """How many short segments are joined at most, so that blocks, where there are any, stay the same; None for as usual."""
+    most = _LONGEST if len(segments.system.incidence) < MANY else _LONGEST_OF_MANY
+    for joined in most:
         if _same_blocks(segments.count, joined):
             return joined
-    return _LONGEST[-1] if segments.count > _LONGEST[-1] * (EQUAL * BLOCKS[0] - 1) else _LONGEST[0]
+    if segments.count > most[-1] * (EQUAL * BLOCKS[0] - 1):
+        return most[-1]
+    return most[0] if len(segments.system.incidence) < MANY else None
 
 
 def _same_blocks(count: int, joined: int) -> bool:
