@@ -11,7 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.late_base import places_of_delays, powers_through
 from linkwise.likelihood.shooting.late_sensors import LARGEST
-from linkwise.likelihood.shooting.segmentation import signal_at_points
+from linkwise.likelihood.shooting.segmentation import value_at_points
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.likelihood.shooting.uncertain_forces import UncertainForces
@@ -116,7 +116,7 @@ def _shown(
         if late:
             pieces.append(_at_delays(record, values, count, grid))
         else:
-            pieces.append(signal_at_points(record, values, count, grid, kind)[0][None])
+            pieces.append(value_at_points(record, values, count, grid, kind)[None])
     joined = np.concatenate(pieces, axis=3)
     return tuple(powers_through(joined)) if late else (joined[0],)
 

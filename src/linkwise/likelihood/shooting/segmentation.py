@@ -22,6 +22,8 @@ from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.units import base_exponents
 
+_BLOCK = 100_000  # samples of a signal that are interpolated at once
+_AROUND = 200  # samples: splines forget what is farther away, to the last digit, and a windowed sinc does not reach it
 _KINDS = {"x": X, "v": V, "a": A, "f": F, "state": S}
 
 
@@ -260,11 +262,12 @@ def flow_inputs(
         force = np.zeros((samples * refine, len(POINTS), structure.size, sum(counts)))
         for row, name in forced:
             pieces = [
-                _at_points(record, name, count, samples, refine)[0]
+                value_at_points(record, *_input(record, name, count, samples, refine))
                 for record, count in zip(records, counts, strict=True)
             ]
-            values = np.concatenate(pieces, axis=2)
-            force += row[:, None] * values[:, :, None]
+            values = np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
+            for mass in np.flatnonzero(row).tolist():
+                force[:, :, mass] += row[mass] * values
             if at_points is not None and Channel.parse(name).mass in structure.points:
                 at_points[:, :, structure.points.index(Channel.parse(name).mass)] = values
     if has_base:
@@ -279,7 +282,7 @@ def flow_inputs(
                 f"a link ends at the base, whose displacement the record lacks{advice} give a channel x:base"
             )
         pieces = [
-            np.stack(_at_points(record, "x:base", count, samples, refine), axis=2)
+            np.stack(signal_at_points(record, *_input(record, "x:base", count, samples, refine)), axis=2)
             for record, count in zip(records, counts, strict=True)
         ]
         base = np.concatenate(pieces, axis=3) if any(piece.any() for piece in pieces) else None
@@ -309,26 +312,66 @@ def forces_at_points(structure: Structure, channels: Sequence[str], size: tuple[
     return np.zeros((size[0], len(POINTS), len(structure.points), size[1]))
 
 
-def _at_points(record: Record, name: str, count: int, samples: int, refine: int) -> tuple[Floats, Floats]:
-    """Value and rate of an input, (steps, points, segments) each; held behind the last sample."""
+def _input(
+    record: Record, name: str, count: int, samples: int, refine: int
+) -> tuple[Floats, int, tuple[int, int], str]:
+    """What `signal_at_points` takes of an input; held behind the last sample."""
     values = record.channel(name)
     require_complete(name, values, record.start, record.rate)
-    kind = record.interpolation.get(name, BAND_LIMITED)
-    return signal_at_points(record, values, count, (samples, refine), kind)
+    return values, count, (samples, refine), record.interpolation.get(name, BAND_LIMITED)
 
 
 def signal_at_points(
     record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
 ) -> tuple[Floats, Floats]:
     """Value and rate at the points of steps, `grid` the samples in a segment and the steps in a sample."""
+    value = value_at_points(record, values, count, grid, kind)
+    if kind == HELD:
+        return value, np.zeros(value.shape)
+    return value, _between_samples(record, values, count, grid, kind, derivative=True)
+
+
+def value_at_points(
+    record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
+) -> Floats:
+    """(steps, points, segments) the value alone of `signal_at_points`."""
+    if kind != HELD:
+        return _between_samples(record, values, count, grid, kind)
     samples, refine = grid
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)
-    if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
-        stepped = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]
-        shape = (len(stepped), len(POINTS), count)
-        return np.broadcast_to(stepped, shape).copy(), np.zeros(shape)
-    signal = interpolated(record.start, record.rate, values, kind)
-    step = record.step / refine
-    time = record.start + step * (steps.T[:, None, :] + POINTS[None, :, None])
-    inside = np.minimum(time, signal.end)
-    return signal.value(inside), np.where(time <= signal.end, signal.derivative(inside), 0.0)
+    stepped = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]  # which jumps at a sample
+    return np.broadcast_to(stepped, (len(stepped), len(POINTS), count)).copy()
+
+
+def _between_samples(
+    record: Record,
+    values: Floats,
+    count: int,
+    grid: tuple[int, int],
+    kind: str,
+    *,
+    derivative: bool = False,
+) -> Floats:
+    """(steps, points, segments) of the interpolant or its derivative, which is 0 behind the last sample.
+
+    A long band-limited signal is interpolated block by block, with as many samples around each as the interpolation reaches.
+    """
+    samples, refine = grid
+    end_of_signal = record.start + (len(values) - 1) / record.rate
+    result = np.empty((samples * refine, len(POINTS), count))
+    size = count if len(values) <= _BLOCK or kind != BAND_LIMITED else _BLOCK // samples
+    for first in range(0, count, size):
+        last = min(first + size, count)
+        begin, end = max(first * samples - _AROUND, 0), min(last * samples + _AROUND, len(values))
+        begin = min(begin, max(end - _AROUND, 0))  # where little is left behind a block
+        signal = interpolated(record.start + begin * record.step, record.rate, values[begin:end], kind)
+        steps = np.arange(first * samples * refine, last * samples * refine).reshape(last - first, -1)
+        time = record.start + record.step / refine * (steps.T[:, None, :] + POINTS[None, :, None])
+        inside = np.minimum(time, end_of_signal)
+        own = result[..., first:last]
+        own[:] = (
+            np.where(time <= end_of_signal, signal.derivative(inside), 0.0)
+            if derivative
+            else signal.value(inside)
+        )
+    return result
