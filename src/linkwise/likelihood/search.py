@@ -9,6 +9,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.likelihood.explained_fit import did_not_converge
 from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
+from linkwise.likelihood.long_records import is_long, search_in_pieces
 from linkwise.likelihood.marginal import relaxation
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
@@ -74,6 +75,9 @@ def searched(
     if options.nodes is None:
         start = carry_through_gaps(segments, problem.start)
         start = within_reach(segments, start, problem.scales, annealer.loss)
+        fit = _of_long_record(problem, segments, start, options, annealer)
+        if fit is not None:
+            return segments, start, fit, _limit(segments)
         schedule = _FAR_OF_MANY if _many(segments) else AnnealingSchedule()
         if spread is not None:
             start = states_by_held_laws(segments, start, problem.scales, annealer)
@@ -92,7 +96,7 @@ def searched(
     if segments.random is not None:
         tight = relaxation(segments, problem.scales, start)
         schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
-    limit = _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / int(segments.observed.sum())))
+    limit = _limit(segments)
     fit = _annealed(segments, start, problem.scales, schedule, annealer, limit)
     limited = options.steps < AnnealingSchedule.max_steps
     if not limited and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
@@ -102,6 +106,27 @@ def searched(
         if joined is not None:
             return problem.segments, start, joined, limit
     return segments, start, fit, limit
+
+
+def _of_long_record(
+    problem: ShootingProblem,
+    segments: Segments,
+    start: Iterate,
+    options: LikelihoodOptions,
+    annealer: Annealer,
+) -> AnnealingFit | None:
+    """The fit to a long record without long gaps in pieces; None where it is not searched so, or leads to no optimum."""
+    limited = options.steps < AnnealingSchedule.max_steps or options.tightest > AnnealingSchedule.final_q
+    if limited or options.relaxation is not None or options.ceiling < np.inf:
+        return None
+    if problem.segments.chains < segments.chains or not is_long(segments):
+        return None
+    return search_in_pieces(segments, start, problem.scales, annealer, _limit(segments))
+
+
+def _limit(segments: Segments) -> float:
+    """By how much chi-square may differ from 1 by chance."""
+    return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / int(segments.observed.sum())))
 
 
 def _annealed(
