@@ -17,6 +17,7 @@ from linkwise.estimates.cause import Cause
 from linkwise.expression import symbols
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.long_records import held_at, is_long
 from linkwise.likelihood.marginal import relaxation
 from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.shooting.anneal import (
@@ -29,6 +30,9 @@ from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 
 _CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error, or the noise of inputs
+_CLOSER_IF_LONG = (
+    0.3,
+)  # the same of long records, which were not held more closely because no search leads straight there
 _STEPS = 40
 _MOST = 0.5  # of what is left there
 
@@ -72,10 +76,11 @@ def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[st
     exact = not fit.random_forces and optimum.q <= AnnealingSchedule.final_q
     if exact or optimum.coloured is not None or any(force.ambient for force in fit.random_forces):
         return None
-    for factor in _CLOSER:
+    for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
         tight = _tightened(optimum, factor)
-        schedule = AnnealingSchedule(initial_q=tight.q, final_q=tight.q, max_steps=_STEPS)
-        closer = anneal(tight.segments, tight.point, tight.scales, schedule, loss=tight.loss)
+        closer = _searched_closer(tight)
+        if closer is None:
+            continue
         if closer.status is AnnealingStatus.INTERRUPTED:
             return None
         if closer.status is AnnealingStatus.CONVERGED:
@@ -91,6 +96,14 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
     quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
     segments = replace(segments, random=quieter)
     return replace(optimum, segments=segments, q=relaxation(segments, optimum.scales, optimum.point))
+
+
+def _searched_closer(tight: Optimum) -> AnnealingFit | None:
+    """The search from where the motion is to be held closer; None where one in pieces does not lead to an optimum."""
+    if is_long(tight.segments):
+        return held_at(tight.segments, tight.point, tight.scales, tight.loss, tight.q)
+    schedule = AnnealingSchedule(initial_q=tight.q, final_q=tight.q, max_steps=_STEPS)
+    return anneal(tight.segments, tight.point, tight.scales, schedule, loss=tight.loss)
 
 
 def _explaining(

@@ -35,6 +35,10 @@ SEED = 20200
 _RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
 SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance
 _HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
+_MANY, _FEW = (
+    20_000,
+    16,
+)  # segments from which so few of the draws are followed at once, which takes a quarter of the memory
 _AT_ONCE = 4_000_000  # numbers in the steps of the states, or the noise of sensors, of one part of the draws
 LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
 
@@ -181,12 +185,19 @@ def _multipliers(optimum: Optimum, misfit: Misfit, free: Bools) -> Floats:
     factor = equations.factor()
     if factor is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
-    nodes, border = _gradients(optimum, misfit, len(equations.corner))
-    kicked = np.empty((len(nodes) - 1, n, 1 + DRAWS))
-    for columns in at_once(1 + DRAWS, nodes[..., 0].size):
-        steps = steps_of(factor, free, nodes[..., columns], border[:, columns])
-        kicked[..., columns] = changes_of_defects(linear, *steps)[:, n : 2 * n]
-    return np.asarray(kicked / _RELAXED**2 / scales.state[n : 2 * n, None])
+    kicked = np.empty((segments.count - 1, n, 1 + DRAWS))
+    draws = DRAWS if segments.count < _MANY else _FEW
+    rng = np.random.default_rng(SEED)
+    for first in range(0, DRAWS, draws):
+        nodes, border = _gradients(optimum, misfit, len(equations.corner), draws, rng)
+        for columns in at_once(1 + draws, nodes[..., 0].size):
+            steps = steps_of(factor, free, nodes[..., columns], border[:, columns])
+            places = np.arange(columns.start, columns.stop)
+            places[places > 0] += first
+            kicked[..., places] = changes_of_defects(linear, *steps)[:, n : 2 * n]
+    kicked /= _RELAXED**2
+    kicked /= scales.state[n : 2 * n, None]
+    return kicked
 
 
 def at_once(count: int, size: int) -> list[slice]:
@@ -195,12 +206,14 @@ def at_once(count: int, size: int) -> list[slice]:
     return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
 
-def _gradients(optimum: Optimum, misfit: Misfit, unknowns: int) -> tuple[Floats, Floats]:
+def _gradients(
+    optimum: Optimum, misfit: Misfit, unknowns: int, draws: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
     """Slopes by the nodes (K, m, 1 + draws) and by the border (P, 1 + draws) of residuals and of draws of their noise."""
     segments, m = optimum.segments, optimum.segments.system.dimension
-    nodes, border = np.zeros((segments.count, m, 1 + DRAWS)), np.zeros((unknowns, 1 + DRAWS))
-    drawn = _noise(optimum, misfit)
-    wide_parts = at_once(segments.count, segments.samples[..., 0].size * (1 + DRAWS))
+    nodes, border = np.zeros((segments.count, m, 1 + draws)), np.zeros((unknowns, 1 + draws))
+    drawn = _noise(optimum, misfit, draws, rng)
+    wide_parts = at_once(segments.count, segments.samples[..., 0].size * (1 + draws))
     for part in min(chunks(segments, unknowns), wide_parts, key=lambda parts: parts[0].stop):
         rows, _ = whitened_jacobian(segments, misfit, optimum.scales, optimum.loss, part)
         wide = rows.astype(float)
@@ -211,21 +224,23 @@ def _gradients(optimum: Optimum, misfit: Misfit, unknowns: int) -> tuple[Floats,
     return nodes, border
 
 
-def _noise(optimum: Optimum, misfit: Misfit) -> Callable[[slice], Floats]:
+def _noise(
+    optimum: Optimum, misfit: Misfit, draws: int, rng: np.random.Generator
+) -> Callable[[slice], Floats]:
     """Draws (k, M C, draws) of the noise of sensors in k segments: as large as the residuals, or as coloured as was found."""
-    segments, rng = optimum.segments, np.random.default_rng(SEED)
+    segments = optimum.segments
     M, C, K = segments.samples.shape
     if optimum.coloured is None:
         samples = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
         sizes = np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
-        return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, DRAWS))).reshape(
-            -1, M * C, DRAWS
+        return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, draws))).reshape(
+            -1, M * C, draws
         )
-    whole = np.empty((K, M, C, DRAWS), np.float32)
+    whole = np.empty((K, M, C, draws), np.float32)
     for channel in range(C):
-        series = optimum.coloured.drawn(rng.standard_normal((K * M, DRAWS)), channel)
-        whole[:, :, channel] = series.reshape(K, M, DRAWS)
-    return lambda part: whole[part].reshape(-1, M * C, DRAWS).astype(float)
+        series = optimum.coloured.drawn(rng.standard_normal((K * M, draws)), channel)
+        whole[:, :, channel] = series.reshape(K, M, draws)
+    return lambda part: whole[part].reshape(-1, M * C, draws).astype(float)
 
 
 def steps_of(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.fit import Optimum
+from linkwise.likelihood.long_records import is_long
 from linkwise.likelihood.memory_forces import MemoryForce
 from linkwise.likelihood.shooting.block_information import FactoredModel
 from linkwise.likelihood.shooting.bordered_system import BorderEquations
@@ -26,6 +27,7 @@ from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.tested_in_pieces import tested_in_pieces
 from linkwise.model.law import Law
 from linkwise.model.law_programs import forces_program
 from linkwise.runtime import one_blas_thread
@@ -111,6 +113,9 @@ def augmented_quadratic(
     that are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     segments = optimum.segments
+    in_pieces = _in_pieces(optimum, misfit, candidates, errors)
+    if in_pieces is not None:
+        return in_pieces
     linear = linear_model(
         segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors, blocks=blocks
     )
@@ -148,6 +153,21 @@ def augmented_quadratic(
         add_prior_curvature(scores, segments.prior, optimum.scales, segments.system.parameters.size)
     elimination = np.concatenate([np.eye(own.stop), -follow])
     return AugmentedQuadratic(curvature, slope, elimination.T @ scores @ elimination)
+
+
+def _in_pieces(
+    optimum: Optimum, misfit: Misfit, candidates: CandidateForces, errors: SensorErrors | None
+) -> AugmentedQuadratic | None:
+    """The model of a long record with white noise, without blocks; None of others, and where equations are singular."""
+    if optimum.coloured is not None or not is_long(optimum.segments):
+        return None
+    tested = tested_in_pieces(
+        optimum.segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates, errors
+    )
+    if tested is None:
+        return None
+    factor, growth = tested
+    return AugmentedQuadratic(factor.schur, factor.reduced, factor.schur, None, growth)
 
 
 def candidate_forces(

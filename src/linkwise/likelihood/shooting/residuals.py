@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,16 @@ class Misfit:
     def pulling(self) -> Floats:
         """(M, C, K) residuals, also of the observations that stand for clipped readings."""
         return self.residuals if self.clipped is None else self.residuals + self.clipped.residuals
+
+    def part(self, segments: slice) -> Misfit:
+        """The misfit of some segments that follow each other, without clipped readings and whole costs, which are NaN."""
+        return Misfit(
+            replace(self.point, nodes=self.point.nodes[..., segments]),
+            self.trajectories.part(segments),
+            self.residuals[..., segments],
+            self.defects[..., segments.start : segments.stop - 1],
+            *(np.nan, np.nan),
+        )
 
     def roots(self, segments: Segments, loss: Loss, part: slice) -> Floats:
         """(M, C, k) square roots of the weights of the residuals that pull, in some segments; 0 where there is none."""
