@@ -44,7 +44,7 @@ from linkwise.likelihood.shooting.settled_states import with_held_parameters
 from linkwise.progress import ProgressReport, part, silent
 from linkwise.runtime import one_blas_thread, processors
 
-_LONG = 8000  # segments
+_LONG = 16_000  # segments: of fewer most searches lead straight to exact laws
 _LOOSE = AnnealingSchedule(
     initial_q=0.1, final_q=1e-3, smallest_factor=0.01, trust_per_sample=10.0
 )  # of single pieces, in which coefficients and states are found
@@ -192,8 +192,9 @@ def _with_states(segments: Segments, point: Iterate, scales: Scales, annealer: A
 def _tightened(search: JointSearch, point: Iterate, most: float) -> list[_Rung]:
     """The rungs that the search reaches straight; the last one may be where the keyboard interrupted it.
 
-    None is left where one says that the laws are not exact: by more cost than `most` for a degree of freedom, by values that
-    contradict those with looser links, or by a lower likelihood. What is left has to be told from a model error then.
+    None is left where one says that the laws are not exact: by more cost than `most` for a degree of freedom, or, of the first
+    two, by values that contradict each other or a likelihood that falls. That has to be told from a model error then. Of
+    tighter ones the same is a sign of another optimum.
     """
     rungs: list[_Rung] = []
     for q in _RUNGS:
@@ -208,8 +209,10 @@ def _tightened(search: JointSearch, point: Iterate, most: float) -> list[_Rung]:
             return [*rungs, rung]
         if not end.straight:
             break
-        if not (rung.chi_square < most and rung.is_free and all(map(rung.agrees_with, rungs[-1:]))):
+        if not (rung.chi_square < most and rung.is_free):
             return []
+        if rungs and not rung.agrees_with(rungs[-1]):
+            return rungs if len(rungs) > 1 else []
         point = end.point
         if not passed:
             rungs.append(rung)
