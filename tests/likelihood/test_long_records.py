@@ -99,7 +99,7 @@ class Interrupting:
 def test_an_interrupt_ends_it_with_the_best_so_far(record: lw.Record, activity: str) -> None:
     fit = fitted(record, LikelihoodOptions(progress=Interrupting(activity)))
     assert fit.status is AnnealingStatus.INTERRUPTED
-    assert fit.chi_square < 1e6 and np.isfinite(fit.values).all()
+    assert fit.chi_square < 1e6 and np.isfinite(fit.values).all() and fit.has_errors
 
 
 def test_progress_rises_and_names_the_pieces(record: lw.Record) -> None:

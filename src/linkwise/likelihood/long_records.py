@@ -122,7 +122,7 @@ def search_in_pieces(
     first = early(segments.chosen(some), of_some, scales, _LOOSE)
     point = replace(start, theta=first.point.theta)
     if first.status is AnnealingStatus.INTERRUPTED:
-        return _unfinished(segments, point, scales, annealer.loss, _RUNGS[0])
+        return _fit_at(_RUNGS[0], segments, point, scales, annealer.loss, first.covariance)
     if (
         first.status is not AnnealingStatus.CONVERGED
         or first.at_bound.any()
@@ -137,7 +137,7 @@ def search_in_pieces(
             return rungs[-1].fit(annealer.loss)
         return next((rung.fit(annealer.loss) for rung in reversed(rungs) if rung.is_quadratic(search)), None)
     except KeyboardInterrupt:
-        return _unfinished(segments, point, scales, annealer.loss, _RUNGS[0])
+        return _fit_at(_RUNGS[0], segments, point, scales, annealer.loss, first.covariance)
 
 
 def held_at(segments: Segments, start: Iterate, scales: Scales, loss: Loss, q: float) -> AnnealingFit | None:
@@ -298,23 +298,23 @@ class _Rung:
     def fit(self, loss: Loss) -> AnnealingFit:
         """The fit there."""
         end = self.end
-        fit = _unfinished(self.segments, end.point, self.scales, loss, end.q)
-        if not end.interrupted:
-            fit = replace(fit, status=AnnealingStatus.CONVERGED)
-        return replace(fit, covariance=self.covariance, path=end.path)
+        fit = _fit_at(end.q, self.segments, end.point, self.scales, loss, self.covariance)
+        status = AnnealingStatus.INTERRUPTED if end.interrupted else AnnealingStatus.CONVERGED
+        return replace(fit, status=status, path=end.path)
 
 
-def _unfinished(segments: Segments, point: Iterate, scales: Scales, loss: Loss, q: float) -> AnnealingFit:
-    """A fit at a relaxation that the keyboard interrupted before there were equations of the whole record."""
-    size = len(scales.theta)
+def _fit_at(
+    q: float, segments: Segments, point: Iterate, scales: Scales, loss: Loss, covariance: Floats
+) -> AnnealingFit:
+    """A fit at a point and a relaxation, which the keyboard interrupted."""
     misfit = evaluate(segments, point, scales, loss)
     return AnnealingFit(
         point,
         misfit,
         q,
         scales,
-        np.full((size, size), np.inf),
-        np.zeros(size, dtype=bool),
+        covariance,
+        np.zeros(len(scales.theta), dtype=bool),
         misfit.cost_of_samples(q) / (freedom(segments) * loss.expected),
         int(segments.observed.sum()),
         AnnealingStatus.INTERRUPTED,
