@@ -78,7 +78,7 @@ def identified(structure: lw.Structure, record: lw.Record, method: str = "ml") -
         fit.trusted,
         float(np.sqrt(np.mean(z**2))),
         float(np.mean(np.abs(z) < 1.96)),
-        len(steps),
+        sum(step is not None for step in steps),
         processor,
     )
 
