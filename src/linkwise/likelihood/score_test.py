@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.block_information import FactoredModel
 from linkwise.likelihood.shooting.bordered_system import BorderEquations
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.shooting.linear_model import border_equations, linear_model
+from linkwise.likelihood.shooting.linear_model import Border, linear_model, precise_border, precise_model
 from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
@@ -120,7 +120,8 @@ def augmented_quadratic(
         segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors, blocks=blocks
     )
     in_blocks = blocks > 1
-    border = linear.factor(optimum.q) if in_blocks else border_equations(linear, optimum.q)
+    border: Border | None
+    linear, border = (precise_model if in_blocks else precise_border)(linear, optimum.q)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))

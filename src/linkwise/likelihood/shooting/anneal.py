@@ -174,7 +174,7 @@ def anneal(
         status = AnnealingStatus.INTERRUPTED
     factor = None if damped is None else damped.undamped_factor(control.q)
     linear, damped = linear or linear_model(segments, misfit, scales, loss, executor), None
-    covariance_of = partial(covariance, factor or firm_border(linear, control.q), scales)
+    covariance_of = partial(covariance, firm_border(linear, control.q, factor), scales)
     return _fit(segments, covariance_of, misfit, scales, loss, control.q, status, tuple(path))
 
 

@@ -28,13 +28,25 @@ class Damping:
 
 @dataclass(frozen=True, eq=False)
 class BorderedSystem:
-    """The equations; `right` holds for each node the columns of the border and, last, the gradient."""
+    """The equations; `right` holds for each node the columns of the border and, last, the gradient.
+
+    Where there is a `shift`, they are of nodes relative to one by the border; steps and gradients are of the nodes themselves.
+    """
 
     diagonal: Floats  # (K, m, m) symmetric
     coupling: Floats  # (K - 1, m, m), rows: the later node
     right: Floats  # (K, m, p + 1)
     corner: Floats  # (p, p)
     corner_gradient: Floats  # (p,)
+    shift: Floats | None = None  # (m, p), the same of all nodes
+
+    @property
+    def gradient(self) -> tuple[Floats, Floats]:
+        """Of the nodes (K, m) and the border (p,)."""
+        nodes = self.right[..., -1]
+        if self.shift is None:
+            return nodes, self.corner_gradient
+        return nodes, self.corner_gradient - self.shift.T @ nodes.sum(axis=0)
 
     def factor(self, damping: Damping | None = None, *, overwrite: bool = False) -> BorderedFactor | None:
         """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite.
@@ -62,11 +74,12 @@ class BorderedSystem:
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
         slope = self.corner_gradient - moment[p, :p]
-        return BorderedFactor(chol, forward, schur, slope, damped=damping is not None)
+        return BorderedFactor(chol, forward, schur, slope, damped=damping is not None, shift=self.shift)
 
     def drop(self, nodes: Floats, border: Floats) -> float:
         """g's: the reduction of the cost that a full Gauss-Newton step s = (nodes, border) predicts."""
-        return float(np.vdot(self.right[..., -1], nodes) + self.corner_gradient @ border)
+        gradient = self.gradient
+        return float(np.vdot(gradient[0], nodes) + gradient[1] @ border)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +116,7 @@ def border_step(schur: Floats, reduced: Floats, free: Bools, fixed_values: Float
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
     """Factor of the nodes, `chol` (banded) and `forward` (K, m, p + 1); equations of the border, `schur` (p, p) and
-    `reduced` (p,); whether it was `damped`.
+    `reduced` (p,); whether it was `damped`, and the `shift` (m, p) of the nodes by the border, if there is one.
     """
 
     chol: Floats
@@ -111,6 +124,7 @@ class BorderedFactor:
     schur: Floats
     reduced: Floats
     damped: bool = False
+    shift: Floats | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -127,6 +141,7 @@ class BorderedFactor:
             forward=self.forward[..., columns],
             schur=self.schur[chosen],
             reduced=self.reduced[border],
+            shift=None if self.shift is None else self.shift[:, border],
         )
 
     def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
@@ -138,11 +153,14 @@ class BorderedFactor:
         if border is None:
             return None
         right = self.forward[..., -1] - self.forward[..., :-1] @ border
-        nodes, _ = lapack.dtbtrs(self.chol, right.reshape(-1, 1), uplo="L", trans="T")
-        return nodes.reshape(self.shape), border
+        solved, _ = lapack.dtbtrs(self.chol, right.reshape(-1, 1), uplo="L", trans="T")
+        nodes = solved.reshape(self.shape)
+        return nodes if self.shift is None else nodes + self.shift @ border, border
 
     def moved(self, nodes: Floats, border: Floats) -> BorderedFactor:
         """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
+        if self.shift is not None:
+            border = border + self.shift.T @ nodes.sum(axis=0)
         change, _ = lapack.dtbtrs(self.chol, nodes.reshape(-1, 1), uplo="L")
         forward = self.forward.copy()
         forward[..., -1] += change.reshape(self.shape)

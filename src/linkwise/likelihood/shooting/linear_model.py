@@ -8,6 +8,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
+from linkwise.likelihood.shooting.common_shift import with_common_shift
 from linkwise.likelihood.shooting.local_equations import LocalFactor, LocalLinearization
 from linkwise.likelihood.shooting.local_products import local_linearization
 from linkwise.likelihood.shooting.local_rows import LocalRows
@@ -25,6 +26,7 @@ Factor = BorderedFactor | LocalFactor
 Border = BorderEquations | Factor
 
 _LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
+_ROUNDED = 1e-13  # of the diagonal of the border: information of which rounding hides more than a hundredth
 _WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
 
 
@@ -123,21 +125,67 @@ def column_origins(
 
 def border_equations(linear: GaussNewtonModel, q: float) -> Border | None:
     """The equations of the border at a relaxation, as the factor has them; of many masses without room for the factor."""
-    return linear.border(q) if isinstance(linear, LocalLinearization) else linear.factor(q)
+    return precise_border(linear, q)[1]
 
 
-def firm_border(linear: GaussNewtonModel, q: float) -> Border | None:
+def precise_border(
+    linear: GaussNewtonModel, q: float, factor: Factor | None = None
+) -> tuple[GaussNewtonModel, Border | None]:
+    """As `precise_model`, of many masses without room for the factor."""
+    if isinstance(linear, LocalLinearization):
+        return linear, factor or linear.border(q)
+    return precise_model(linear, q, factor)
+
+
+def precise_model(
+    linear: GaussNewtonModel, q: float, factor: Factor | None = None
+) -> tuple[GaussNewtonModel, Factor | None]:
+    """A linearised problem with its factor, whose rounding hides nothing that the equations tell of the border.
+
+    Parameters
+    ----------
+    linear : Linearization or LocalLinearization
+        The linearised problem.
+    q : float
+        Relaxation.
+    factor : BorderedFactor or LocalFactor, optional
+        Its factor at the relaxation.
+
+    Returns
+    -------
+    tuple
+        The same problem, in coordinates of the nodes relative to a common shift where rounding makes that necessary, and its
+        factor; None where its equations are not positive definite.
+    """
+    factor = factor or linear.factor(q)
+    if isinstance(linear, Linearization) and _is_rounded(linear, factor, q):
+        linear = with_common_shift(linear)
+        factor = linear.factor(q)
+    return linear, factor
+
+
+def firm_border(linear: GaussNewtonModel, q: float, factor: Factor | None = None) -> Border | None:
     """`border_equations` at a relaxation, or at the least larger one at which nothing has to be added to the nodes.
 
-    What is added makes a factor, and would count as information; a larger relaxation can only widen the covariance. Where
-    nothing helps it is that with the addition.
+    That at the relaxation is the given one, if there is one. What is added makes a factor, and would count as information; a
+    larger relaxation can only widen the covariance. Where nothing helps it is that with the addition.
     """
-    border = border_equations(linear, q)
+    linear, border = precise_border(linear, q, factor)
     for looser in _LOOSER if border is not None and border.damped else ():
         again = border_equations(linear, looser * q)
         if again is not None and not again.damped:
             return again
     return border
+
+
+def _is_rounded(linear: Linearization, factor: Factor | None, q: float) -> bool:
+    """Whether rounding hides what equations tell of some direction of the border."""
+    if factor is None or not len(factor.schur):
+        return False
+    diagonal = (linear.data.corner + linear.defects.corner / q**2).diagonal()
+    size = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+    relative = factor.schur / np.outer(size, size)
+    return bool(np.isfinite(relative).all() and np.linalg.eigvalsh(relative)[0] < _ROUNDED)
 
 
 def covariance(border: Border | None, scales: Scales, free: Bools) -> Floats:

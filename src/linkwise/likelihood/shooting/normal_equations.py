@@ -74,6 +74,7 @@ class Linearization:
     state_ends: Floats  # (K - 1, m, m) end of a segment by its node
     right_ends: Floats  # (K - 1, m, p + 1) end by theta and offsets; last the defect, sign reversed
     joined: Floats  # (K - 1, m) 1 where a state is continuous between linked segments, else 0
+    shift: Floats | None = None  # (m, p) by the border, relative to which the nodes are
 
     def within(self, border: Indices) -> Linearization:
         """That of these unknowns of the border alone, in arrays of its own."""
@@ -82,6 +83,7 @@ class Linearization:
             data=self.data.within(border),
             defects=self.defects.within(border),
             right_ends=self.right_ends[..., np.append(border, -1)],
+            shift=self.shift if self.shift is None else self.shift[:, border],
         )
 
     def equations(self, q: float) -> BorderedSystem:
@@ -104,6 +106,7 @@ class Linearization:
             right,
             self.data.corner + weight * self.defects.corner,
             self.data.corner_gradient + weight * self.defects.corner_gradient,
+            self.shift,
         )
 
     def factor(self, q: float) -> BorderedFactor | None:
@@ -363,8 +366,8 @@ def _columns_of(
     errors: SensorErrors | None, segments: Segments, candidates: CandidateForces | None
 ) -> Indices:
     """The columns of `errors` in the border, which follow those of the parameters and of `candidates`."""
-    first = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
-    return first + np.arange(0 if errors is None else len(errors.channel))
+    first = segments.system.parameters.size + _extra_columns(candidates, None)
+    return first + np.arange(_extra_columns(None, errors))
 
 
 def _whitened_errors(
@@ -378,10 +381,8 @@ def _whitened_errors(
 ) -> list[ChannelErrors]:
     """What errors add to the rows of their channels in some segments."""
     _, whiten = _weights(segments, misfit, scales, loss, part)
-    columns, factors = (
-        _columns_of(errors, segments, candidates),
-        segments.sensors.factors(misfit.point.gains),
-    )
+    columns = _columns_of(errors, segments, candidates)
+    factors = segments.sensors.factors(misfit.point.gains)
     by_channel = []
     for channel in np.unique(errors.channel).tolist():
         own = np.flatnonzero(errors.channel == channel)
@@ -395,6 +396,5 @@ def _whitened_errors(
 
 def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
     """Number of columns behind those of the parameters."""
-    return (0 if candidates is None else len(candidates.first)) + (
-        0 if errors is None else len(errors.channel)
-    )
+    of_candidates = 0 if candidates is None else len(candidates.first)
+    return of_candidates + (0 if errors is None else len(errors.channel))
