@@ -21,9 +21,16 @@ def _beam(mass: float | lw.Coefficient, **values: float) -> lw.Structure:
     return structure({"sink": mass}, link("nes", "beam.tip-sink", NES, **values), hosts=[beam], name="beam")
 
 
-def _hit(well: float, seed: int, sensors: tuple[str, ...] = ACCELEROMETERS) -> lw.Record:
-    """Two hits that leave the sink in a well of the link, in m."""
-    hits = "3*exp(-((t - 0.1)/0.003)**2) + 2.4*exp(-((t - 1.1)/0.003)**2)"
+def _hit(
+    well: float,
+    seed: int,
+    sensors: tuple[str, ...] = ACCELEROMETERS,
+    *,
+    force: float = 3.0,
+    snr: float = 30.0,
+) -> lw.Record:
+    """Two hits of a force in N that leave the sink in a well of the link, in m."""
+    hits = f"{force}*exp(-((t - 0.1)/0.003)**2) + {0.8 * force}*exp(-((t - 1.1)/0.003)**2)"
     return lw.simulate(
         _beam(0.03, **SINK),
         forces={"beam.root": hits},
@@ -31,7 +38,7 @@ def _hit(well: float, seed: int, sensors: tuple[str, ...] = ACCELEROMETERS) -> l
         duration=2.5,
         rate=1000.0,
         sensors=sensors,
-    ).with_noise(30.0, seed=seed)
+    ).with_noise(snr, seed=seed)
 
 
 @pytest.mark.parametrize(
@@ -54,6 +61,55 @@ def test_the_well_in_which_a_hidden_mass_rests_is_identified(
         assert abs(coefficient.value - true) < 4.0 * coefficient.standard_error, name
     lower, upper = fit.link("nes").d_range
     assert lower < well < upper and not lower < -well < upper
+
+
+@pytest.mark.parametrize(
+    ("well", "force", "snr", "seed"),
+    [(WELL, 0.3, 30.0, 5215201), (-WELL, 1.0, 20.0, 5215202), (-WELL, 2.0, 25.0, 5215203)],
+)
+def test_the_well_of_a_motion_in_which_the_law_hardly_bends_is_the_likelier_one(
+    well: float, force: float, snr: float, seed: int
+) -> None:
+    """A law of one well leaves about as much noise, and its fit ends first."""
+    fit = lw.identify(_hit(well, seed, force=force, snr=snr), _beam(0.03))
+    assert fit.trusted
+    for name, true in SINK.items():
+        coefficient = fit.coefficient(f"nes.{name}")
+        assert coefficient.standard_error is not None
+        assert abs(coefficient.value - true) < 4.0 * coefficient.standard_error, name
+
+
+def test_a_motion_that_tells_no_well_is_not_trusted_and_names_what_it_does_not_tell() -> None:
+    """At 20 dB noise hides by how much springs of a hardening link and of one in a well differ in so small a motion."""
+    fit = lw.identify(_hit(-WELL, 5215204, force=0.2, snr=20.0), _beam(0.03))
+    assert fit.fit_verdicts == (lw.Verdict.SEVERAL_OPTIMA,) and not fit.trusted
+    assert "nes.alpha and nes.beta are hardly determined" in fit.message
+    assert any(remark.startswith("Another set of values explains the records") for remark in fit.remarks)
+
+
+def test_the_well_of_a_mass_of_a_chain_with_accelerometers_is_identified() -> None:
+    chain = structure(
+        {"m1": 1.0, "m2": 0.03},
+        link("base", "m1-ground", "k*d + c*v", k=400.0, c=0.5),
+        link("nes", "m1-m2", NES, **SINK),
+    )
+    hit = "2*exp(-((t - 0.1)/0.01)**2)"
+    record = lw.simulate(
+        chain, forces={"m1": hit}, release={"x:m2": -WELL}, duration=2.5, rate=500.0, sensors=("a:m1", "a:m2")
+    ).with_noise(25.0, seed=5215205)
+    fit = lw.identify(record, chain.unknown("nes"))
+    assert fit.trusted
+    for name, true in SINK.items():
+        coefficient = fit.coefficient(f"nes.{name}")
+        assert coefficient.standard_error is not None
+        assert abs(coefficient.value - true) < 4.0 * coefficient.standard_error, name
+
+
+def test_a_fit_that_knows_a_bending_link_well_has_no_rival_about_another_rest() -> None:
+    record, asked = _hit(WELL, 5215206), _beam(0.03)
+    options = LikelihoodOptions(model_error=False)
+    first = fit_about_rest([record], asked, options)
+    assert first is not None and fit_about_rest([record], asked, options, first) is None
 
 
 def test_only_links_that_alone_hold_an_unseen_mass_start_about_its_rest() -> None:

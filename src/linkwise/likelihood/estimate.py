@@ -266,7 +266,8 @@ class MaximumLikelihood(Estimator):
             return self._beside_hosts(structure, records, options)
         theta, spread = starting_values(records, structure, self.starts)
         if needs_integration(framed(records[0], structure, integrated=True).record, structure):
-            return fit_with_restarts(search, theta, options)
+            about_rest = partial(fit_about_rest, records, structure, given=self.starts)
+            return fit_with_restarts(search, theta, options, another=about_rest)
         fit = search(theta, spread=spread, options=options)
         fit = lower_of_two(fit, lambda values: search(values, options=options))
         return tightest_smooth_fit(

@@ -3,16 +3,18 @@
 Nothing shows where such a mass rests, and forces of small motion hardly tell one well from another. About its place of rest a
 link of any law moves like a spring that is not symmetric. That law, with a term in d**2 beside its own, has one place of rest,
 and is fitted first, with loose continuity. Then the place of rest is the one about which the own law gives the same forces
-along this motion, and the search goes on from there.
+along this motion, and the search goes on from there. A fit about another place leaves as little where the motion is so small
+that noise hides how the link bends: then its coefficients are hardly known, and the two compete.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
@@ -20,6 +22,7 @@ from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.linear_model import linear_model, precise_model
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
@@ -33,6 +36,12 @@ _LOOSE = 0.03  # relaxation at which the fit about the place of rest ends: tight
 _NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of rest may be away from d = 0
 _GRID = 161  # places on either side, at equal ratios
 _ROUNDS = 4  # of finer grids
+_VALLEY_STEPS = 4
+_CREEPING = (
+    0.02  # of -2 log likelihood: a full step that would lower it by more is one that a search did not take
+)
+_APART = 4.0  # standard errors beyond which values are others
+_CERTAIN = 10.0  # standard errors: laws whose coefficients are known that well leave no doubt about the place of rest
 
 
 @dataclass(frozen=True)
@@ -48,9 +57,13 @@ def fit_about_rest(
     records: Sequence[Record],
     structure: Structure,
     options: LikelihoodOptions,
+    first: LikelihoodFit | None = None,
+    *,
     given: Mapping[str, float] | None = None,
 ) -> LikelihoodFit | None:
     """A fit that starts about the places where hidden masses rest; None where there are none, or it fails.
+
+    There are none in doubt, either, where a first fit leaves only noise and knows all coefficients of their links well.
 
     Parameters
     ----------
@@ -60,6 +73,8 @@ def fit_about_rest(
         The structure.
     options : LikelihoodOptions
         The options.
+    first : LikelihoodFit, optional
+        A fit from another start.
     given : mapping of str to float, optional
         Starting values by name of the parameter.
 
@@ -69,7 +84,7 @@ def fit_about_rest(
         The fit.
     """
     hidden = _hidden_links(structure, records[0].channels)
-    if not hidden:
+    if not hidden or (first is not None and _leaves_no_doubt(first, structure, hidden)):
         return None
     centred = structure
     for link in hidden:
@@ -88,9 +103,105 @@ def fit_about_rest(
         if about.status is AnnealingStatus.INTERRUPTED:
             return None
         values, nodes = _moved(structure, centred, about, hidden)
-        return search(structure, values, options=replace(options, nodes=nodes))
+        return _along_valley(partial(search, structure), structure, hidden, options, (values, nodes))
     except IdentificationError:
         return None
+
+
+def _along_valley(
+    search: Callable[..., LikelihoodFit],
+    structure: Structure,
+    hidden: Sequence[_HiddenLink],
+    options: LikelihoodOptions,
+    start: tuple[Floats, Floats],
+) -> LikelihoodFit:
+    """A fit from values (p,) and nodes, led along the valley of coefficients that differ in where the hidden masses rest.
+
+    A place of rest bends with the coefficients, and a linear step of all nodes along it misses it by more than the continuity
+    of the segments lets pass, so that a search creeps there, or ends. Full steps of the coefficients are taken with the places
+    of rest that follow from them.
+    """
+    fit = search(start[0], options=replace(options, nodes=start[1]))
+    for _ in range(_VALLEY_STEPS):
+        optimum = fit.optimum
+        linear = linear_model(optimum.segments, fit.misfit, optimum.scales, optimum.loss)
+        linear, factor = precise_model(linear, optimum.q)
+        free = np.concatenate([fit.free, np.ones(len(optimum.scales.theta) - len(fit.free), dtype=bool)])
+        solved = None if factor is None else factor.solve(free)
+        if solved is None or linear.equations(optimum.q).drop(*solved) < _CREEPING:
+            break
+        values = fit.values + (solved[1] * optimum.scales.theta)[: len(fit.values)]
+        nodes = optimum.point.nodes.copy()
+        moves = _moves_of_rest(structure, hidden, nodes, fit.values, values)
+        if moves is None:
+            break
+        for link, move in zip(hidden, moves, strict=True):
+            nodes[link.coordinate] += move / link.sign
+        try:
+            again = search(values, options=replace(options, nodes=nodes))
+        except IdentificationError:
+            break
+        if again.status is AnnealingStatus.INTERRUPTED:
+            return again
+        better = again.status is AnnealingStatus.CONVERGED and fit.status is not AnnealingStatus.CONVERGED
+        if not better and not again.chi_square < fit.chi_square:
+            break
+        fit = again
+    return fit
+
+
+def _moves_of_rest(
+    structure: Structure, hidden: Sequence[_HiddenLink], nodes: Floats, before: Floats, after: Floats
+) -> list[float] | None:
+    """By how much the elongation at rest of each hidden link changes with the values; None where a place of rest is lost."""
+    names = [parameter.name for parameter in structure.parameters]
+    both = [
+        structure.with_values(dict(zip(names, values.tolist(), strict=True))) for values in (before, after)
+    ]
+    d = structure.elongations(nodes[: structure.size].T).T
+    moves = []
+    for link in hidden:
+        mean, size = float(np.mean(d[link.number])), float(np.std(d[link.number])) or 1.0
+        places = []
+        for valued in both:
+
+            def force(place: float, law: Link = valued.links[link.number]) -> float:
+                return float(law.force(np.array(place), np.array(0.0), {}))
+
+            place, report = scipy.optimize.newton(
+                force, mean, x1=mean + 0.1 * size, full_output=True, disp=False
+            )
+            places.append(float(place))
+            if not report.converged or not np.isfinite(place):
+                return None
+        moves.append(places[1] - places[0])
+    return moves
+
+
+def about_another_rest(fit: LikelihoodFit) -> str:
+    """What it means that masses of which no channel shows where they rest may as well rest elsewhere.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit; beside memory, other values as likely say nothing of places of rest.
+
+    Returns
+    -------
+    str
+        A part of a sentence with the names of the coefficients; empty where the masses rest at one place alone.
+    """
+    if not fit.others or fit.segments.system.states:
+        return ""
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    apart = np.any([np.abs(values - fit.values) > _APART * errors for values in fit.others], axis=0)
+    parameters = fit.segments.system.parameters.names
+    names = [name for name, far in zip(parameters, apart.tolist(), strict=True) if far]
+    return (
+        f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} hardly determined: a motion about another place of rest "
+        "explains it as well, and no channel shows where the mass rests, so no interval is given. Record a larger motion, or "
+        "the displacement of the mass, or hold one of them at a known value."
+    )
 
 
 def _hidden_links(structure: Structure, channels: Sequence[str]) -> tuple[_HiddenLink, ...]:
@@ -109,6 +220,16 @@ def _hidden_links(structure: Structure, channels: Sequence[str]) -> tuple[_Hidde
         if "d" in symbols(differentiate(link.law.expression, "d")) and not link.law.states:
             hidden.append(_HiddenLink(number, coordinate, float(incidence[coordinate, number])))
     return tuple(hidden)
+
+
+def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Sequence[_HiddenLink]) -> bool:
+    """Whether a fit explains the records, and every coefficient of the links that it has found is far from zero."""
+    if fit.status is not AnnealingStatus.CONVERGED or fit.chi_square_off:
+        return False
+    numbers = {link.number for link in hidden}
+    own = [any(link in numbers for link, _ in parameter.members) for parameter in structure.parameters]
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    return bool((np.abs(fit.values) > _CERTAIN * errors)[own].all())
 
 
 def _centred(structure: Structure, number: int) -> Structure:

@@ -25,6 +25,7 @@ from linkwise.likelihood.held_errors import (
     not_held,
     of_held_errors,
 )
+from linkwise.likelihood.hidden_wells import about_another_rest
 from linkwise.likelihood.input_noise import InputNoise, for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
 from linkwise.likelihood.missing_terms import for_missing_terms
@@ -42,8 +43,7 @@ _NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error that is trusted. Intervals include the error to first order; the
 neglected second order is 1 % of the forces at this limit, a tenth of what they include."""
-# of an input: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
-_NOISIEST_INPUT = 0.15
+_NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NOT_WHITE = (
     ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "
@@ -246,6 +246,8 @@ def _verdict(
             f"of the link hardly exceeds the noise, so no interval is given. Hold them at known values, or record "
             f"a motion with a larger elongation of the link."
         )
+    if another_rest := about_another_rest(fit):
+        return Verdict.SEVERAL_OPTIMA, f"{explained}, but {another_rest}"
     if not is_regular(fit, with_faint_modes(fit, identified)[1]):
         return Verdict.SEVERAL_OPTIMA, (
             f"{explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume, "
@@ -262,10 +264,8 @@ def _verdict(
 def _instrument(cause: Cause) -> str:
     """What an error in what was recorded or stated means for the answer."""
     if cause.kind in ("input noise", "ambient"):
-        source = (
-            f"an ambient force on {cause.where}" if cause.kind == "ambient" else f"noise of {cause.where}"
-        )
-        more = "more of it, or let it be found" if cause.remark else source
+        kind = "an ambient force on" if cause.kind == "ambient" else "noise of"
+        more = "more of it, or let it be found" if cause.remark else f"{kind} {cause.where}"
         return (
             f", but {_would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
             f"wrong by more than their intervals say, so none is given: allow for {more}."
@@ -334,7 +334,7 @@ def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], ch
             "with them."
         )
     inputs = [name for name in channels if Channel.parse(name).is_input]
-    if not fit.random_forces and not inputs and verdict in _LIKE_A_FORCE:
+    if not (fit.random_forces or inputs) and verdict in _LIKE_A_FORCE:
         return " If an unrecorded force acts, such as wind or traffic, state it as ambient."
     noisy = [cause for cause in causes[1:] if cause.kind == "input noise"]
     if noisy and verdict is Verdict.SYSTEMATIC_MISFIT:
