@@ -24,7 +24,8 @@ class Cause:
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
         share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``, a
         ``"high pass"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a
-        point, ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force,
+        point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
+        applied force,
         ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, a missing ``"term"`` of a link,
         a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
@@ -33,7 +34,8 @@ class Cause:
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel shows,
         its delay behind that, the root mean square of the force for a term or a
         link, half the square of the time constant for a filter, how many times too large values in another unit are, the
-        corner of a high pass, the number of clipped samples, 0 for a sign and for channels that are swapped, the standard
+        corner of a high pass, the frequency of a mode that is lacking, the number of clipped samples, 0 for a sign and
+        for channels that are swapped, the standard
         deviation of noise, the spectral density of an ambient force.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
@@ -46,7 +48,8 @@ class Cause:
     source : str
         The channel that crosstalk comes from, the other one of two that are swapped, or the mode of a shape, else empty.
     share : float
-        Of a missing term: its part of the force in its link, both root mean squares.
+        Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
+        the power that is left in the sensors of its host that it explains.
     remark : str
         What else looks like it, else empty.
     shift : float
@@ -217,6 +220,9 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             lambda cause: f"a shape of {cause.source} at {cause.where} that is off by {_percent(cause)}",
             unit="1",
             relative=True,
+        ),
+        "mode": CauseKind(
+            lambda cause: f"a mode near {cause.size:.3g} Hz that the host {cause.where} lacks", unit="Hz"
         ),
         "force gain": CauseKind(_other_force, unit="1", relative=True),
         "force delay": CauseKind(_late_force, unit="s"),

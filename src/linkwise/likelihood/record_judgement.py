@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.clipped_samples import clipped_samples
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.judgement import Judgement, assess
+from linkwise.likelihood.lacking_modes import lacking_modes
 from linkwise.likelihood.recording_errors import recording_errors
 from linkwise.likelihood.understated_noise import with_understated_noise
 from linkwise.likelihood.uneven_samples import before_other_causes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
+
+_MORE = 20.0  # times what any other cause explains: a mode that is lacking is no small error, as these are
 
 
 def judge(
@@ -41,13 +45,33 @@ def judge(
     of_channels = (recording_errors(records, structure) for structure in structures if unexplained)
     errors = (*clipped, *next(filter(None, of_channels), ()))
     if not errors:
-        return before_other_causes(judgement, records)
+        lacking = lacking_modes(fit, identified, records) if unexplained and identified.hosts else ()
+        likeliest = max((cause.gain for cause in judgement.diagnosis), default=0.0)
+        lacking = tuple(cause for cause in lacking if cause.gain > _MORE * likeliest)
+        return _lacking(judgement, lacking) if lacking else before_other_causes(judgement, records)
     unsettled = judgement.verdict is Verdict.NOT_CONVERGED
     return Judgement(
         Verdict.NOT_CONVERGED if unsettled else Verdict.MEASUREMENT_ERROR,
         (f"{judgement.message} " if unsettled else "") + _explanation(errors, is_clipped=bool(clipped)),
         judgement.model_error,
         (*errors, *judgement.diagnosis),
+    )
+
+
+def _lacking(judgement: Judgement, causes: Sequence[Cause]) -> Judgement:
+    """The judgement where hosts lack modes, before all other causes: errors of sensors look a little like them."""
+    unsettled = judgement.verdict is Verdict.NOT_CONVERGED
+    parts = [
+        f"with {cause.description}, the forces on it explain {100.0 * cause.share:.3g} % of what its stated modes leave in "
+        f"its sensors: {_ADVICE[cause.kind]}"
+        for cause in causes
+    ]
+    return replace(
+        judgement,
+        verdict=Verdict.NOT_CONVERGED if unsettled else Verdict.UNEXPLAINED_FORCES,
+        message=f"{f'{judgement.message} W' if unsettled else 'The structure does not explain the record: w'}"
+        f"{'; '.join(parts)[1:]}. No interval is given.",
+        diagnosis=(*causes, *judgement.diagnosis),
     )
 
 
@@ -86,5 +110,6 @@ _ADVICE = {
     "unit": "multiply {where} by {factor}, or state its unit",
     "swapped": "exchange {where} and {source}",
     "high pass": "couple the sensor of {where} directly (DC), or integrate what it took off",
+    "mode": "state that mode, or keep it of the matrices",
     "clipped": "mark these samples as missing (mark_missing), or measure with a larger range",
 }
