@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyuff
+from structures import host, link, structure
 
 import linkwise as lw
 
@@ -234,3 +235,22 @@ def test_a_mode_has_no_mass_to_change() -> None:
         wing.with_values({"wing.mode1.mass": 2.0})
     with pytest.raises(lw.StructureError, match=message):
         wing.unknown("mass:wing.mode1")
+
+
+@pytest.mark.parametrize(
+    ("taken", "kind", "clash"),
+    [
+        ("wing.mode1", "mass", "mode 1 of the host"),
+        ("wing.tip", "mass", "a point of the host"),
+        ("wing.mode2", "link", "mode 2 of the host"),
+    ],
+)
+def test_a_mass_or_a_link_with_the_name_of_a_part_of_a_host_is_told_with_both(
+    taken: str, kind: str, clash: str
+) -> None:
+    mass, name = (taken, "spring") if kind == "mass" else ("store", taken)
+    wing = host("wing", [5.0, 9.0], 0.01, {"tip": [1.0, 2.0]})
+    with pytest.raises(lw.StructureError) as caught:
+        structure({mass: 1.0}, link(name, f"{mass}-ground", "k*d", k=10.0), hosts=[wing])
+    message = str(caught.value)
+    assert f'{kind} "{taken}"' in message and f'{clash} "wing" has the same name' in message

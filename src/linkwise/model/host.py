@@ -8,7 +8,7 @@ to the ground with the law `MODE_LAW`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -339,6 +339,21 @@ def _to_within(given: Coefficient, part: float, lower: float = 0.0) -> Coefficie
     return Coefficient.unknown(given.value, lower=lower, sigma=part * abs(given.value))
 
 
+def _refuse_clashes(
+    host: Host, masses: tuple[Mass, ...], links: tuple[Link, ...], of_modes: Collection[str]
+) -> None:
+    """Raise StructureError for a mass or a link, other than those `of_modes`, with the name of a mode or a point."""
+    named = [("mass", mass.name) for mass in masses] + [("link", link.name) for link in links]
+    for kind, name in named:
+        is_mode = name in host.coordinates
+        if name not in of_modes and (is_mode or (kind == "mass" and name in host.points)):
+            part = f"mode {host.coordinates.index(name) + 1}" if is_mode else "a point"
+            raise StructureError(
+                f'{part} of the host "{host.name}" has the same name, and names must be unique: rename the {kind} or the host',
+                f'{kind} "{name}"',
+            )
+
+
 def with_modes(
     masses: tuple[Mass, ...], links: tuple[Link, ...], hosts: tuple[Host, ...]
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
@@ -359,11 +374,15 @@ def with_modes(
         Modal coordinates and masses.
     links : tuple of Link
         Links of modes and between points.
+
+    Raises StructureError if a mass or a link has the name of a mode or a point of a host.
     """
     present = {mass.name for mass in masses}
+    of_modes = {link.name for link in links if link.law == MODE_LAW and link.between == (link.name, GROUND)}
     new_masses: list[Mass] = []
     new_links: list[Link] = []
     for host in hosts:
+        _refuse_clashes(host, masses, links, of_modes)
         if set(host.coordinates) <= present:
             continue
         own_masses, own_links = host.parts()
