@@ -220,3 +220,24 @@ def test_a_structure_that_is_driven_does_not_rest() -> None:
     assert "offset" not in kinds(lw.Record.from_arrays(time, channels))
     channels["force:m1"] = np.where(time < 3.0, np.sin(40.0 * time), 0.0)
     assert "offset" in kinds(lw.Record.from_arrays(time, channels), "v:m1")
+
+
+def _driven_by_a_sine(frequency: float, duration: float, seed: int) -> lw.Record:
+    """A hardening oscillator, whose motion has harmonics of the force."""
+    structure = oscillator("k*d + c*v + k3*d**3", k=4e3, c=4.0, k3=1e9)
+    force = f"60*sin(2*pi*{frequency}*t)"
+    record = lw.simulate(structure, forces={"m1": force}, duration=duration, rate=1000.0)
+    return record.with_noise(70.0, seed=seed)
+
+
+@pytest.mark.parametrize(("frequency", "duration"), [(10.0, 2.33), (50.0 / 12.0, 10.0), (50.0 / 16.0, 15.0)])
+def test_a_harmonic_of_a_sine_at_the_frequency_of_the_mains_is_no_hum(
+    frequency: float, duration: float
+) -> None:
+    """Whatever the number of periods in the record, and at high orders."""
+    assert "hum" not in kinds(_driven_by_a_sine(frequency, duration, 5215501))
+
+
+def test_hum_beside_harmonics_of_a_sine_is_told() -> None:
+    record = faulty(_driven_by_a_sine(7.3, 6.0, 5215502), "x:m1", hum)
+    assert "hum" in kinds(record)

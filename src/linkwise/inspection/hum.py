@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +20,18 @@ _QUIET = 9  # of them, those with the least motion, that are looked at
 _CYCLES = 4.0  # in a piece
 _SPREAD = 0.3  # of its size: how far the line may be from steady in a piece, root mean square
 _ABOVE = 5.0  # times the noise of a line in all pieces together
-_INPUT = 12  # harmonics of the frequency of an input that are no hum
+_INPUT = 12  # harmonics of the frequency of an input that are no hum, of a sine all
+_SPACED = 10.0  # times as far apart as they are sharp: harmonics of a sine, of any order, that a line hardly meets by chance
+_REFINEMENTS = 3  # of the frequency of an input
+_SINE = 0.95  # of the power of an input in one line: a sine
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """The `frequency` in Hz at which an input is strongest, and its number of harmonics that a motion may have."""
+
+    frequency: float
+    harmonics: float
 
 
 def hum(signals: RecordSignals) -> Iterator[Alert]:
@@ -31,7 +43,7 @@ def hum(signals: RecordSignals) -> Iterator[Alert]:
             for mains in _MAINS
             for order in range(1, _HARMONICS + 1)
             if (frequency := order * mains) < 0.45 * signal.rate
-            and not any(_is_harmonic(frequency, peak, signals.record.duration) for peak in driven)
+            and not any(_is_harmonic(frequency, of, signals.record.duration) for of in driven)
             and (line := _steady_line(signal, frequency))[1]
         ]
         if not steady:
@@ -48,19 +60,35 @@ def hum(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("hum", signal.name, message, error, arguments=("hums",), frequencies=frequencies)
 
 
-def _peak(signal: ChannelSignal) -> float:
-    """The frequency in Hz at which an input is strongest."""
-    power = np.abs(np.fft.rfft(signal.filled - signal.filled.mean()))
-    return float(np.argmax(power)) * signal.rate / len(signal.values)
+def _peak(signal: ChannelSignal) -> _Driven:
+    """The strongest line of an input, between the lines of its spectrum: a harmonic is off by a multiple of what it is off."""
+    values = signal.filled - signal.filled.mean()
+    window = np.hanning(len(values) + 2)[1:-1]
+    time = np.arange(len(values)) / signal.rate
+    power = np.abs(np.fft.rfft(values)) ** 2
+    line, spacing = int(np.argmax(power)), signal.rate / len(values)
+
+    def size(frequency: float) -> float:
+        return float(abs(np.exp(-2j * np.pi * frequency * time) @ (window * values)))
+
+    frequency = line * spacing
+    for _ in range(_REFINEMENTS):  # of which each is ten times as fine
+        nearby = np.maximum(frequency + spacing * np.linspace(-1.0, 1.0, 21), 0.0)
+        frequency = float(nearby[int(np.argmax([size(f) for f in nearby.tolist()]))])
+        spacing *= 0.1
+    amplitude = 2.0 * size(frequency) / float(np.sum(window))
+    is_sine = 0.5 * amplitude**2 > _SINE * float(np.mean(values**2))
+    return _Driven(frequency, np.inf if is_sine else _INPUT)
 
 
-def _is_harmonic(frequency: float, of: float, duration: float) -> bool:
-    """Whether a line belongs to the frequency `of` of an input, or to the half or the third of it."""
-    resolution = 2.0 / duration
+def _is_harmonic(frequency: float, driven: _Driven, duration: float) -> bool:
+    """Whether a line belongs to the frequency of an input, or to the half or the third of it."""
+    resolution, of = 2.0 / duration, driven.frequency
+    near = resolution + _OFF
+    most = driven.harmonics if of > _SPACED * near else min(driven.harmonics, _INPUT)
     multiples = [frequency * part / max(of, resolution) for part in (1, 2, 3)]
     return any(
-        round(multiple) <= _INPUT and abs(multiple - round(multiple)) * of < resolution + _OFF
-        for multiple in multiples
+        round(multiple) <= most and abs(multiple - round(multiple)) * of < near for multiple in multiples
     )
 
 
