@@ -23,6 +23,7 @@ from linkwise.likelihood.shooting.tangents import combine, product
 
 _AT_ONCE = 60_000  # numbers of one kind in the columns that are marched together
 _HALF = np.float32(0.5)
+_BEFORE, _BETWEEN = 2, 3  # columns of TANGENT_END of the pulls at the start and in the middle of a step
 _DISPLACED = np.float32(
     1.0 / 24.0
 )  # of h^2 a / 2: what the trapezoidal rule lacks, a twelfth for half a step
@@ -146,11 +147,13 @@ def _after_a_step(into_links: Single, gain: Single, before: Single, middle: Sing
     hv[:, n:] += half
     accelerate(middle, accelerations[1])
     product(into_links, accelerations[1], pulls_between)
-    np.multiply(pulls_between, TANGENT_END[0, 3], out=d)
+    np.multiply(pulls_between, TANGENT_END[0, _BETWEEN], out=d)
     d[:, :n] += whole
     d[:, n:] += half
-    np.multiply(pulls_between, TANGENT_END[1, 3], out=hv)
-    hv -= pulls
+    np.multiply(pulls_between, TANGENT_END[1, _BETWEEN], out=hv)
+    for end, row in ((d, 0), (hv, 1)):
+        if weight := TANGENT_END[row, _BEFORE]:
+            end += weight * pulls
     hv[:, n:] += half
     accelerate(after, accelerations[2])
     combine(_CLOSING, accelerations, moved)
