@@ -102,6 +102,8 @@ def test_longer_segments_have_the_same_cost() -> None:
     assert longer.segments.clipped.present.sum() == given.segments.clipped.present.sum()
     joined: Misfit = longer.misfit(misfit)
     assert joined.clipped is not None and misfit.clipped is not None
+    assert joined.data == pytest.approx(misfit.data, rel=1e-12)
+    assert joined.clipped.cost == pytest.approx(misfit.clipped.cost, rel=1e-12)
     np.testing.assert_array_equal(
         np.sort(joined.pulling[joined.pulling != 0.0]), np.sort(misfit.pulling[misfit.pulling != 0.0])
     )
