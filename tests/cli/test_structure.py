@@ -212,6 +212,9 @@ def test_named_laws_are_listed_and_printed_as_links_to_edit(capsys: pytest.Captu
     table = capsys.readouterr().out
     masses = "".join(f'[[mass]]\nname = "{name}"\nmass = 1.0\n' for name in ("m1", "m2"))
     assert lw.parse_structure(masses + table).link("iwan").law.states == ("u1", "u2", "ub")
+    assert 'on a rig "base" and "ground"' in table
+    on_rig = table.replace('between = ["m2", "m1"]', 'between = ["base", "ground"]')
+    assert lw.parse_structure(on_rig).on_rig
     assert run(["structure", "laws", "piezo", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)["piezo"]
     assert document["states"]["V"] == {"rate": "(-theta*v - V/R)/C", "unit": "V"}

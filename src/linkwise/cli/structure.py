@@ -171,12 +171,16 @@ def _law_lines(name: str, law: lw.NamedLaw) -> str:
     return "\n".join([*lines, f"  coefficients: {'; '.join(described)}", f"  source: {law.source}"])
 
 
+_ENDS = 'between: two masses or points of hosts, one of them and "ground" or "base", or on a rig "base" and "ground"'
+
+
 def _link_text(name: str, law: lw.NamedLaw) -> str:
     """The `[[link]]` table of a structure file with the law written out."""
     masses = tuple(lw.Mass(end, 1.0) for end in ("m2", "m1"))
     link = law.link(name.partition("(")[0], ("m2", "m1"))
     text = lw.format_structure(lw.Structure("", masses, (link,)))
-    return f"# {law.title}\n# {law.source}\n{text[text.index('[[link]]') :].rstrip()}"
+    table = text[text.index("[[link]]") :].rstrip()
+    return f"# {law.title}\n# {law.source}\n# {_ENDS}\n{table}"
 
 
 def _state_lines(link: lw.Link) -> list[str]:
