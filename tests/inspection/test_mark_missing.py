@@ -87,3 +87,32 @@ def test_errors_are_those_of_the_record_without_clipping(snr_db: float) -> None:
     assert fits[1].trusted
     assert (after < 1.5 * before).all()
     assert (np.abs(fits[1].values - true) < 4.5 * after).all()
+
+
+def _recovering(seed: int) -> tuple[lw.Record, slice]:
+    """A record of a chain of which x:m2 stays at the end of its range for 0.9 s from its first overload on, and where."""
+    record = chain_record(2).with_noise(35.0, seed=seed)
+    values = record.values.copy()
+    column = record.channels.index("x:m2")
+    peak = PEAK * float(np.abs(values[:, column]).max())
+    values[:, column] = np.clip(values[:, column], -peak, peak)
+    first = int(np.argmax(np.abs(values[:, column]) >= peak))
+    stay = slice(first, first + round(0.9 * record.rate))
+    values[stay, column] = values[first, column]
+    return replace(record, values=values, simulated=None), stay
+
+
+def test_readings_of_a_sensor_that_recovers_are_missing_and_no_bounds() -> None:
+    record, stay = _recovering(5215601)
+    marked = lw.mark_missing(record, "clipped")
+    assert np.isnan(marked.channel("x:m2")[stay]).all()
+    bounds = marked.clipped.get("x:m2")
+    assert bounds is None or np.isnan(bounds.readings[stay]).all()
+    (note,) = (note for note in marked.notes if "longer than two of its periods" in note)
+    assert note.startswith(f"x:m2: its readings at the end of the range from {record.time[stay.start]:.6g} s")
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("nes")
+    fit = lw.identify(marked, asked)
+    assert fit.trusted and not any("taken as missing" in remark for remark in fit.remarks)
+    # four standard errors: 6e-5 of chance each
+    assert np.all(np.abs(fit.values - truth(chain, asked)) < 4.0 * np.sqrt(fit.covariance.diagonal()))

@@ -15,6 +15,8 @@ from linkwise.signals.smooth import smoothing_spline
 _FEWEST = 4  # samples at an end
 _CROWDED = 6.0  # times as many at the end of a range as on the level before it: a sine has 2.4
 _FINE = 1e-7  # of the range: with finer steps no two samples are equal by chance
+_PERIODS = 2.0  # of the motion: a motion is beyond the end of a range for half of one
+_SHORTEST = 8  # samples that may be a long stay
 _REACH = 3.0  # standard deviations of the noise, which a sample exceeds once in 700
 # of the samples at the ends of a range: a signal that switches between two levels, not a clipped one
 _FLAT = 0.5
@@ -60,6 +62,29 @@ def clipped_readings(signal: ChannelSignal, marked: Bools) -> tuple[Floats, Floa
     for value, side in rails(signal):
         sides[marked & (signal.values == value)] = side
     return np.where(marked, signal.values, np.nan), sides
+
+
+def long_stays(signal: ChannelSignal, marked: Bools) -> list[slice]:
+    """The stays at an end, among `marked` samples (N,), that last for longer than two periods of the motion.
+
+    A motion that goes beyond a range comes back within half a period. What stays longer is no bound on it: an amplifier that
+    recovers from an overload reads the end of its range whatever the motion is.
+    """
+    edges = np.diff(np.concatenate([[0], marked.astype(np.int8), [0]]))
+    runs = [slice(*ends) for ends in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)]
+    longest = max((run.stop - run.start for run in runs), default=0)
+    if longest <= _SHORTEST:
+        return []
+    motion = smoothing_spline(signal.filled, signal.rate).value()[:, 0]
+    outside = np.ones(len(motion), dtype=bool)
+    for run in runs:
+        if run.stop - run.start > 0.5 * longest:
+            outside[run] = False
+    middle = float(np.median(motion[outside])) if outside.any() else 0.0
+    above = motion > middle
+    crossings = int(np.sum((above[1:] != above[:-1]) & outside[1:] & outside[:-1]))
+    period = 2.0 * float(outside.sum()) / max(crossings, 1)
+    return [run for run in runs if run.stop - run.start > _PERIODS * period]
 
 
 def rails(signal: ChannelSignal) -> tuple[tuple[float, float], ...]:

@@ -11,7 +11,7 @@ from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal
-from linkwise.inspection.clipped import clipped_readings, clipped_samples
+from linkwise.inspection.clipped import clipped_readings, clipped_samples, long_stays
 from linkwise.inspection.record_signals import RecordSignals
 from linkwise.inspection.spikes import spiked_samples
 from linkwise.records.clipped_samples import ClippedSamples
@@ -47,7 +47,8 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
     Record
         The record with these samples of its responses missing and a note of how many; `record` itself where there are none.
         Inputs stay as they are: what moves the structure must be known at all times. Clipped readings are kept beside the
-        channels, `Record.clipped`, until these are changed.
+        channels, `Record.clipped`, until these are changed; not where a sensor stays at an end for longer than two periods of
+        the motion, as it does while it recovers from an overload, of which a note says when.
 
     Raises
     ------
@@ -78,26 +79,43 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
         for name, faulty in marked.items():
             values[faulty, column] = np.nan
             notes.append(f"{signal.name}: {int(faulty.sum())} {_MARKED} ({name}).")
-        if (beyond := _clipped(record, signal, marked, values[:, column].copy())) is not None:
+        stays = long_stays(signal, marked["clipped"]) if "clipped" in marked else []
+        notes += [_why_no_bounds(signal, stay) for stay in stays]
+        if (beyond := _clipped(record, signal, marked, values[:, column].copy(), stays)) is not None:
             clipped[signal.name] = beyond
     if not notes:
         return record
     return replace(record, values=values, notes=(*record.notes, *notes), clipped=clipped)
 
 
+def _why_no_bounds(signal: ChannelSignal, stay: slice) -> str:
+    first, last = (signal.start + number / signal.rate for number in (stay.start, stay.stop - 1))
+    return (
+        f"{signal.name}: its readings at the end of the range from {first:.6g} s to {last:.6g} s tell nothing of the motion: "
+        "they stay there for longer than two of its periods, as those of a sensor that recovers from an overload."
+    )
+
+
 def _clipped(
-    record: Record, signal: ChannelSignal, marked: Mapping[str, Bools], samples: Floats
+    record: Record,
+    signal: ChannelSignal,
+    marked: Mapping[str, Bools],
+    samples: Floats,
+    stays: Sequence[slice],
 ) -> ClippedSamples | None:
     """What a channel, of which `samples` (N,) are left, read where it was clipped; spikes that were clipped tell nothing."""
     before = record.clipped.get(signal.name)
     before = None if before is None else before.of(signal.values)
     if "clipped" not in marked:
         return None if before is None else replace(before, samples=samples)
-    readings, sides = clipped_readings(signal, marked["clipped"] & ~spiked_samples(signal))
+    telling = marked["clipped"] & ~spiked_samples(signal)
+    for stay in stays:
+        telling[stay] = False
+    readings, sides = clipped_readings(signal, telling)
     if before is not None:
         old = np.isfinite(before.readings)
         readings, sides = np.where(old, before.readings, readings), np.where(old, before.sides, sides)
-    return ClippedSamples(samples, readings, sides)
+    return ClippedSamples(samples, readings, sides) if np.isfinite(readings).any() else None
 
 
 def marked_samples(record: Record) -> dict[str, int]:
