@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from present import present
 from problems import chain_record
 
@@ -43,3 +44,27 @@ def test_records_side_by_side_have_those_of_both() -> None:
     joined = lw.beside(whole.select(["x:m1"]), whole.select(["x:m2"])[:700])
     for name in ("x:m1", "x:m2"):
         np.testing.assert_array_equal(readings(joined, name), readings(whole, name)[:700])
+
+
+@pytest.mark.parametrize(
+    ("samples", "readings", "sides", "message"),
+    [
+        ([np.nan, 1.0], [2.0], [1.0], "arrays of one length"),
+        ([np.nan, 1.0], [2.0, np.nan], [3.0, 0.0], "-1, 0 or 1, got 3 at sample 0"),
+        ([2.0, 1.0], [2.0, np.nan], [1.0, 0.0], "sample 0 is there beside its reading"),
+    ],
+)
+def test_wrong_clipped_samples_are_refused(
+    samples: list[float], readings: list[float], sides: list[float], message: str
+) -> None:
+    with pytest.raises(lw.RecordError, match=message):
+        lw.ClippedSamples(np.array(samples), np.array(readings), np.array(sides))
+
+
+def test_clipped_samples_of_what_is_no_response_are_refused() -> None:
+    record = marked()
+    with pytest.raises(lw.RecordError, match='"x:m7", which is not a channel; the channels are x:m1, x:m2'):
+        replace(record, clipped={"x:m7": record.clipped["x:m2"]})
+    forced = replace(record, channels=("x:m1", "force:m2"), clipped={}, noise={})
+    with pytest.raises(lw.RecordError, match="force:m2 is an input"):
+        replace(forced, clipped={"force:m2": record.clipped["x:m2"]})

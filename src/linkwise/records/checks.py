@@ -10,10 +10,26 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.records.channel import Channel
+from linkwise.records.clipped_samples import ClippedSamples
 from linkwise.records.interpolation import check_interpolation
 
 FASTEST = 1e30  # Hz, and its inverse the slowest rate: accelerations of such records stay finite
 LARGEST = 1e100  # in any unit: products of four larger values are not finite
+
+
+def check_clipped(channels: Sequence[str], clipped: Mapping[str, object]) -> None:
+    """Raise RecordError for clipped samples of a name that is not a response of these channels."""
+    for name, samples in clipped.items():
+        if name not in channels:
+            raise RecordError(
+                f'clipped samples of "{name}", which is not a channel; the channels are {", ".join(channels)}'
+            )
+        if not isinstance(samples, ClippedSamples):
+            raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
+        if Channel.parse(name).is_input:
+            raise RecordError(
+                f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
+            )
 
 
 def check_names(

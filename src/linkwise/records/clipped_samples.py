@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.errors import RecordError
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,11 @@ class ClippedSamples:
         The readings there, in the unit of the channel; NaN elsewhere.
     sides : array of shape (N,)
         1 where the true reading is the one given or more, -1 where it is the one given or less, 0 where it is exact.
+
+    Raises
+    ------
+    RecordError
+        If lengths differ, a reading has no side or another than these, or the channel has a sample where there is a reading.
 
     Examples
     --------
@@ -39,6 +45,26 @@ class ClippedSamples:
     samples: Floats
     readings: Floats
     sides: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("samples", "readings", "sides"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        shapes = [array.shape for array in (self.samples, self.readings, self.sides)]
+        if len(set(shapes)) > 1 or len(shapes[0]) != 1:
+            raise RecordError(
+                f"clipped samples, their readings and sides are arrays of one length, got the shapes {shapes}"
+            )
+        is_read = ~np.isnan(self.readings)
+        wrong = np.flatnonzero(is_read & ~np.isin(self.sides, (-1.0, 0.0, 1.0)))
+        if len(wrong):
+            raise RecordError(
+                f"the side of a reading is -1, 0 or 1, got {self.sides[wrong[0]]:g} at sample {wrong[0]}"
+            )
+        both = np.flatnonzero(is_read & ~np.isnan(self.samples))
+        if len(both):
+            raise RecordError(
+                f"a clipped sample is missing in its channel, and sample {both[0]} is there beside its reading: mark it as NaN"
+            )
 
     def of(self, samples: Floats) -> ClippedSamples | None:
         """The readings of a channel, if it is as it was when they were marked.

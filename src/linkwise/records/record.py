@@ -17,7 +17,7 @@ from linkwise.errors import RecordError
 from linkwise.html import NotebookView
 from linkwise.records.channel import Channel
 from linkwise.records.channel_attributes import OF_CHANNELS
-from linkwise.records.checks import check_names, check_values
+from linkwise.records.checks import check_clipped, check_names, check_values
 from linkwise.records.clipped_samples import ClippedSamples
 from linkwise.records.decimation import check_complete, check_factor, check_interpolation, lowpass_for
 from linkwise.records.immutable import read_only
@@ -101,6 +101,7 @@ class Record(NotebookView):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "values", read_only(self.values))
         check_names(self.channels, self.noise, self.interpolation)
+        check_clipped(self.channels, self.clipped)
         check_uncertainty(self.channels, self.uncertainty)
         check_values(self.start, self.rate, self.channels, self.values)
 
