@@ -262,3 +262,12 @@ def test_what_does_not_take_memory_says_so(door: str) -> None:
     record = lw.Record(start=0.0, rate=100.0, channels=("x:m1",), values=np.sin(9.0 * time)[:, None])
     with pytest.raises(lw.StructureError, match=rf"joint.*memory \(state z\).*not supported in.*{door}"):
         REFUSED[door](lw.parse_structure(JOINT), record)
+
+
+@pytest.mark.parametrize("law", ["k*d", "2*k*d + q"])
+def test_states_of_another_link_that_the_law_does_not_take_are_refused(law: str) -> None:
+    """They were left out without a word."""
+    joint = lw.parse_structure(JOINT).link("joint")
+    own = {"q": "v - q"} if "q" in law else {}
+    with pytest.raises(lw.StructureError, match=r'the states z are those of the link "joint", and the law'):
+        lw.Link("spring", ("m1", "ground"), lw.Law.parse(law, own), {"k": 1.0}, states=joint.states)

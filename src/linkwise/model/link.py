@@ -6,7 +6,7 @@ force in N on the first end with reversed sign (METHODS section 1): m_first x'' 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -180,7 +180,15 @@ class Link:
     def _bind_states(self, where: str) -> None:
         """Make the states those of the law, in which their names are coefficients until then."""
         own = {rate.name: LinkState(rate.text, unit=rate.unit) for rate in self.law.rates}
-        given = own if _are_of_another_law(self.states, self.law) else self.states or own
+        given = self.states or own
+        if isinstance(given, _OwnStates) and _are_of_another_law(given, self.law):
+            if given.link != self.name:
+                raise StructureError(
+                    f'the states {_list(given)} are those of the link "{given.link}", and the law {self.law.text} does not '
+                    "take them: leave `states` out, or name them in the law",
+                    where,
+                )
+            given = own
         try:
             states = as_link_states(given)
         except StructureError as error:
@@ -188,7 +196,7 @@ class Link:
         if states:
             law = Law.parse(self.law.text, states)
             object.__setattr__(self, "law", replace(law, angular=True) if self.law.angular else law)
-        object.__setattr__(self, "states", MappingProxyType(states))
+        object.__setattr__(self, "states", _OwnStates(self.name, states))
 
     @property
     def rate_texts(self) -> tuple[str, ...]:
@@ -340,13 +348,31 @@ def _list(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
 
 
-def _are_of_another_law(states: Mapping[str, LinkState | str], law: Law) -> bool:
+class _OwnStates(Mapping[str, LinkState]):
+    """The states of a `link`, by whose name one that has another law instead is told from another link."""
+
+    __slots__ = ("_states", "link")
+
+    def __init__(self, link: str, states: Mapping[str, LinkState]) -> None:
+        self.link, self._states = link, dict(states)
+
+    def __getitem__(self, name: str) -> LinkState:
+        return self._states[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._states)
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def __repr__(self) -> str:
+        return repr(self._states)
+
+
+def _are_of_another_law(states: Mapping[str, LinkState], law: Law) -> bool:
     """Whether the states are those of a link whose law was replaced by one that does not have or name them."""
-    if not isinstance(states, MappingProxyType) or not states:  # a link hands on its own as such a mapping
-        return False
     if law.rates:
-        rates = {rate.name: rate.text for rate in law.rates}
-        return rates != {name: state.rate for name, state in as_link_states(states).items()}
+        return {rate.name: rate.text for rate in law.rates} != {n: state.rate for n, state in states.items()}
     return not set(states) & set(law.coefficients)
 
 
