@@ -188,7 +188,7 @@ def test_a_damped_mode_at_few_samples_a_period_is_no_noise() -> None:
     assert estimated_noise(_ringing(1, 0.3)) is not None
 
 
-@pytest.mark.parametrize("samples", [3.0, 4.0, 5.0, 8.0, 15.0])
+@pytest.mark.parametrize("samples", [2.2, 2.5, 2.8, 3.0, 4.0, 5.0, 8.0, 15.0])
 @pytest.mark.parametrize(("damping", "is_mode"), [(0.03, True), (0.14, True), (0.16, False), (0.5, False)])
 def test_a_mode_resonates_up_to_its_damping_at_any_number_of_samples_a_period(
     samples: float, damping: float, is_mode: bool

@@ -193,10 +193,11 @@ def _autoregression(series: Floats) -> Floats | None:
 
 
 def _resonates(coefficients: Floats) -> bool:
-    """Whether most power is in a peak as narrow as that of a lightly damped mode, at three or more samples a period.
+    """Whether most power is in a peak as narrow as that of a lightly damped mode.
 
-    Poles near the circle alone do not tell: noise whose spectrum has a notch has them all around it. At fewer samples a period
-    one side of a peak is its mirror image at the sampling rate less its frequency, which may be as high.
+    Poles near the circle alone do not tell: noise whose spectrum has a notch has them all around it. At fewer than three
+    samples a period a peak has its mirror image at the sampling rate less its frequency; its upper side is then looked at
+    half-way to half the rate, where a mode stands out less. Noise in the last quarter of the band alone looks the same.
     """
     poles = np.roots(np.append(1.0, -coefficients))
     turning = poles[(poles.imag > 0.0) & (np.abs(poles) > 0.0)]
@@ -204,8 +205,10 @@ def _resonates(coefficients: Floats) -> bool:
     narrow = decay < _LIGHTLY_DAMPED * np.hypot(decay, frequency)
     mean = np.mean(_gain(coefficients, np.linspace(0.0, np.pi, 1024)))
     for width, peak in zip(decay[narrow], frequency[narrow], strict=True):
-        left, top, right = _gain(coefficients, peak + _BESIDE * width * np.array([-1.0, 0.0, 1.0]))
-        if top > mean and top > _PROMINENT * max(left, right):
+        above = min(_BESIDE, (np.pi - peak) / (2.0 * width))
+        left, top, right = _gain(coefficients, peak + width * np.array([-_BESIDE, 0.0, above]))
+        least = _PROMINENT * (1.0 + above**2) / (1.0 + _BESIDE**2)
+        if top > mean and top > _PROMINENT * left and top > least * right:
             return True
     return False
 
