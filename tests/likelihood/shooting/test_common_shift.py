@@ -13,7 +13,7 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.block_information import block_information
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.common_shift import with_common_shift
-from linkwise.likelihood.shooting.linear_model import covariance, firm_factor
+from linkwise.likelihood.shooting.linear_model import covariance, firm_border
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 
 BLOCKS = 3
@@ -104,7 +104,7 @@ def test_a_covariance_where_a_hidden_mass_rests_far_away_does_not_depend_on_roun
     linear, tight, loose = _linear(fit), 1e-5, 1e-3  # both far below where the laws are loosened
     errors = [
         np.sqrt(covariance(factor, fit.optimum.scales, fit.free).diagonal())
-        for factor in (linear.factor(tight), firm_factor(linear, tight), firm_factor(linear, loose))
+        for factor in (linear.factor(tight), firm_border(linear, tight), firm_border(linear, loose))
     ]
     assert not np.allclose(errors[0], errors[1], rtol=0.2)  # what rounding makes of the same equations
     np.testing.assert_allclose(errors[1], errors[2], rtol=0.01)  # the noise of a loosened law
