@@ -123,11 +123,7 @@ def search_in_pieces(
     point = replace(start, theta=first.point.theta)
     if first.status is AnnealingStatus.INTERRUPTED:
         return _fit_at(_RUNGS[0], segments, point, scales, annealer.loss, first.covariance)
-    if (
-        first.status is not AnnealingStatus.CONVERGED
-        or first.at_bound.any()
-        or first.chi_square > 1.0 + limit
-    ):
+    if first.at_bound.any() or not first.chi_square < 1.0 + limit:  # of a start no more is asked
         return None
     try:
         point = _with_states(segments, point, scales, annealer)
