@@ -30,6 +30,20 @@ def test_no_modes_are_added_for_what_is_not_linear() -> None:
     assert len(frequencies) == len(CANTILEVER)
 
 
+def test_no_modes_are_added_for_what_is_strong_in_a_band_alone() -> None:
+    """As what a joint leaves at its resonance: narrow modes would each fit a few of its lines."""
+    record, rng = shaken(12), np.random.default_rng(12)
+    lines = np.fft.rfftfreq(len(record), record.step)
+    spectrum = rng.standard_normal((2, len(lines), 2)) @ [1.0, 1.0j]
+    noise = np.fft.irfft(np.where((lines > 9.0) & (lines < 13.0), spectrum, 0.0), len(record)).T
+    values = record.values.copy()
+    values[:, :2] += 0.3 * noise / noise.std(axis=0) * values[:, :2].std(axis=0)
+    left = lw.Record(record.start, record.rate, record.channels, values).with_noise(60.0, seed=12)
+    frequencies = pursued(left)
+    assert len(frequencies) == len(CANTILEVER)
+    assert frequencies == pytest.approx(CANTILEVER, rel=DAMPING)  # within the half-power bandwidth
+
+
 def test_derivatives_of_what_is_left_are_those_of_differences() -> None:
     record = tapped().with_noise(30.0, seed=12)
     values = record.values.copy()

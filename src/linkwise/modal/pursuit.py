@@ -33,6 +33,7 @@ _EXPLAINED = 0.1  # of the response, root mean square: modes that leave more tha
 _MOST_OF_IT = 0.75  # of the power above the noise that such a part has
 _BESIDE = 3.0  # bandwidths between a mode and one that only takes in what it leaves
 _ALIKE = 0.98  # cosine between the residues of modes that move alike
+_BAND_LINES = 16  # of a spectrum, over which what modes leave is taken for white
 _BLOCKS = 40  # of a record, between which scores scatter
 
 
@@ -56,7 +57,11 @@ def pursued_modes(
     while len(modes.logs) < most:
         progress(ProgressReport(len(modes.logs) / (most + 1), f"mode {len(modes.logs) + 1}"))
         added = _refined(part, np.concatenate([modes.logs, _best_addition(modes)]))
-        if count is None and not (_criterion(added) < _criterion(modes) and _stands_out(modes, added)):
+        if count is None and not (
+            _criterion(added) < _criterion(modes)
+            and _gains_in_bands(modes, added)
+            and _stands_out(modes, added)
+        ):
             break
         modes = added
     if count is None:
@@ -167,6 +172,27 @@ def _criterion(modes: Projection) -> float:
     samples = _samples(modes.measured)
     cost = float(samples @ (2.0 * np.log(modes.levels)))
     return cost + _parameters(modes.measured) * len(modes.logs) * float(np.log(samples.sum()))
+
+
+def _gains_in_bands(modes: Projection, added: Projection) -> bool:
+    """Whether a mode gains more than its penalty where noise is white only within bands, of the level that is left there.
+
+    What a force that is not linear leaves is large at resonance, where a mode that fits few lines of it would gain much by the
+    level of all samples.
+    """
+    gain, samples = 0.0, 0
+    for before, after in zip(modes.left, added.left, strict=True):
+        for left, less in zip(_bands(before), _bands(after), strict=True):
+            gain += float(np.sum(left / np.maximum(less.mean(axis=1, keepdims=True), np.finfo(float).tiny)))
+            gain -= less.size
+        samples += after.size
+    return 2.0 * gain > _parameters(modes.measured) * float(np.log(samples))
+
+
+def _bands(left: Floats) -> list[Floats]:
+    """The spectrum (C, L) of what modes leave, (C, N), in narrow bands."""
+    lines = np.fft.rfft(np.where(np.isfinite(left), left, 0.0), axis=1)[:, 1:]
+    return np.array_split(np.abs(lines) ** 2, max(lines.shape[1] // _BAND_LINES, 1), axis=1)
 
 
 def _stands_out(modes: Projection, added: Projection) -> bool:
