@@ -121,6 +121,10 @@ def test_a_wrong_host_is_told(old: str, new: str, message: str) -> None:
     [
         ("frequency[Hz],damping\n", "expected a line of column names"),
         ("f,damping,tip\n5,0.01,1\n", "there is no column frequency[Hz]"),
+        (
+            "time,a:wing.tip,force:wing.tip\n0,1,1\n",
+            "the record of a test: identify its modes",
+        ),
         ("frequency[kg],tip\n5,1\n", "unit of the frequency"),
         ("frequency[Hz],tip\n5\n", "line 2: expected 2 cells"),
         ("frequency[Hz],tip\n5,x\n", "expected a number in the column tip, got 'x'"),

@@ -283,6 +283,10 @@ def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]
     if _FREQUENCY not in names or repeated is not None or "" in names:
         problem = f"the column {repeated} is listed twice" if repeated else "there is no column frequency[Hz]"
         problem = "a column has no name" if "" in names else problem
+        if _FREQUENCY not in names and any(name.startswith("force:") for name in names):
+            problem += (
+                ", and this is the record of a test: identify its modes, by `structure host` with modes auto"
+            )
         raise StructureError(f"{problem}; the columns are {', '.join(names)}", where)
     _require_frequency(units.get(_FREQUENCY, "Hz"), where)
     for key, unit in units.items():
