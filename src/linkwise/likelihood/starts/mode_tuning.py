@@ -121,6 +121,10 @@ def _tuned(
         limits = np.array([linear.bounds(number, record.rate) for number in range(len(units))])
         moves = (limits - linear.equivalent[..., None]) / units[..., None]
         lower[len(free) :], upper[len(free) :] = moves[..., 0].ravel(), moves[..., 1].ravel()
+    lower, upper = (
+        np.minimum(lower, 0.0),
+        np.maximum(upper, 0.0),
+    )  # which rounding of a start at its bound exceeds
     optimum = scipy.optimize.least_squares(
         lambda shifted: residual(shifted - 1.0),  # from 1, of which a difference is a part
         np.ones(count),
