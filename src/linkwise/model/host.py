@@ -378,7 +378,7 @@ def with_modes(
     Raises StructureError if a mass or a link has the name of a mode or a point of a host.
     """
     present = {mass.name for mass in masses}
-    of_modes = {link.name for link in links if link.law == MODE_LAW and link.between == (link.name, GROUND)}
+    of_modes = {link.name for link in links if link.between == (link.name, GROUND)}
     new_masses: list[Mass] = []
     new_links: list[Link] = []
     for host in hosts:
