@@ -39,6 +39,18 @@ def test_relative_displacements_need_forces_of_inertia() -> None:
     assert not frame.shown.any()
 
 
+def test_clipped_samples_go_with_their_channel() -> None:
+    record = measured("rel:x:m1", "a:m1", "a:base").select(["rel:x:m1", "a:base"])
+    x = record.channel("rel:x:m1")
+    peak = 0.6 * np.abs(x).max()
+    overloaded = replace(
+        record, values=np.column_stack([np.clip(x, -peak, peak), record.channel("a:base")]), simulated=None
+    )
+    marked = lw.mark_missing(overloaded)
+    assert marked.clipped.keys() == {"rel:x:m1"}
+    assert framed(marked, storey()).record.clipped.keys() == {"x:m1"}
+
+
 def test_forces_of_inertia_are_those_of_stated_masses() -> None:
     """Estimators add what an estimated mass differs from its value in the structure, 0 where it has none."""
     record = measured("rel:x:m1", "a:m1", "a:base").select(["rel:x:m1", "a:base"])

@@ -196,6 +196,7 @@ def _changed(
         values=np.stack(list(columns.values()), axis=1),
         noise=noise,
         simulated=None,
+        clipped={plain: record.clipped[name] for name, plain in names.items() if name in record.clipped},
         interpolation={name: kind for name, kind in record.interpolation.items() if name in columns},
         uncertainty={},  # of channels by their own names, which the estimators take from the record itself
     )
