@@ -166,7 +166,7 @@ def held_at(segments: Segments, start: Iterate, scales: Scales, loss: Loss, q: f
 
 def _with_states(segments: Segments, point: Iterate, scales: Scales, annealer: Annealer) -> Iterate:
     """The point with the states of each piece found alone, its parameters held."""
-    nodes, ends = np.empty_like(point.nodes), piece_ends(segments.count)
+    nodes, ends = np.empty_like(point.nodes), piece_ends(segments.linked)
     ends[-1] += 1
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller

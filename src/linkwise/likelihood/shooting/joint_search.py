@@ -163,7 +163,7 @@ class JointSearch:
         return cost
 
     def _joined(self, q: float, point: Iterate, number: int) -> JoinedPieces | None:
-        ends = piece_ends(self.segments.count, shifted=number % 2 == 1)
+        ends = piece_ends(self.segments.linked, shifted=number % 2 == 1)
         return joined_pieces(self.segments, point, self.scales, q, self.loss, ends, self.executor)
 
     def _behind(self, q: float, start: Iterate, end: JointEnd | None, little: float) -> JointEnd | None:

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.linalg import lapack
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.normal_equations import add_prior, linearise
@@ -32,13 +32,15 @@ T = TypeVar("T")
 _LENGTH = 2000  # segments in a piece: what threads share, and what stays in the caches
 
 
-def piece_ends(count: int, *, shifted: bool = False) -> Indices:
-    """The nodes at which pieces of `count` segments end, the first and the last node among them.
+def piece_ends(linked: Bools, *, shifted: bool = False) -> Indices:
+    """The nodes at which pieces of segments end, the first and the last node among them.
+
+    None ends at the first node of another record, which would have neither samples nor a link in that piece.
 
     Parameters
     ----------
-    count : int
-        Number of segments.
+    linked : array of bool, shape (K - 1,)
+        Which neighbouring segments are continuous.
     shifted : bool, optional
         Whether pieces end in the middles of the others.
 
@@ -47,12 +49,13 @@ def piece_ends(count: int, *, shifted: bool = False) -> Indices:
     array of int, shape (P + 1,)
         The nodes.
     """
+    count = len(linked) + 1
     number = max(1, round(count / _LENGTH))
     ends = np.linspace(0, count - 1, number + 1).round().astype(int)
-    if not shifted or number == 1:
-        return ends
-    middles = (ends[:-1] + ends[1:]) // 2
-    return np.concatenate([ends[:1], middles, ends[-1:]])
+    if shifted and number > 1:
+        ends = np.concatenate([ends[:1], (ends[:-1] + ends[1:]) // 2, ends[-1:]])
+    ends[1:-1] -= ~linked[ends[1:-1] - 1]
+    return ends
 
 
 def piece_between(segments: Segments, first: int, last: int) -> Segments:

@@ -57,7 +57,7 @@ def tested_in_pieces(
         return None if factor is None else (factor.schur, factor.reduced, growth)
 
     with ThreadPoolExecutor(processors()) as executor:
-        eliminated = list(executor.map(work, pairwise(piece_ends(segments.count).tolist())))
+        eliminated = list(executor.map(work, pairwise(piece_ends(segments.linked).tolist())))
     pieces = [piece for piece in eliminated if piece is not None]
     if len(pieces) < len(eliminated):
         return None
