@@ -45,7 +45,10 @@ def judge(
     of_channels = (recording_errors(records, structure) for structure in structures if unexplained)
     errors = (*clipped, *next(filter(None, of_channels), ()))
     if not errors:
-        lacking = lacking_modes(fit, identified, records) if unexplained and identified.hosts else ()
+        settled = judgement.verdict is not Verdict.NOT_CONVERGED  # else the forces of links are wrong
+        lacking = (
+            lacking_modes(fit, identified, records) if unexplained and settled and identified.hosts else ()
+        )
         likeliest = max((cause.gain for cause in judgement.diagnosis), default=0.0)
         lacking = tuple(cause for cause in lacking if cause.gain > _MORE * likeliest)
         return _lacking(judgement, lacking) if lacking else before_other_causes(judgement, records)
@@ -60,7 +63,6 @@ def judge(
 
 def _lacking(judgement: Judgement, causes: Sequence[Cause]) -> Judgement:
     """The judgement where hosts lack modes, before all other causes: errors of sensors look a little like them."""
-    unsettled = judgement.verdict is Verdict.NOT_CONVERGED
     parts = [
         f"with {cause.description}, the forces on it explain {100.0 * cause.share:.3g} % of what its stated modes leave in "
         f"its sensors: {_ADVICE[cause.kind]}"
@@ -68,9 +70,8 @@ def _lacking(judgement: Judgement, causes: Sequence[Cause]) -> Judgement:
     ]
     return replace(
         judgement,
-        verdict=Verdict.NOT_CONVERGED if unsettled else Verdict.UNEXPLAINED_FORCES,
-        message=f"{f'{judgement.message} W' if unsettled else 'The structure does not explain the record: w'}"
-        f"{'; '.join(parts)[1:]}. No interval is given.",
+        verdict=Verdict.UNEXPLAINED_FORCES,
+        message=f"The structure does not explain the record: {'; '.join(parts)}. No interval is given.",
         diagnosis=(*causes, *judgement.diagnosis),
     )
 
