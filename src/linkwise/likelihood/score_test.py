@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.block_information import FactoredModel
 from linkwise.likelihood.shooting.bordered_system import BorderEquations
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
-from linkwise.likelihood.shooting.linear_model import Border, linear_model, precise_border, precise_model
+from linkwise.likelihood.shooting.linear_model import Border, border_equations, linear_model, precise_model
 from linkwise.likelihood.shooting.local_rows import as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
@@ -121,7 +121,10 @@ def augmented_quadratic(
     )
     in_blocks = blocks > 1
     border: Border | None
-    linear, border = (precise_model if in_blocks else precise_border)(linear, optimum.q)
+    if isinstance(linear, Linearization):
+        linear, border = precise_model(linear, optimum.q, own=segments.system.parameters.size)
+    else:
+        border = linear.factor(optimum.q) if in_blocks else border_equations(linear, optimum.q)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))

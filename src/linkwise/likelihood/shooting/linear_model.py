@@ -125,20 +125,11 @@ def column_origins(
 
 def border_equations(linear: GaussNewtonModel, q: float) -> Border | None:
     """The equations of the border at a relaxation, as the factor has them; of many masses without room for the factor."""
-    return precise_border(linear, q)[1]
-
-
-def precise_border(
-    linear: GaussNewtonModel, q: float, factor: Factor | None = None
-) -> tuple[GaussNewtonModel, Border | None]:
-    """As `precise_model`, of many masses without room for the factor."""
-    if isinstance(linear, LocalLinearization):
-        return linear, factor or linear.border(q)
-    return precise_model(linear, q, factor)
+    return linear.border(q) if isinstance(linear, LocalLinearization) else linear.factor(q)
 
 
 def precise_model(
-    linear: GaussNewtonModel, q: float, factor: Factor | None = None
+    linear: GaussNewtonModel, q: float, factor: Factor | None = None, own: int | None = None
 ) -> tuple[GaussNewtonModel, Factor | None]:
     """A linearised problem with its factor, whose rounding hides nothing that the equations tell of the border.
 
@@ -150,6 +141,9 @@ def precise_model(
         Relaxation.
     factor : BorderedFactor or LocalFactor, optional
         Its factor at the relaxation.
+    own : int, optional
+        How many of the border, the first, rounding must not hide; candidates behind them may well be as good as singular. By
+        default all.
 
     Returns
     -------
@@ -158,7 +152,7 @@ def precise_model(
         factor; None where its equations are not positive definite.
     """
     factor = factor or linear.factor(q)
-    if isinstance(linear, Linearization) and _is_rounded(linear, factor, q):
+    if isinstance(linear, Linearization) and _is_rounded(linear, factor, q, own):
         linear = with_common_shift(linear)
         factor = linear.factor(q)
     return linear, factor
@@ -170,7 +164,11 @@ def firm_border(linear: GaussNewtonModel, q: float, factor: Factor | None = None
     That at the relaxation is the given one, if there is one. What is added makes a factor, and would count as information; a
     larger relaxation can only widen the covariance. Where nothing helps it is that with the addition.
     """
-    linear, border = precise_border(linear, q, factor)
+    border: Border | None
+    if isinstance(linear, LocalLinearization):
+        border = factor or linear.border(q)
+    else:
+        linear, border = precise_model(linear, q, factor)
     for looser in _LOOSER if border is not None and border.damped else ():
         again = border_equations(linear, looser * q)
         if again is not None and not again.damped:
@@ -178,13 +176,13 @@ def firm_border(linear: GaussNewtonModel, q: float, factor: Factor | None = None
     return border
 
 
-def _is_rounded(linear: Linearization, factor: Factor | None, q: float) -> bool:
-    """Whether rounding hides what equations tell of some direction of the border."""
-    if factor is None or not len(factor.schur):
+def _is_rounded(linear: Linearization, factor: Factor | None, q: float, own: int | None) -> bool:
+    """Whether rounding hides what equations tell of some direction in the first `own` columns of the border."""
+    if factor is None or not len(factor.schur[:own]):
         return False
-    diagonal = (linear.data.corner + linear.defects.corner / q**2).diagonal()
+    diagonal = (linear.data.corner + linear.defects.corner / q**2).diagonal()[:own]
     size = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
-    relative = factor.schur / np.outer(size, size)
+    relative = factor.schur[:own, :own] / np.outer(size, size)
     return bool(np.isfinite(relative).all() and np.linalg.eigvalsh(relative)[0] < _ROUNDED)
 
 
