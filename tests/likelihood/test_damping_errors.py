@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from present import present, some
-from structures import Value, host, link, structure
+from structures import Value, host, link, structure, with_links
 
 import linkwise as lw
 from linkwise.likelihood.damping_errors import largest_damping, nearest_pairs
@@ -81,7 +82,18 @@ def test_damping_that_one_sensor_and_one_tone_do_not_rule_out_is_told() -> None:
         rate=250.0,
         sensors=["a:wing.tip", "a:wing.joint", "a:store"],
     ).with_noise(20.0, seed=812)
-    fit = lw.identify(tone.select(["a:wing.tip", "force:wing.joint"]), wing().unknown("payload"))
+    asked = wing().unknown("payload")
+    at_one_point = tone.select(["a:wing.tip", "force:wing.joint"])
+    either = lw.identify(
+        at_one_point, asked
+    )  # about the middle or in a well far away: no channel shows where the store rests
+    assert either.fit_verdicts == (lw.Verdict.SEVERAL_OPTIMA,)
+    assert any("Another set of values explains" in remark for remark in either.remarks)
+    payload = replace(asked.link("payload").coefficients["k"], lower=0.0)  # about the middle
+    about_middle = replace(
+        asked.link("payload"), coefficients={**asked.link("payload").coefficients, "k": payload}
+    )
+    fit = lw.identify(at_one_point, with_links(asked, about_middle))
     assert fit.trusted
     told = [term for term in fit.unseen_terms if term.link == "wing.mode1+mode2"]
     for term in some(told):

@@ -26,7 +26,7 @@ from linkwise.likelihood.shooting.linear_model import linear_model, precise_mode
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
-from linkwise.model.link import Link
+from linkwise.model.link import BASE, Link
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -197,6 +197,8 @@ def about_another_rest(fit: LikelihoodFit) -> str:
     apart = np.any([np.abs(values - fit.values) > _APART * errors for values in fit.others], axis=0)
     parameters = fit.segments.system.parameters.names
     names = [name for name, far in zip(parameters, apart.tolist(), strict=True) if far]
+    if not names:
+        return ""
     return (
         f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} hardly determined: a motion about another place of rest "
         "explains it as well, and no channel shows where the mass rests, so no interval is given. Record a larger motion, or "
@@ -217,7 +219,9 @@ def _hidden_links(structure: Structure, channels: Sequence[str]) -> tuple[_Hidde
             continue
         number = int(numbers[0])
         link = structure.links[number]
-        if "d" in symbols(differentiate(link.law.expression, "d")) and not link.law.states:
+        if BASE in link.between or link.law.states:
+            continue
+        if "d" in symbols(differentiate(link.law.expression, "d")):
             hidden.append(_HiddenLink(number, coordinate, float(incidence[coordinate, number])))
     return tuple(hidden)
 
@@ -262,14 +266,14 @@ def _moved(
     valued = centred.with_values(own)
     nodes = about.optimum.point.nodes.copy()
     n = structure.size
-    d = structure.elongations(nodes[:n].T).T
-    v = structure.elongations(nodes[n : 2 * n].T).T
+    incidence = structure.incidence.toarray().T
     values = own
     for link in hidden:
         k = link.number
+        d, v = incidence[k] @ nodes[:n], incidence[k] @ nodes[n : 2 * n]
         names = {key: p.name for p in structure.parameters for number, key in p.members if number == k}
-        force = valued.links[k].force(d[k], v[k], {})
-        rest, numbers = _place_of_rest(structure.links[k], valued.links[k].values, d[k], v[k], force, names)
+        force = valued.links[k].force(d, v, {})
+        rest, numbers = _place_of_rest(structure.links[k], valued.links[k].values, d, v, force, names)
         values = values | {names[key]: number for key, number in numbers.items()}
         nodes[link.coordinate] += rest / link.sign
     return np.array([values[p.name] for p in structure.parameters]), nodes

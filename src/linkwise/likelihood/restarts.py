@@ -89,9 +89,16 @@ def _likelier(fit: LikelihoodFit, rival: LikelihoodFit) -> LikelihoodFit:
     if not (_ends(fit) and _ends(rival)):
         return rival if gain > _RELEVANT else fit
     likely, rejected = (rival, fit) if gain > 0.0 else (fit, rival)
+    if abs(gain) < _TIED and not _has_errors(likely) and _has_errors(rejected):
+        likely, rejected = rejected, likely
     errors = np.sqrt(np.maximum(likely.covariance.diagonal(), 0.0))
     apart = np.abs(likely.values - rejected.values) > _ALIKE * errors
     return replace(likely, others=(rejected.values,)) if apart.any() and abs(gain) < _TIED else likely
+
+
+def _has_errors(fit: LikelihoodFit) -> bool:
+    """Whether rounding leaves standard errors to a fit."""
+    return bool(np.isfinite(fit.covariance).all() and (fit.covariance.diagonal() >= 0.0).all())
 
 
 def _gain(fit: LikelihoodFit, before: LikelihoodFit) -> float:
