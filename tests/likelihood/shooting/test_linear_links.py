@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from structures import coefficient, host, structure
+from present import present
+from structures import coefficient, host, link, structure
 
 import linkwise as lw
 from linkwise.likelihood.sensors import SensorModel
@@ -29,19 +30,21 @@ JOINT = lw.named_law("bouc-wen").link(
     ("store", "wing.mid"),
     {
         name: coefficient(value)
-        for name, value in {"k": 4e3, "c": 1.0, "F": 2.0, "s": 0.6, "x0": 1e-3}.items()
+        for name, value in {"k": 4e3, "c": 1.0, "F": 2.0, "s": 0.6, "x0": 0.05}.items()
     },
 )
 """A link with a state, between two points with shapes that are unknown."""
-ASKED = structure({"store": 2.0}, JOINT, hosts=(WING,)).unknown("joint")
+MOUNT = link("mount", "store-ground", "k*d + c*v", k=50.0, c=0.1)
+TRUE = structure({"store": 2.0}, JOINT, MOUNT, hosts=(WING,))
+ASKED = TRUE.unknown("joint")
 
 
-def segments_of(refine: int) -> Segments:
+def segments_of(refine: int, shown: str = "a:store") -> Segments:
     time = np.arange(COUNT) / RATE
-    channels = ("a:wing.tip", "a:store", "state:joint.z", "force:wing.tip")
+    channels = ("a:wing.tip", shown, "state:joint.z", "force:wing.tip")
     values = np.stack([0.0 * time, 0.0 * time, 0.0 * time, np.sin(40.0 * time)], axis=1)
     record = lw.Record(
-        0.0, RATE, channels, values, noise={"a:wing.tip": 1.0, "a:store": 1.0, "state:joint.z": 0.1}
+        0.0, RATE, channels, values, noise={"a:wing.tip": 1.0, shown: 1.0, "state:joint.z": 0.1}
     )
     return SensorModel.of([record], (), ()).segments([record], ASKED, System.of(ASKED), refine)
 
@@ -50,11 +53,13 @@ def linearised_at(segments: Segments, *, seed: int) -> tuple[Misfit, Scales]:
     """The misfit at nodes drawn at random, with units of states and parameters."""
     rng = np.random.default_rng(seed)
     m = segments.system.dimension
-    size = np.repeat([0.01, 1.0, 0.3], [m // 2, m // 2, m % 2])
-    theta = np.array([float(p.start or 0.0) for p in ASKED.parameters])
+    size = np.repeat([0.01, 0.3, 0.3], [m // 2, m // 2, m % 2])
+    theta = np.array([present(TRUE.coefficient(p.name).value) for p in ASKED.parameters])
     point = Iterate(size[:, None] * rng.normal(size=(m, segments.count)), theta, np.zeros(0), np.ones(0))
     scales = Scales(np.ones(3), size, np.maximum(np.abs(theta), 0.01))
-    return evaluate(segments, point, scales, Gaussian()), scales
+    misfit = evaluate(segments, point, scales, Gaussian())
+    assert np.isfinite(misfit.residuals).all()
+    return misfit, scales
 
 
 @pytest.mark.parametrize("refine", [1, 4])
@@ -63,7 +68,7 @@ def test_modes_as_matrices_have_the_sensitivities_of_modes_as_links(
 ) -> None:
     segments = segments_of(refine)
     misfit, scales = linearised_at(segments, seed=1)
-    assert len(segments.system.linear_links) == 3 + 2 * 2  # all but the joint
+    assert len(segments.system.linear_links) == 3 + 2 * 2 + 1  # all but the joint
     as_matrices = linearise(segments, misfit, scales, Gaussian())
     monkeypatch.setattr(LinearLinks, "of", lambda *_: None)
     as_links = linearise(segments, misfit, scales, Gaussian())
@@ -72,6 +77,17 @@ def test_modes_as_matrices_have_the_sensitivities_of_modes_as_links(
             expected = getattr(other, name)
             # single precision, summed in another order
             assert_allclose(getattr(own, name), expected, rtol=0.0, atol=1e-5 * np.abs(expected).max())
+
+
+def test_load_cells_in_linear_links_show_their_forces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their sensitivities were zeros where the links act as matrices."""
+    segments = segments_of(1, "f:mount")
+    misfit, scales = linearised_at(segments, seed=3)
+    linear = linearise(segments, misfit, scales, Gaussian())
+    monkeypatch.setattr(LinearLinks, "of", lambda *_: None)
+    as_links = linearise(segments, misfit, scales, Gaussian())
+    expected = as_links.data.state
+    assert_allclose(linear.data.state, expected, rtol=0.0, atol=1e-5 * np.abs(expected).max())
 
 
 def test_steps_of_several_lengths_leave_modes_as_links() -> None:

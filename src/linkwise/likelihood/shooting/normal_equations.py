@@ -277,9 +277,9 @@ def _put_marched(
     ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
-    for number, tangent in enumerate(
-        tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
-    ):
+    units, of_links = (scales.state, scales.theta[:p]), bool(np.any(sensors.kind == F))
+    steps = tangents(mechanics, orbit, step, *units, forces, inputs=inputs, of_links=of_links)
+    for number, tangent in enumerate(steps):
         sample, between = divmod(number, segments.tangent_refine)
         if tangent.acceleration is None or between:
             continue

@@ -160,7 +160,7 @@ class TangentForces:
         masses, which = np.nonzero(gain[:, self.rows[apart]])
         places, at_place = np.unique([masses, self.columns[apart[which]]], axis=1, return_inverse=True)
         weights = csr_array(
-            (gain[masses, self.rows[apart[which]]].astype(np.float32), (at_place, which)),
+            (gain[masses, self.rows[apart[which]]].astype(np.float32), (at_place.ravel(), which)),
             shape=(places.shape[1], len(apart)),
         )
         J, _, K = self.by_parameter.shape

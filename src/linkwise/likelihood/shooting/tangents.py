@@ -59,6 +59,7 @@ def tangents(
     candidates: CandidateForces | None = None,
     *,
     inputs: Inputs,
+    of_links: bool = True,
 ) -> Iterator[TangentStep]:
     """Sensitivities along an orbit, by Nystroem's method of order 4.
 
@@ -81,6 +82,9 @@ def tangents(
         Candidate forces.
     inputs : Inputs
         What acts along the orbit.
+    of_links : bool, default True
+        Whether those of the forces of links are asked for. Without, linear links of hosts act as matrices, which is faster,
+        and the sensitivities of their forces are zeros.
 
     Yields
     ------
@@ -90,7 +94,7 @@ def tangents(
     n = len(mechanics.gain)
     P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
     starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
-    linear = LinearLinks.of(mechanics, starts, step)
+    linear = None if of_links else LinearLinks.of(mechanics, starts, step)
     if linear is not None:
         starts, middles = (along.without(linear.links, mechanics.gain) for along in (starts, middles))
         return linear.march(starts, middles, *units_of_states(scale, step, n, P))
@@ -121,9 +125,9 @@ class LinearLinks:
 
     @classmethod
     def of(cls, mechanics: NumericSystem, starts: TangentForces, step: Floats) -> LinearLinks | None:
-        """Those of a structure by the forces at the starts of steps; None of too few, or in steps of several lengths."""
+        """Those of a structure with hosts, by the forces at the starts of steps; None where steps are of several lengths."""
         system, links = mechanics.system, mechanics.system.linear_links
-        if len(links) < len(mechanics.masses) or system.base_error is not None:
+        if not len(system.points) or len(links) < len(mechanics.masses) or system.base_error is not None:
             return None
         if np.ptp(step) > _SAME * step[0]:
             return None
