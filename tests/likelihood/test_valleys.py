@@ -15,7 +15,13 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.memory import Valley
-from linkwise.likelihood.valleys import SearchFrom, Stages, fit_from_valleys, fit_in_stages
+from linkwise.likelihood.valleys import (
+    SearchFrom,
+    Stages,
+    fit_from_free_runs,
+    fit_from_valleys,
+    fit_in_stages,
+)
 
 TRUE = np.array([400.0, 1.0])
 TRULY = oscillator("k*d + c*v", mass=1.0, k=400.0, c=1.0)
@@ -135,3 +141,27 @@ def test_glances_are_a_small_part_of_the_progress() -> None:
     assert max(glances) <= 0.1
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1.0)
+
+
+def test_free_runs_that_come_near_lead_to_the_fit() -> None:
+    stages = staged(search, search)
+    found = fit_from_free_runs(stages, Valley(1.01 * TRUE, 0.01), None)
+    assert found is not None
+    assert found.values == pytest.approx(search(1.01 * TRUE).values, rel=1e-9)  # the same search
+
+
+def test_free_runs_that_stay_away_or_run_to_infinity_lead_nowhere() -> None:
+    stages = staged(search, search)
+    assert fit_from_free_runs(stages, Valley(1.01 * TRUE, 0.6), None) is None
+    assert fit_from_free_runs(stages, Valley(-TRUE, 0.01), None) is None
+
+
+def test_an_inexact_fit_is_taken_only_where_free_runs_came_close() -> None:
+    """It may be of another valley where they did not."""
+
+    def inexact(values: Floats) -> LikelihoodFit:
+        return replace(search(values), model_error=0.1)
+
+    stages = staged(inexact, search, inexact)
+    assert fit_from_free_runs(stages, Valley(TRUE, 0.2), None) is None
+    assert some([fit_from_free_runs(stages, Valley(TRUE, 0.05), None)])[0] is not None

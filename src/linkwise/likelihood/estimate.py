@@ -22,6 +22,7 @@ from linkwise.likelihood.fit_remarks import estimated_disturbances, fit_remarks,
 from linkwise.likelihood.fitted_motion import motion_of_links
 from linkwise.likelihood.force_scale import require_force_scale
 from linkwise.likelihood.hidden_wells import fit_about_rest
+from linkwise.likelihood.host_memory_fit import fit_of_memory_beside_hosts
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
@@ -36,7 +37,6 @@ from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.shape_parameters import held_where_unseen
 from linkwise.likelihood.shooting.waveforms import frequencies_by_channel, lengths_by_channel
-from linkwise.likelihood.starts.host_memory import host_memory_starts
 from linkwise.likelihood.starts.hosts import require_supported
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts
@@ -46,7 +46,7 @@ from linkwise.likelihood.starts.values import equivalent_values, starting_values
 from linkwise.likelihood.unseen_terms import unseen_terms
 from linkwise.likelihood.unstated_forces import with_limits
 from linkwise.likelihood.untold_gains import require_told
-from linkwise.likelihood.valleys import FitFrom, Stages, fit_from_valleys, fit_in_stages, fit_or_another
+from linkwise.likelihood.valleys import FitFrom, fit_from_valleys, fit_or_another
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.channel_units import channel_unit
@@ -310,8 +310,7 @@ class MaximumLikelihood(Estimator):
         if all(p.name in known for p in structure.parameters):
             return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
         if structure.hosts:
-            staged = partial(fit_in_stages, Stages.of(records, structure, options))
-            return _fit_from(staged, lambda: host_memory_starts(framed_ones, structure, given))
+            return fit_of_memory_beside_hosts(records, structure, given, options)
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
         if not (knows_masses and needs_integration(framed_ones[0], structure)):
             return fit(lambda: memory_starts(framed_ones, structure, given))

@@ -35,6 +35,7 @@ _ATTEMPTS = 5  # of these at most
 _RESTARTED = 2  # of these are tried again from the parameters that they came to
 _FINISHED = 2  # whole searches where none came to the noise
 _TIGHT = 1e-3  # relaxation at which attempts that did not end are compared
+_FAR, _CLOSE = 0.5, 0.1  # parts in power of the records that free runs leave
 _GLANCED = 0.1  # part of the work that is done after the glances
 
 SearchFrom: TypeAlias = Callable[[Floats], LikelihoodFit]
@@ -160,6 +161,38 @@ def fit_in_stages(stages: Stages, valleys: Sequence[Valley]) -> LikelihoodFit:
         if _ends(fits[-1]):
             break
     return _best(fits)
+
+
+def fit_from_free_runs(stages: Stages, start: Valley, nodes: Floats | None) -> LikelihoodFit | None:
+    """Fit from a start whose free runs come near the records.
+
+    Parameters
+    ----------
+    stages : Stages
+        The searches.
+    start : Valley
+        The start, whose misfit is the part in power of the records that free runs leave.
+    nodes : array of shape (2n + S, K) or None
+        States of these runs, where they reach to the ends of the records.
+
+    Returns
+    -------
+    LikelihoodFit or None
+        The fit that explains the records, was interrupted, or converged where free runs come close; else None.
+    """
+    if not start.misfit < _FAR:
+        return None
+    values = start.values
+    try:
+        for _ in range(_RESTARTED):  # whose states are computed again
+            attempt = stages.attempt(values)
+            if _ends(attempt):
+                return attempt if _interrupted(attempt) else _finished(attempt, stages)
+            values = attempt.values
+        fit = stages.finish(start.values, nodes)
+    except IdentificationError:  # the motion is not finite
+        return None
+    return fit if _ends(fit) or (_converged(fit) and start.misfit < _CLOSE) else None
 
 
 def _finished(attempt: LikelihoodFit, stages: Stages) -> LikelihoodFit:
