@@ -202,3 +202,15 @@ def test_forward_selection_takes_one_of_two_equal_columns() -> None:
     assert 1 in alone
     chosen = forward_selection(doubled.quadratic, frozenset(), 3.0)
     assert {1 if number == 3 else number for number in chosen} == set(alone) and len(chosen) == len(alone)
+
+
+def test_dependent_columns_at_the_start_are_chosen_among() -> None:
+    """An offset of a sensor is what the terms of a law up to its highest power add up to, so that all at once are singular."""
+    random = np.random.default_rng(7)
+    columns = np.round(64.0 * random.normal(size=(80, 4))) / 64.0  # of which sums of products are exact
+    columns[:, 3] = columns[:, :3].sum(axis=1)
+    quadratic = Regression(columns, 5.0 * columns[:, 3] + random.normal(size=80)).quadratic
+    penalty = Penalty(term=6.0, link=7.0, pair=np.arange(4), stated=frozenset())
+    with pytest.raises(np.linalg.LinAlgError):
+        quadratic.solve(range(4))
+    assert best_subset(quadratic, penalty, range(4)) == [3]

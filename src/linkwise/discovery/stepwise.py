@@ -125,12 +125,17 @@ def _best_move(quadratic: QuadraticModel, penalty: Penalty, chosen: list[int]) -
 def best_subset(quadratic: QuadraticModel, penalty: Penalty, start: Sequence[int]) -> list[int]:
     """The best result of local searches from three subsets: `start`, all terms of its links, and all coefficients.
 
-    The second start finds dampers for which one on a false link may substitute, the third links that `start` lacks.
+    Where the columns of `start` are linearly dependent, as those of an offset and of all powers that it adds up to are, one
+    is built up from nothing in its place. The second start finds dampers for which one on a false link may substitute, the
+    third links that `start` lacks.
     """
     linked = np.isin(penalty.pair, [*(set(penalty.pair[list(start)].tolist()) - {-1}), *penalty.stated])
     always = frozenset(np.flatnonzero(penalty.pair < 0).tolist())
     limit = float(np.sqrt(penalty.term))
-    subsets = [local_search(quadratic, penalty, start)]
+    try:
+        subsets = [local_search(quadratic, penalty, start)]
+    except np.linalg.LinAlgError:
+        subsets = [local_search(quadratic, penalty, forward_selection(quadratic, always, limit))]
     for wide in ({*start, *np.flatnonzero(linked).tolist()}, set(range(len(penalty.pair)))):
         try:
             reduced = backward_elimination(quadratic, sorted(wide), always, limit)
