@@ -144,11 +144,12 @@ def decaying_modes(decay: Record, noise: Mapping[str, float]) -> Floats:
         if last - first < _SHORTEST:
             break
         part = ModalMeasurement.of_decay(decay.select(names)[first:last])
-        pursued = pursued_modes(part, None, silent, most=_MODES)
+        count, pursued = first, pursued_modes(part, None, silent, most=_MODES)
+        if not len(pursued.frequencies):
+            continue
         modes = _separate(refined_modes(part, pursued.frequencies, pursued.damping))
         shift = np.abs(np.log(modes[:, :1] / known[:, 0])).min(axis=1, initial=np.inf)
         known = np.concatenate([known, modes[shift > _SHIFT] if len(known) else modes])
-        count = first
     return np.asarray(known[np.argsort(known[:, 0])])
 
 
