@@ -243,6 +243,8 @@ def _larger(quadratic: QuadraticModel, chosen: list[int]) -> list[tuple[list[int
             break
         strongest = int(additions.numbers[place])
         current = sorted([*current, strongest])
+        if not quadratic.determines(current):  # but for rounding
+            break
         models.append((current, f"+ {quadratic.names[strongest]}"))
     return models
 
