@@ -89,6 +89,8 @@ def test_what_a_modal_test_needs_is_told() -> None:
         lw.identify_host(record, modes=0)
     with pytest.raises(lw.IdentificationError, match="at least one record"):
         lw.identify_host([])
+    with pytest.raises(lw.RecordError, match="hold the same samples; give each record once"):
+        lw.identify_host([record, record])
     with pytest.raises(lw.IdentificationError, match="too few to determine modes"):
         lw.identify_host(record[:40])
     values = np.random.default_rng(1).standard_normal((600, 2))
@@ -123,6 +125,6 @@ def test_points_whose_channels_are_in_rad_turn() -> None:
     plain = lw.identify_host(replace(record, units={}), modes=2)
     assert plain.host.rotations == ()
     assert [mode.shape for mode in plain.host.modes] == [mode.shape for mode in found.host.modes]
-    moved = replace(record, units={"a:beam.r": "m/s^2"})
+    moved = replace(record[:-1], units={"a:beam.r": "m/s^2"})
     with pytest.raises(lw.RecordError, match=r"another channel of beam\.r says that it is displaced in rad"):
         lw.identify_host([record, moved], modes=2)

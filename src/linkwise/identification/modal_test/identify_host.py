@@ -24,6 +24,7 @@ from linkwise.model.rotations import with_units
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import ANGULAR_UNITS, BASE, Channel
 from linkwise.records.record import Record
+from linkwise.records.repetition import check_distinct
 from linkwise.records.sequence import record_list
 from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
@@ -80,6 +81,8 @@ def identify_host(
     IdentificationError
         If the records have no force or no motion, no motion at a point of a force, too few samples, or channels of a host of
         another name.
+    RecordError
+        If two records hold the same samples.
     TypeError
         If something else than records is given.
 
@@ -109,6 +112,7 @@ def identify_host(
     records = record_list(record)
     if not records:
         raise IdentificationError("a modal test needs at least one record, got none")
+    check_distinct(records)
     measured = ModalMeasurement.of(records, name)
     with one_blas_thread():
         pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.9))
