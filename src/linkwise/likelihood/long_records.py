@@ -1,4 +1,4 @@
-"""The search in a long record of few masses: divided into pieces, conquered from loose links to tight ones, and joined.
+"""The search in a long record of few masses: in pieces first, then of all together, from loose links to tight ones.
 
 A search that tightens the links between segments quickly creeps in a long chaotic record. Somewhere in it the motion comes
 close to where neighbouring motions part, and there the likelihood of exact laws has many optima: each of a hundred thousand
