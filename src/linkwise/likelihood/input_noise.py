@@ -9,7 +9,7 @@ that draws of such noise give, with states and coefficients following; its exces
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import lapack
@@ -39,6 +39,7 @@ _MANY, _FEW = (
     20_000,
     16,
 )  # segments from which so few of the draws are followed at once, which takes a quarter of the memory
+_ENOUGH = 60_000  # segments in which such noise is looked for
 _AT_ONCE = 4_000_000  # numbers in the steps of the states, or the noise of sensors, of one part of the draws
 LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
 
@@ -96,12 +97,12 @@ def noise_of_inputs(
         return ()
     try:
         with one_blas_thread():
-            multipliers = _multipliers(optimum, misfit, free_of_bounds(fit))
+            multipliers = _multipliers(*_beginning(optimum, misfit), free_of_bounds(fit))
     except np.linalg.LinAlgError:
         return ()
     estimates = []
     for channel, rms, pattern in inputs:
-        slopes = np.einsum("kn,knr->kr", pattern, multipliers)
+        slopes = np.einsum("kn,knr->kr", pattern[: len(multipliers)], multipliers)
         score = VarianceScore.of(SquareSum.of(slopes[:, 0], slopes[:, 1:]))
         if score is not None:
             estimates.append(InputNoise(channel, rms, pattern, score, unit_in(identified, channel)))
@@ -140,6 +141,15 @@ def for_noise_of_inputs(
     inverse[np.ix_(free, free)] = np.linalg.inv(factor.schur[np.ix_(free, free)])
     moved = (pulls @ inverse)[:, :p] * scales.theta[:p]
     return noise, np.asarray((noise.score.deviation**2 + noise.score.error) * (moved.T @ moved))
+
+
+def _beginning(optimum: Optimum, misfit: Misfit) -> tuple[Optimum, Misfit]:
+    """The optimum and its misfit in the beginning of a long record, whose residuals tell the noise of inputs well enough."""
+    if optimum.segments.count <= _ENOUGH or misfit.clipped is not None:
+        return optimum, misfit
+    segments, point = optimum.segments.chosen(np.arange(_ENOUGH)), optimum.point
+    point = replace(point, nodes=point.nodes[:, :_ENOUGH])
+    return replace(optimum, segments=segments, point=point), misfit.part(slice(0, _ENOUGH))
 
 
 def free_of_bounds(fit: LikelihoodFit) -> Bools:
