@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
@@ -20,8 +20,10 @@ ORDERS = (0, 1, 3, 5, 7)
 _UPSAMPLING = 4  # factor by which band-limited samples are refined before the spline
 _HALF_WIDTH = 32  # of the windowed sinc, in samples
 _KEPT = 20_000  # samples up to which the last splines are kept: at most 4 MB each
-_LONGEST_KEPT = 250_000  # samples up to which the last spline of more is kept: at most 50 MB
+_LONGEST_KEPT = 250_000  # samples up to which the last spline of more is kept: at most 16 MB
 _KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
+
+_Spline: TypeAlias = scipy.interpolate.PPoly | scipy.interpolate.BSpline
 
 
 @checked_class
@@ -204,24 +206,26 @@ class Sampled:
         return self.start + (self.values.size - 1) / self.rate
 
     @cached_property
-    def _spline(self) -> scipy.interpolate.PPoly:
+    def _spline(self) -> _Spline:
         return self._derived(0)
 
-    def _derived(self, order: int) -> scipy.interpolate.PPoly:
-        """The derivative of an order of the interpolant, which simulations and fits of one record ask for again and again."""
+    def _derived(self, order: int) -> _Spline:
+        """The derivative of an order of the interpolant, which simulations and fits of one record ask for again and again.
+
+        That of a long signal stays a B-spline, since its polynomials take more time and memory than they save.
+        """
         given = (self.values.tobytes(), self.start, self.rate, (self.order, self.band_limited))
         if self.values.size <= _KEPT:
-            return _spline_through(*given, order)
+            return _pieces_through(*given, order)
         if order:
             return self._spline.derivative(order)
-        return (_last_long_spline if self.values.size <= _LONGEST_KEPT else _spline_through.__wrapped__)(
-            *given, 0
-        )
+        return (_last_long_spline if self.values.size <= _LONGEST_KEPT else _spline_through)(*given)
 
     @cached_property
     def pieces(self) -> PiecewisePolynomial:
         """The interpolant as polynomials, lowest power first."""
-        return PiecewisePolynomial(self._spline.x.copy(), np.array(self._spline.c[::-1].T, order="C"))
+        pieces = _as_pieces(self._spline)
+        return PiecewisePolynomial(pieces.x.copy(), np.array(pieces.c[::-1].T, order="C"))
 
     def value(self, time: ArrayLike) -> Floats:
         """Values of the interpolant.
@@ -285,7 +289,7 @@ class Sampled:
         """
         return self._evaluated(self._spline.antiderivative(), time)
 
-    def _evaluated(self, spline: scipy.interpolate.PPoly, time: ArrayLike) -> Floats:
+    def _evaluated(self, spline: _Spline, time: ArrayLike) -> Floats:
         time = np.asarray(time, dtype=float)
         slack = 1e-6 / self.rate  # times are computed as k/rate, with rounding
         outside = (time < self.start - slack) | (time > self.end + slack)
@@ -297,26 +301,36 @@ class Sampled:
         return np.asarray(spline(np.clip(time, self.start, self.end)), dtype=float)
 
 
-@lru_cache(maxsize=16)
-def _spline_through(
-    samples: bytes, start: float, rate: float, kind: tuple[int, bool], derivative: int
-) -> scipy.interpolate.PPoly:
-    """A derivative of the spline through samples; `kind` has its order and whether the signal is band-limited."""
+def _spline_through(samples: bytes, start: float, rate: float, kind: tuple[int, bool]) -> _Spline:
+    """The spline through samples; `kind` has its order and whether the signal is band-limited."""
     values, (order, band_limited) = np.frombuffer(samples), kind
     if band_limited:
         values, rate = _upsampled(values), rate * _UPSAMPLING
     time = start + np.arange(values.size) / rate
     if order == 0:
-        steps = scipy.interpolate.PPoly(values[None, :-1], time)
-        return steps.derivative(derivative) if derivative else steps
-    spline = scipy.interpolate.make_interp_spline(time, values, k=order)
+        return scipy.interpolate.PPoly(values[None, :-1], time)
+    return scipy.interpolate.make_interp_spline(time, values, k=order)
+
+
+_last_long_spline = lru_cache(maxsize=1)(_spline_through)
+
+
+@lru_cache(maxsize=16)
+def _pieces_through(
+    samples: bytes, start: float, rate: float, kind: tuple[int, bool], derivative: int
+) -> scipy.interpolate.PPoly:
+    """The polynomials of a derivative of a spline."""
+    pieces = _as_pieces(_spline_through(samples, start, rate, kind))
+    return pieces.derivative(derivative) if derivative else pieces
+
+
+def _as_pieces(spline: _Spline) -> scipy.interpolate.PPoly:
+    """The polynomials of a spline."""
+    if isinstance(spline, scipy.interpolate.PPoly):
+        return spline
     pieces = scipy.interpolate.PPoly.from_spline(scipy.interpolate.BSpline(spline.t, spline.c, spline.k))
     nonempty = np.diff(pieces.x) > 0.0  # knots at the ends are repeated
-    whole = scipy.interpolate.PPoly(pieces.c[:, nonempty], np.append(pieces.x[:-1][nonempty], pieces.x[-1]))
-    return whole.derivative(derivative) if derivative else whole
-
-
-_last_long_spline = lru_cache(maxsize=1)(_spline_through.__wrapped__)
+    return scipy.interpolate.PPoly(pieces.c[:, nonempty], np.append(pieces.x[:-1][nonempty], pieces.x[-1]))
 
 
 def _upsampled(values: Floats) -> Floats:
