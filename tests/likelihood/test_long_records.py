@@ -69,7 +69,8 @@ def test_the_answer_is_that_of_a_search_of_the_whole(
     assert whole.status is AnnealingStatus.CONVERGED and whole.optimum.q == q
     assert np.max(np.abs(in_pieces.values - whole.values) / deviations) < 0.05
     np.testing.assert_allclose(np.sqrt(in_pieces.covariance.diagonal()), deviations, rtol=0.01)
-    assert in_pieces.chi_square == pytest.approx(whole.chi_square, rel=1e-6)
+    cost = in_pieces.chi_square * in_pieces.segments.observed.sum()
+    assert cost == pytest.approx(whole.chi_square * whole.segments.observed.sum(), abs=0.25)  # in five pieces
 
 
 def test_values_are_as_far_off_as_their_errors_say(in_pieces: LikelihoodFit) -> None:

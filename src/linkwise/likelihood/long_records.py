@@ -16,6 +16,7 @@ J. A. Hausman, Econometrica 46, 1251 (1978), for the test of two relaxations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -51,9 +52,9 @@ _LOOSE = AnnealingSchedule(
 _OVERLAP = 400  # segments by which pieces overlap while they are searched alone: what their ends do is forgotten there
 _RUNGS = (1e-3, 3e-4, 1e-4, 3e-5, AnnealingSchedule.final_q)
 _PASSED = (3e-4, 3e-5)  # of these: where the next one follows in any case
-_TRIED = 3e-5  # from which on a part of the record is searched before the whole
-_PART = 20_000  # segments of that
-_ROUGHLY, _CLOSELY = 1.0, 0.05  # standard errors that the last step may change an unknown by
+_TRIED = 3e-5  # from which on parts of the record are searched before the whole
+_PARTS, _PART = 3, 20_000  # of these, and segments in each
+_ROUGHLY, _CLOSELY = 1.0, 0.1  # standard errors that the last step may change an unknown by
 _STEPS = 8  # at each of them; a search that takes more does not lead straight
 _EXCESS = 0.08  # of the noise, in power, that laws may leave
 _CHANCE = 1e-3  # probability of a larger difference between two relaxations by chance
@@ -158,7 +159,10 @@ def held_at(segments: Segments, start: Iterate, scales: Scales, loss: Loss, q: f
         The fit; None where the search does not lead straight to it.
     """
     with one_blas_thread(), ThreadPoolExecutor(processors()) as executor:
-        end = JointSearch(segments, scales, loss, executor).at(q, start, little=_CLOSELY, most=_STEPS)
+        search = JointSearch(segments, scales, loss, executor)
+        if not _leads_on_in_parts(search, start, [q]):
+            return None
+        end = search.at(q, start, little=_CLOSELY, most=_STEPS)
     if end is None or not (end.straight or end.interrupted):
         return None
     return _Rung(end, segments, scales, loss.expected).fit(loss)
@@ -194,7 +198,7 @@ def _tightened(search: JointSearch, point: Iterate, most: float) -> list[_Rung]:
     """
     rungs: list[_Rung] = []
     for q in _RUNGS:
-        if q == _TRIED and not _leads_on_in_a_part(search, point):
+        if q == _TRIED and not _leads_on_in_parts(search, point, _RUNGS[_RUNGS.index(q) :]):
             break
         passed = q in _PASSED
         end = search.at(q, point, little=_ROUGHLY if passed else _CLOSELY, most=_STEPS)
@@ -215,20 +219,20 @@ def _tightened(search: JointSearch, point: Iterate, most: float) -> list[_Rung]:
     return rungs
 
 
-def _leads_on_in_a_part(search: JointSearch, point: Iterate) -> bool:
-    """Whether tighter links lead straight on in a part of the record, or whether it is too short for a part."""
-    if search.segments.count < 2 * _PART:
+def _leads_on_in_parts(search: JointSearch, start: Iterate, rungs: Sequence[float]) -> bool:
+    """Whether tighter links lead straight on in some parts of the record, or whether it is too short for parts."""
+    count = search.segments.count
+    if count < 2 * _PART:
         return True
-    segments = search.segments.chosen(np.arange(_PART))
-    in_part, point = (
-        replace(search, segments=segments, progress=silent),
-        replace(point, nodes=point.nodes[:, :_PART]),
-    )
-    for q in _RUNGS[_RUNGS.index(_TRIED) :]:
-        end = in_part.at(q, point, little=_ROUGHLY, most=_STEPS)
-        if end is None or not end.straight:
-            return False
-        point = end.point
+    for first in np.linspace(0, count - _PART, _PARTS).astype(int).tolist():
+        some = np.arange(first, first + _PART)
+        in_part = replace(search, segments=search.segments.chosen(some), progress=silent)
+        point = replace(start, nodes=start.nodes[:, some])
+        for q in rungs:
+            end = in_part.at(q, point, little=_ROUGHLY, most=_STEPS)
+            if end is None or not end.straight:
+                return False
+            point = end.point
     return True
 
 
@@ -288,8 +292,11 @@ class _Rung:
             return False
         direction = np.random.default_rng(_SEED).normal(size=len(root))
         step = _DISTANCE * root @ direction / np.linalg.norm(direction)
-        rises = (search.cost_beside(self.end, side * step) - self.end.cost for side in (1.0, -1.0))
-        return all(1.0 / _FACTOR < rise / _DISTANCE**2 < _FACTOR for rise in rises)
+        expected = _DISTANCE**2
+        return any(
+            all(1.0 / _FACTOR < rise / expected < _FACTOR for rise in rises)
+            for rises in search.rises_beside(self.end, [step, -step])
+        )
 
     def fit(self, loss: Loss) -> AnnealingFit:
         """The fit there."""

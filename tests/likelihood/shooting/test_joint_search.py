@@ -73,8 +73,14 @@ def test_its_cost_rises_beside_the_optimum_as_the_covariance_says(
         covariance(end.factor, search.scales, np.ones(len(optimum.scales.theta), dtype=bool))
     )
     step = np.asarray(2.0 * root[:, 0], dtype=float)
-    rises = [search.cost_beside(end, side * step) - end.cost for side in (1.0, -1.0)]
+    *_, rises = search.rises_beside(end, [step, -step])
     assert np.mean(rises) == pytest.approx(4.0, rel=0.1)
+    nodes = end.point.nodes + 0.02 * optimum.scales.state[:, None] * np.random.default_rng(1).normal(
+        size=end.point.nodes.shape
+    )
+    unsettled = replace(end, point=replace(end.point, nodes=nodes))
+    *_, settled = search.rises_beside(unsettled, [step, -step])
+    np.testing.assert_allclose(settled, rises, atol=0.3)
 
 
 class Interrupting:

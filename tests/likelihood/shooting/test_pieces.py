@@ -99,19 +99,19 @@ def test_threads_change_nothing(optimum: Optimum) -> None:
     assert np.array_equal(steps[0].border, steps[1].border)
 
 
-@pytest.mark.parametrize("count", [8, 3000, 3001, 20_001])
+@pytest.mark.parametrize("count", [8, 6000, 6001, 40_001])
 def test_ends_cover_the_record_and_shifted_ones_lie_between(count: int) -> None:
     linked = np.ones(count - 1, dtype=bool)
     ends, shifted = piece_ends(linked), piece_ends(linked, shifted=True)
     for nodes in (ends, shifted):
         assert nodes[0] == 0 and nodes[-1] == count - 1 and (np.diff(nodes) > 2).all()
-        assert np.diff(nodes).max() <= max(count, 3000)
+        assert np.diff(nodes).max() <= max(count, 6000)
     assert not set(ends[1:-1].tolist()) & set(shifted[1:-1].tolist())
 
 
 def test_no_piece_ends_at_the_first_node_of_another_record() -> None:
     """There it would have neither samples nor a link, and count as known."""
-    linked = np.ones(20_000, dtype=bool)
+    linked = np.ones(40_000, dtype=bool)
     middle = int(piece_ends(linked)[5])
     linked[middle - 1] = False
     assert middle - 1 in piece_ends(linked) and middle not in piece_ends(linked)

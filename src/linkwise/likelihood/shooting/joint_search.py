@@ -7,6 +7,7 @@ damping of its own. The ends of the pieces lie elsewhere at every second step.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -31,9 +32,8 @@ from linkwise.progress import Progress, silent
 
 _LEAST = 0.1  # of the predicted reduction: a step that gains less of it has left its valley
 _MOST = 0.5  # of it: a last step that gains less of it does not end beside an optimum
-_OWN, _SHARE = 0.05, 0.02  # of what a step gains in its piece, or in an average one: what need not settle
-_SETTLED = 0.1  # of a rise of the cost: what states that have settled may take off it
-_SLIGHT = 0.2  # of the cost of the whole record: what no step needs to gain
+_OWN, _SHARE = 0.2, 0.2  # of what a step gains in its piece, or in an average one: what need not settle
+_SLIGHT = 0.05  # of the cost of each piece: what no step needs to gain
 _STATES = 3  # steps of the states beside an optimum
 
 
@@ -127,7 +127,7 @@ class JointSearch:
                     break
                 end = following
                 self.progress(end.path[-1].report)
-                if end.straight or not _gains(end.path[-1], _LEAST):
+                if end.straight or _leads_nowhere(end.path, len(piece_ends(self.segments.linked)) - 1):
                     break
         except KeyboardInterrupt:
             if end is None:
@@ -135,32 +135,38 @@ class JointSearch:
             return replace(end, interrupted=True)
         return end
 
-    def cost_beside(self, end: JointEnd, change: Floats) -> float:
-        """The lowest cost where the unknowns that all pieces share are moved from an end and held.
+    def rises_beside(self, end: JointEnd, changes: Sequence[Floats]) -> Iterator[list[float]]:
+        """By how much the lowest cost rises where the unknowns that all pieces share are moved from an end and held.
 
         Parameters
         ----------
         end : JointEnd
             Where they are moved from.
-        change : array of shape (P,)
-            The move, in their own units.
+        changes : sequence of array of shape (P,)
+            The moves, in their own units.
 
-        Returns
-        -------
-        float
-            The cost; an upper bound of it where the states did not settle.
+        Yields
+        ------
+        list of float
+            The rises from the cost with the unknowns held where they are, again and again as the states settle in more steps;
+            those of the end settle as well.
         """
-        point, cost = end.point, np.inf
-        for number in range(_STATES):
-            joined = self._joined(end.q, point, number)
-            steps = None if joined is None else joined.steps(self.scales, border_change=change)
-            if joined is None or steps is None:
-                break
-            point, after = self._settled(joined, steps, point, end.q)
-            change, before, cost = np.zeros_like(change), cost, min(cost, after)
-            if before - cost < _SETTLED * (cost - end.cost):
-                break
-        return cost
+        unmoved = np.zeros(len(end.point.border))
+        moves = [unmoved, *changes]
+        points, costs = [end.point] * len(moves), [np.inf] * len(moves)
+        equations = [self._joined(end.q, end.point, 0)] * len(moves)
+        for number in range(1, _STATES + 1):
+            for side, (joined, change) in enumerate(zip(equations, moves, strict=True)):
+                steps = None if joined is None else joined.steps(self.scales, border_change=change)
+                if joined is not None and steps is not None:
+                    points[side], cost = self._settled(joined, steps, points[side], end.q)
+                    costs[side] = min(costs[side], cost)
+            if not np.isfinite(costs).all():
+                return
+            yield [cost - costs[0] for cost in costs[1:]]
+            moves = [unmoved] * len(moves)
+            if number < _STATES:
+                equations = [self._joined(end.q, point, number) for point in points]
 
     def _joined(self, q: float, point: Iterate, number: int) -> JoinedPieces | None:
         ends = piece_ends(self.segments.linked, shifted=number % 2 == 1)
@@ -184,7 +190,8 @@ class JointSearch:
             joined.factor,
             joined.log_determinant,
             (*path, step),
-            _gains(step, _MOST) and _largest_change(joined, steps.border, self.scales) < little,
+            _gains(step, _MOST, len(joined.pieces))
+            and _largest_change(joined, steps.border, self.scales) < little,
         )
 
     def _settled(
@@ -193,7 +200,7 @@ class JointSearch:
         """The point behind a step, in which the states of every piece have settled, and its cost."""
         border = np.clip(point.border + steps.border, *bounds(self.segments))
         moved = point.moved(point.nodes + steps.nodes, border)
-        average = max(float(steps.drops.sum()), _SLIGHT) / len(steps.drops)
+        average = max(float(steps.drops.mean()), _SLIGHT)
 
         @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
         def work(number: int) -> tuple[Floats, float]:
@@ -213,9 +220,14 @@ class JointSearch:
         return replace(moved, nodes=nodes), cost
 
 
-def _gains(step: AnnealingStep, part: float) -> bool:
-    """Whether a step gained a part of what was predicted, or nothing was to be gained."""
-    return step.reduction > part * step.predicted_reduction or step.predicted_reduction < _SLIGHT
+def _leads_nowhere(path: Sequence[AnnealingStep], pieces: int) -> bool:
+    """Whether the last step left its valley, or the last two, whose pieces end elsewhere, did not lower the cost."""
+    return not _gains(path[-1], _LEAST, pieces) or all(step.reduction <= 0.0 for step in path[-2:])
+
+
+def _gains(step: AnnealingStep, part: float, pieces: int) -> bool:
+    """Whether a step gained a part of what was predicted, or nothing was to be gained in so many pieces."""
+    return step.reduction > part * step.predicted_reduction or step.predicted_reduction < _SLIGHT * pieces
 
 
 def _largest_change(joined: JoinedPieces, border: Floats, scales: Scales) -> float:

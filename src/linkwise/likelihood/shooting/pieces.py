@@ -29,7 +29,9 @@ from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 T = TypeVar("T")
 
-_LENGTH = 2000  # segments in a piece: what threads share, and what stays in the caches
+_LENGTH = (
+    4000  # segments in a piece: in shorter ones threads wait for each other, longer ones leave the caches
+)
 
 
 def piece_ends(linked: Bools, *, shifted: bool = False) -> Indices:
