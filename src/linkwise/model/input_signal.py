@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
@@ -23,7 +23,8 @@ _KEPT = 20_000  # samples up to which the last splines are kept: at most 4 MB ea
 _LONGEST_KEPT = 250_000  # samples up to which the last spline of more is kept: at most 16 MB
 _KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
 
-_Spline: TypeAlias = scipy.interpolate.PPoly | scipy.interpolate.BSpline
+if TYPE_CHECKING:  # SciPy loads its packages when they are asked for
+    _Spline: TypeAlias = scipy.interpolate.PPoly | scipy.interpolate.BSpline
 
 
 @checked_class
