@@ -53,7 +53,7 @@ _OVERLAP = 400  # segments by which pieces overlap while they are searched alone
 _RUNGS = (1e-3, 3e-4, 1e-4, 3e-5, AnnealingSchedule.final_q)
 _PASSED = (3e-4, 3e-5)  # of these: where the next one follows in any case
 _TRIED = 3e-5  # from which on parts of the record are searched before the whole
-_PARTS, _PART = 3, 20_000  # of these, and segments in each
+_PARTS, _PART = 3, 20_000  # of these at most, which take half of the record at most, and segments in each
 _ROUGHLY, _CLOSELY = 1.0, 0.1  # standard errors that the last step may change an unknown by
 _STEPS = 8  # at each of them; a search that takes more does not lead straight
 _EXCESS = 0.08  # of the noise, in power, that laws may leave
@@ -222,9 +222,8 @@ def _tightened(search: JointSearch, point: Iterate, most: float) -> list[_Rung]:
 def _leads_on_in_parts(search: JointSearch, start: Iterate, rungs: Sequence[float]) -> bool:
     """Whether tighter links lead straight on in some parts of the record, or whether it is too short for parts."""
     count = search.segments.count
-    if count < 2 * _PART:
-        return True
-    for first in np.linspace(0, count - _PART, _PARTS).astype(int).tolist():
+    parts = min(_PARTS, count // (2 * _PART))
+    for first in np.linspace(0, count - _PART, parts).astype(int).tolist():
         some = np.arange(first, first + _PART)
         in_part = replace(search, segments=search.segments.chosen(some), progress=silent)
         point = replace(start, nodes=start.nodes[:, some])

@@ -222,7 +222,8 @@ class JointSearch:
 
 def _leads_nowhere(path: Sequence[AnnealingStep], pieces: int) -> bool:
     """Whether the last step left its valley, or the last two, whose pieces end elsewhere, did not lower the cost."""
-    return not _gains(path[-1], _LEAST, pieces) or all(step.reduction <= 0.0 for step in path[-2:])
+    stalled = len(path) > 1 and all(step.reduction <= 0.0 for step in path[-2:])
+    return stalled or not _gains(path[-1], _LEAST, pieces)
 
 
 def _gains(step: AnnealingStep, part: float, pieces: int) -> bool:
