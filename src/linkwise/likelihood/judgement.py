@@ -9,6 +9,14 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
+from linkwise.likelihood.cause_messages import (
+    likeliest,
+    moved,
+    of_error_beside_terms,
+    of_instrument,
+    of_systematic_misfit,
+    would_explain,
+)
 from linkwise.likelihood.diagnosis import TestedCauses, diagnose, likeliest_first
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
@@ -182,16 +190,16 @@ def _with_hidden_term(
     by more than its interval says.
     """
     if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < LARGEST_TERM):
-        return verdict, f"{message}{_likeliest((hidden.cause,))}{_moved((hidden.cause,))}"
+        return verdict, f"{message}{likeliest((hidden.cause,))}{moved((hidden.cause,))}"
     if fit.random_forces and hidden.shift <= LARGEST_SHIFT:
-        return verdict, message + _likeliest((hidden.cause,))
+        return verdict, message + likeliest((hidden.cause,))
     named = bool(hidden.cause.shifted) and hidden.change > 0.0
     change = f", and change {hidden.cause.shifted} by {100.0 * hidden.change:.2g} %" if named else ""
     noise = " and ".join(f"noise of {force.where}" for force in fit.random_forces)
     where = f"with the {noise}" if noise else "where the motion departs from it a little"
     return Verdict.SYSTEMATIC_MISFIT, (
         f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
-        f"{_would_explain(hidden.cause)}{change}. Intervals would not include that, so none is given; a term is "
+        f"{would_explain(hidden.cause)}{change}. Intervals would not include that, so none is given; a term is "
         f"missing."
     )
 
@@ -220,20 +228,20 @@ def _verdict(
     if noisy:
         return Verdict.UNEXPLAINED_FORCES, (
             f"{explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _NOISIEST_INPUT:.0f} % of it: "
-            f"it stands for errors of the laws, which intervals would take for noise.{_likeliest(causes)}"
+            f"it stands for errors of the laws, which intervals would take for noise.{likeliest(causes)}"
         )
     if causes and causes[0].is_instrument and not allowed:
-        return Verdict.MEASUREMENT_ERROR, explained + _instrument(causes[0])
+        return Verdict.MEASUREMENT_ERROR, explained + of_instrument(causes[0])
     if share > _LARGEST_ERROR:
         return Verdict.UNEXPLAINED_FORCES, (
-            f"{explained}; that is too much for intervals: a term or a link is missing.{_likeliest(causes)}"
+            f"{explained}; that is too much for intervals: a term or a link is missing.{likeliest(causes)}"
         )
     by_blocks = intervals_by_blocks(fit)
     largest = decisive(not_held(fit, others, counted.missing) if by_blocks else others, by_blocks=by_blocks)
     if largest is not None:
-        return Verdict.SYSTEMATIC_MISFIT, explained + _systematic(largest)
+        return Verdict.SYSTEMATIC_MISFIT, explained + of_systematic_misfit(largest)
     if counted.too_far is not None:
-        return Verdict.MEASUREMENT_ERROR, explained + _beside_terms(counted.too_far)
+        return Verdict.MEASUREMENT_ERROR, explained + of_error_beside_terms(counted.too_far)
     if filtered:
         return Verdict.COLOURED_RESIDUALS, explained + _FILTERED
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
@@ -256,33 +264,9 @@ def _verdict(
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
             f"{explained}, a model error that all intervals include. {_error_factor(fit)}{of_held_errors(causes, allowed)}"
-            f"{_likeliest(others, 'of what is left' if others[:1] == list(causes[:1]) else 'of the rest')}{_moved(others)}"
+            f"{likeliest(others, 'of what is left' if others[:1] == list(causes[:1]) else 'of the rest')}{moved(others)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals allow for that' if coloured else ''}."
-
-
-def _instrument(cause: Cause) -> str:
-    """What an error in what was recorded or stated means for the answer."""
-    if cause.kind in ("input noise", "ambient"):
-        kind = "an ambient force on" if cause.kind == "ambient" else "noise of"
-        more = "more of it, or let it be found" if cause.remark else f"{kind} {cause.where}"
-        return (
-            f", but {_would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
-            f"wrong by more than their intervals say, so none is given: allow for {more}."
-        )
-    return (
-        f", but {_would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than their intervals "
-        "say, so none is given: correct it, or estimate it with the other unknowns."
-    )
-
-
-def _beside_terms(error: Cause) -> str:
-    """What an error means that moves a coefficient farther than intervals hold, beside the terms that they count."""
-    return (
-        f", but {_would_explain(error)}, and beside the terms that would explain more it would change {error.shifted} by "
-        f"{error.shift:.2g} of its standard errors. Intervals do not include that, so none is given: correct it, or estimate "
-        "it with the other unknowns."
-    )
 
 
 def _mismatch(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Verdict, str]:
@@ -296,7 +280,7 @@ def _mismatch(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Verdict, str
         )
     return Verdict.NOISE_MISMATCH, (
         f"{times}, so no interval is given: the noise is not what was stated or found, a term is missing from a law, or a "
-        f"link from the structure. The values are the best of these laws.{_likeliest(causes)}"
+        f"link from the structure. The values are the best of these laws.{likeliest(causes)}"
     )
 
 
@@ -342,35 +326,6 @@ def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], ch
     if inputs and verdict is Verdict.MODEL_ERROR_NEEDED:
         return f" Noise of {inputs[0]} has the same effect: if it has some, allow for noise of {inputs[0]}."
     return ""
-
-
-def _systematic(cause: Cause) -> str:
-    """What a misfit that follows the motion means for the answer."""
-    overturned = ""
-    if cause.overturned:
-        overturned = f", and {', '.join(cause.overturned)} would have no certain sign, or another one"
-    return (
-        f", but what is left follows the motion: {_would_explain(cause)}{overturned}. Intervals would count that as noise, "
-        "so none is given; a term or a link is missing, or a sensor has an error."
-    )
-
-
-def _would_explain(cause: Cause) -> str:
-    return f"{cause.description} would lower -2 log likelihood by {cause.gain:.3g}"
-
-
-def _likeliest(causes: Sequence[Cause], part: str = "of what is left") -> str:
-    return f" Most {part} would be explained by {causes[0].description}." if causes else ""
-
-
-def _moved(causes: Sequence[Cause]) -> str:
-    """Which coefficient the likeliest cause would change most, where it would change by more than its interval says."""
-    if not causes or causes[0].shift <= LARGEST_SHIFT:
-        return ""
-    return (
-        f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} of the standard errors of the laws as stated; "
-        "the intervals allow for that."
-    )
 
 
 def _error_factor(fit: LikelihoodFit) -> str:
