@@ -83,7 +83,7 @@ class Estimate(JudgedView):
     disturbances : tuple of EstimatedError
         Drifts and hums of sensors that were found with the coefficients.
     unseen_terms : tuple of UnseenTerm
-        Terms that exact laws may lack without a sign in the records, though they would move a coefficient, the farthest first.
+        What exact laws may lack without a sign in the records, though it would move a coefficient, the farthest first.
     links_in_doubt : frozenset of str
         Links of a discovery that others may stand for; their coefficients have no intervals.
     for_dropped_terms : array of shape (p, p) or None

@@ -6,26 +6,34 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from linkwise.model.host_damping import in_words, is_between_modes
+from linkwise.model.parameters import MASS
 
-_TOLD = 3  # coefficients; the others are listed
+_TOLD = 3  # coefficients, or masses; the others are listed
+_OF_TERMS = "larger amplitudes, a longer record or less noise tell whether they lack such a term"
+_OF_MASSES = (
+    "weigh these masses to better than that, or state how well they are known, as { start = 0.01, sigma = 1e-4 }, which the "
+    "intervals then include"
+)
 
 
 @dataclass(frozen=True)
 class UnseenTerm:
     """A term that records of exact laws bound so loosely that it could move a coefficient out of its interval.
 
-    Damping between two modes of a host that the host does not have is such a term as well.
+    Damping between two modes of a host that the host does not have is such a term as well, and so is the force of inertia of a
+    mass that is off the stated one.
 
     Attributes
     ----------
     link : str
-        The link whose law may lack it; of damping between modes the one that would hold it, as ``"wing.mode1+mode2"``.
+        The link whose law may lack it; of damping between modes the one that would hold it, as ``"wing.mode1+mode2"``, and
+        the mass where that may be off.
     term : str
-        Its form, such as ``"d**5"``; ``"v"`` of damping between modes.
+        Its form, such as ``"d**5"``; ``"v"`` of damping between modes, ``"mass"`` of a mass.
     share : float
         The largest part of the force in the link, by root mean squares, that it could make: the end of its 95 % interval that
         is farther from zero. Of damping between modes, the part of the largest that dissipates in every motion, the
-        geometric mean of the damping of the two modes.
+        geometric mean of the damping of the two modes. Of a mass, the part of it by which it may be off, at most a fifth.
     coefficient : str
         The coefficient that a term of this size would change most, counted in standard errors.
     change : float
@@ -55,13 +63,21 @@ class UnseenTerm:
     def description(self) -> str:
         """In words, with its sizes."""
         part = f"of up to {100.0 * self.share:.2g} %"
+        change = (
+            f"would change {self.coefficient} by {100.0 * self.relative_change:.2g} % or "
+            f"{self.standard_errors:.2g} of its standard errors"
+        )
+        if self.is_mass:
+            return f"a mass of {self.link} that is off by up to {100.0 * self.share:.2g} %, which {change}"
         term = f"a force like {self.term} in {self.link} {part} of the force there"
         if is_between_modes(self.link):
             term = f"damping {in_words(self.link)} {part} of the largest that dissipates"
-        return (
-            f"{term}, which would change {self.coefficient} by {100.0 * self.relative_change:.2g} % or "
-            f"{self.standard_errors:.2g} of its standard errors"
-        )
+        return f"{term}, which {change}"
+
+    @property
+    def is_mass(self) -> bool:
+        """Whether it is an error of a stated mass."""
+        return self.term == MASS
 
     def to_dict(self) -> dict[str, str | float]:
         """What result.json holds of it.
@@ -83,15 +99,24 @@ class UnseenTerm:
 
 
 def unseen_remark(terms: Sequence[UnseenTerm]) -> tuple[str, ...]:
-    """What is told of `unseen_terms` in a sentence: the first ones that move different coefficients; nothing without any."""
+    """What is told of `unseen_terms`: a sentence on terms, and one on masses; nothing without any."""
+    masses = [term for term in terms if term.is_mass]
+    return (
+        *_remark([term for term in terms if not term.is_mass], "laws", "terms", _OF_TERMS),
+        *_remark(masses, "masses", "masses", _OF_MASSES),
+    )
+
+
+def _remark(terms: Sequence[UnseenTerm], stated: str, kind: str, advice: str) -> tuple[str, ...]:
+    """A sentence on the first ones that move different coefficients, or of different masses; none without any."""
     of_each: dict[str, UnseenTerm] = {}
     for term in terms:
-        of_each.setdefault(term.coefficient, term)
+        of_each.setdefault(term.link if term.is_mass else term.coefficient, term)
     if not terms:
         return ()
     first = list(of_each.values())[:_TOLD]
-    more = f" In all, {len(terms)} such terms are listed in the result." if len(terms) > len(first) else ""
+    more = f" In all, {len(terms)} such {kind} are listed in the result." if len(terms) > len(first) else ""
     return (
-        f"The records do not rule out {'; '.join(term.description for term in first)}. The intervals hold for the laws as "
-        f"stated: larger amplitudes, a longer record or less noise tell whether they lack such a term.{more}",
+        f"The records do not rule out {'; '.join(term.description for term in first)}. The intervals hold for the {stated} as "
+        f"stated: {advice}.{more}",
     )

@@ -38,6 +38,7 @@ from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.single_tests import SingleTests, finite_columns, single_tests
+from linkwise.likelihood.stated_masses import LARGEST, likely_masses
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
@@ -47,7 +48,6 @@ from linkwise.runtime import one_blas_thread
 _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 """What the log determinant does not see: a jump, and forces with memory."""
 
-_LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
 _GROWTH = 1e3  # of a state over a segment, beyond which single precision would lose products of sensitivities
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 # of a sample squared: what straight lines take off a motion is its second derivative times it
@@ -56,7 +56,7 @@ _NEAR = 0.2  # relative, by which a filter may differ from that and still look l
 # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 _CHANCE = 16.0
 _CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
-_SHIFTED = 3.0  # standard errors that such a filter changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
+_SHIFTED = 3.0  # standard errors that it, or a mass, changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _LISTED = 3  # hypotheses in a sentence
 _NOTHING_TESTED = " Errors of sensors and missing terms were not tested: at these values the equations for them are singular."
@@ -258,14 +258,14 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
     kinds = [hypothesis.kind for hypothesis in hypotheses]
     relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
-    small = ~relative | (np.abs(sizes) < _LARGEST)
+    small = ~relative | (np.abs(sizes) < LARGEST)
     at_filter = kinds.index("filter")
     limit = least_gain(len(gains))
-    significant = small & (gains > limit)
+    significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
     significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)
     if significant[at_filter]:
         attenuation = sizes[at_filter] * relative_to_gain(tested.filtered, tested.errors)
-        significant[at_filter] = 0.0 < attenuation < _LARGEST
+        significant[at_filter] = 0.0 < attenuation < LARGEST
     scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
     )

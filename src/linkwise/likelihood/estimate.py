@@ -363,8 +363,8 @@ def estimate_of(
     covariance = sum(added, covariance)
     units = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
-    stated = judgement.tested if offered is None else None  # a search says what else it would find
-    unseen = () if stated is None else unseen_terms(fit, identified, stated, covariance)
+    of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
+    unseen = unseen_terms(fit, identified, judgement.trusted_tests, covariance, terms=of_terms)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),

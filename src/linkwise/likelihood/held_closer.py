@@ -27,6 +27,7 @@ from linkwise.likelihood.shooting.anneal import (
     anneal,
 )
 from linkwise.model.law import Law
+from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 
 _CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error, or the noise of inputs
@@ -51,12 +52,16 @@ class HiddenTerm:
 
     @property
     def dissipates(self) -> bool:
-        """Whether it depends on the rate, or on its past."""
+        """Whether it depends on the rate, or on its past; an error of a mass is a force of inertia."""
+        return self.cause.kind != MASS and self._depends_on_rate
+
+    @property
+    def _depends_on_rate(self) -> bool:
         return self.cause.term in MEMORY_TERMS or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
 
 
 def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> HiddenTerm | None:
-    """The missing term that explains most of what the laws leave where the motion is held closer to them.
+    """The missing term, or error of a mass, that explains most of what the laws leave where the motion is held closer to them.
 
     Parameters
     ----------
@@ -70,7 +75,7 @@ def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[st
     Returns
     -------
     HiddenTerm or None
-        The term; None where there is none, or the motion cannot be held closer.
+        The term, or the mass; None where there is none, or the motion cannot be held closer.
     """
     optimum = fit.optimum
     exact = not fit.random_forces and optimum.q <= AnnealingSchedule.final_q
@@ -133,7 +138,7 @@ def _explaining(
     if not np.isfinite(left):
         return None
     causes = diagnose(closer_fit, closer_structure, channels, terms=True).causes
-    if not causes or causes[0].kind != "term" or not causes[0].gain > _MOST * left:
+    if not causes or causes[0].kind not in ("term", MASS) or not causes[0].gain > _MOST * left:
         return None
     change, shift = 0.0, 0.0
     if causes[0].shifted:

@@ -36,12 +36,14 @@ from linkwise.likelihood.held_errors import (
 from linkwise.likelihood.hidden_wells import about_another_rest
 from linkwise.likelihood.input_noise import InputNoise, for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.local_optima import is_regular
-from linkwise.likelihood.missing_terms import for_missing_terms
+from linkwise.likelihood.missing_terms import MissingTerms, for_missing_terms
 from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.nearly_exact import Doubt, doubt, share_of_term, with_small_model_error
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.stated_masses import HintedMasses, hinted_masses
 from linkwise.likelihood.unstated_forces import unstated_forces
 from linkwise.likelihood.whiteness import is_coloured
+from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.signals.outliers import outliers_exceed_noise
@@ -77,8 +79,8 @@ class Judgement:
     the `diagnosis` of it, the largest gain in likelihood first.
 
     To be added to the covariance (p, p) of the fit are `for_missing_terms`, where a model error is trusted that terms explain
-    a part of or residuals hint at terms, `for_blocks`, where blocks doubt laws that leave hardly more than noise, and
-    `for_input_noise`, where the residuals hint at noise of an input. `tested` is what was tested where nothing is significant.
+    a part of or residuals hint at terms or errors of masses, `for_blocks`, where blocks doubt laws that leave hardly more than
+    noise, and `for_input_noise`, where the residuals hint at noise of an input. `tested` is what was tested.
     """
 
     verdict: Verdict
@@ -89,6 +91,16 @@ class Judgement:
     for_blocks: Floats | None = None
     for_input_noise: Floats | None = None
     tested: TestedCauses | None = None
+
+    @property
+    def trusted_tests(self) -> TestedCauses | None:
+        """What was tested, where the verdict lets the answer be trusted."""
+        return None if self.verdict.forbids else self.tested
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the laws leave only noise, in which nothing is significant."""
+        return self.verdict is Verdict.CONVERGED and not self.diagnosis
 
 
 def assess(
@@ -102,13 +114,7 @@ def assess(
     if failed is not None:
         return failed
     coloured = fit.optimum.coloured
-    chance = 0.0 if len(identified.links) - len(identified.modes) <= _FEW_LINKS else _CHANCE
-    imperfect = (
-        coloured is not None
-        or max(fit.model_error, fit.optimum.q) > AnnealingSchedule.final_q  # laws lacking much fit then too
-        or fit.chi_square > 1.0 + chance * np.sqrt(2.0 / fit.samples)
-    )
-    diagnosis = diagnose(fit, identified, channels, terms=imperfect or bool(fit.random_forces))
+    diagnosis = diagnose(fit, identified, channels, terms=_may_lack_any_term(fit, identified))
     inputs = noise_of_inputs(fit, identified, channels)
     noisy = (input_noise.cause for input_noise in inputs if input_noise.cause is not None)
     every = (*diagnosis.causes, *noisy, *unstated_forces(fit, identified, channels))
@@ -128,7 +134,7 @@ def assess(
         coloured=remembering,
         filtered=1 < len(responses) == len(remembering) and lag_one_autocorrelation(fit.misfit) > 0.0,
     )
-    missing, noise = counted.missing, None
+    missing, noise, masses = counted.missing, None, None
     by_blocks = None if fit is given else fit.covariance - given.covariance
     if not verdict.forbids and not causes:
         hidden = hidden_term(fit, identified, channels)
@@ -138,22 +144,36 @@ def assess(
             inexact = verdict is Verdict.MODEL_ERROR_NEEDED
             missing = for_missing_terms(hidden.closer_fit, identified) if inexact else None
     message += _of_forces(fit, verdict, causes, channels) + diagnosis.remark
+    doubted = None
     if verdict is Verdict.CONVERGED and not causes:
         noise = for_noise_of_inputs(fit, inputs)
         white = coloured is None and not fit.random_forces
         doubted = doubt(fit, identified, diagnosis.tested, searched=searched) if white else None
         if doubted is not None:
             missing, by_blocks = doubted.missing, doubted.for_blocks(fit.covariance)
-        message += _of_hints(doubted, noise)
+    if diagnosis.tested and not (verdict.forbids or causes):
+        masses = hinted_masses(fit, diagnosis.tested)
+    message += _of_hints(doubted, noise, masses)
     return Judgement(
         verdict,
         message,
         share,
         causes,
-        for_missing_terms=None if missing is None or verdict.forbids else missing.covariance,
+        for_missing_terms=None if verdict.forbids else _sum_of_covariances(missing, masses),
         for_blocks=None if verdict.forbids else by_blocks,
         for_input_noise=None if noise is None else noise[1],
-        tested=diagnosis.tested if verdict is Verdict.CONVERGED and not causes else None,
+        tested=diagnosis.tested,
+    )
+
+
+def _may_lack_any_term(fit: LikelihoodFit, identified: Structure) -> bool:
+    """Whether the laws leave enough for all terms to be tested, not only the usual ones."""
+    chance = 0.0 if len(identified.links) - len(identified.modes) <= _FEW_LINKS else _CHANCE
+    return (
+        bool(fit.random_forces)
+        or fit.optimum.coloured is not None
+        or max(fit.model_error, fit.optimum.q) > AnnealingSchedule.final_q  # laws lacking much fit then too
+        or fit.chi_square > 1.0 + chance * np.sqrt(2.0 / fit.samples)
     )
 
 
@@ -172,9 +192,19 @@ def _failed(fit: LikelihoodFit) -> Judgement | None:
     return None
 
 
-def _of_hints(doubted: Doubt | None, noise: tuple[InputNoise, Floats] | None) -> str:
+def _sum_of_covariances(*parts: MissingTerms | HintedMasses | None) -> Floats | None:
+    """What parts that are there add to the covariance of the coefficients."""
+    added = [part.covariance for part in parts if part is not None]
+    return np.sum(added, axis=0) if added else None
+
+
+def _of_hints(
+    doubted: Doubt | None, noise: tuple[InputNoise, Floats] | None, masses: HintedMasses | None
+) -> str:
     """What the residuals of exact laws hint at, and intervals hold."""
     hints = [noise[0].description] if noise else []
+    if masses:
+        hints.append(masses.hint)
     if doubted:
         hints.append(doubted.hint)
     return f" The residuals hint at {' and '.join(hints)}; the intervals allow for that." if hints else ""
@@ -185,11 +215,16 @@ def _with_hidden_term(
 ) -> tuple[Verdict, str]:
     """The verdict where a model error, or noise of inputs, hides a missing term, so that the diagnosis beside it is silent.
 
+    An error of a mass forbids trust as well where it would change a coefficient by more than its interval says.
+
     A damper or friction is a small part of the force in its link, and a large one of what dissipates: it forbids trust where
     it would change a coefficient by more than can be neglected. Beside noise of inputs every term does that would change one
     by more than its interval says.
     """
-    if fit.model_error > 0.0 and (not hidden.dissipates or hidden.change < LARGEST_TERM):
+    is_mass = hidden.cause.kind == MASS
+    if is_mass and hidden.shift <= LARGEST_SHIFT:
+        return verdict, message + likeliest((hidden.cause,))
+    if fit.model_error > 0.0 and not is_mass and (not hidden.dissipates or hidden.change < LARGEST_TERM):
         return verdict, f"{message}{likeliest((hidden.cause,))}{moved((hidden.cause,))}"
     if fit.random_forces and hidden.shift <= LARGEST_SHIFT:
         return verdict, message + likeliest((hidden.cause,))
@@ -197,10 +232,11 @@ def _with_hidden_term(
     change = f", and change {hidden.cause.shifted} by {100.0 * hidden.change:.2g} %" if named else ""
     noise = " and ".join(f"noise of {force.where}" for force in fit.random_forces)
     where = f"with the {noise}" if noise else "where the motion departs from it a little"
-    return Verdict.SYSTEMATIC_MISFIT, (
+    misfit = Verdict.MEASUREMENT_ERROR if is_mass else Verdict.SYSTEMATIC_MISFIT
+    advice = ": correct it, or estimate it with the other unknowns" if is_mass else "; a term is missing"
+    return misfit, (
         f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
-        f"{would_explain(hidden.cause)}{change}. Intervals would not include that, so none is given; a term is "
-        f"missing."
+        f"{would_explain(hidden.cause)}{change}. Intervals would not include that, so none is given{advice}."
     )
 
 

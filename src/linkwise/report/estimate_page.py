@@ -27,7 +27,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
-UNSEEN_HEAD = ("link", "term", "up to, % of its force", "would change", "by %", "standard errors")
+UNSEEN_HEAD = (
+    "link or mass",
+    "term",
+    "up to, % of its force or mass",
+    "would change",
+    "by %",
+    "standard errors",
+)
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
 
@@ -49,7 +56,7 @@ def _record(reported: Reported[Estimate]) -> Section:
 
 
 def _unseen(reported: Reported[Estimate]) -> Section | None:
-    """Terms that the record does not rule out, where there are some."""
+    """Terms, and errors of stated masses, that the record does not rule out, where there are some."""
     terms = reported.result.unseen_terms
     rows = [
         (
