@@ -36,6 +36,24 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def written(place: Path, name: str, gain: float, folder: Path) -> Path:
+    """A record of `place` whose force was measured with a gain, written into a folder."""
+    record = lw.read_record(place / f"{name}.csv")
+    values = record.values.copy()
+    values[:, record.channels.index("force:m1")] *= gain
+    lw.write_record(replace(record, values=values), folder / f"{name}.csv")
+    return folder / f"{name}.csv"
+
+
+@pytest.fixture(scope="module")
+def scaled(place: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The answer to a record whose load cell has a gain, with that gain found."""
+    folder = tmp_path_factory.mktemp("scaled")
+    record = lw.read_record(written(place, "run1", 1.05, folder))
+    lw.write_result(lw.identify(record, duffing(900.0).unknown("all"), gains=["force:m1"]), folder / "answer")
+    return folder / "answer"
+
+
 def test_json_of_an_answer(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--burn", "0.25", "--from", "0.5", "--to", "2.5", "--json"]
     assert run(["validate", str(place / "run2.csv"), str(place / "answer"), *arguments]) == 0
@@ -133,22 +151,10 @@ def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_a_gain_that_is_stated_counts_in_place_of_what_the_answer_found(
     gain: float, stated: tuple[str, ...], code: int, removed: bool, tmp_path: Path, place: Path,
-    capsys: pytest.CaptureFixture[str],
+    scaled: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     """Both were taken out, and a record of a load cell that was repaired could not be told."""
-
-    def written(name: str, factor: float) -> str:
-        record = lw.read_record(place / f"{name}.csv")
-        values = record.values.copy()
-        values[:, record.channels.index("force:m1")] *= factor
-        lw.write_record(replace(record, values=values), tmp_path / f"{name}.csv")
-        return str(tmp_path / f"{name}.csv")
-
-    first = lw.read_record(written("run1", 1.05))
-    lw.write_result(
-        lw.identify(first, duffing(900.0).unknown("all"), gains=["force:m1"]), tmp_path / "answer"
-    )
-    assert run(["validate", written("run2", gain), str(tmp_path / "answer"), *stated]) == code
+    assert run(["validate", str(written(place, "run2", gain, tmp_path)), str(scaled), *stated]) == code
     said = " ".join(capsys.readouterr().out.split())
     assert ("! The gain of force:m1 that the answer found, 1.0" in said) is not removed
     assert ("Removed from the record, as found by the answer: gain of force:m1" in said) is removed
