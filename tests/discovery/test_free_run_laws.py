@@ -57,8 +57,15 @@ def refused(*_: object, **__: object) -> NoReturn:
     raise lw.IdentificationError("the motion runs to infinity")
 
 
-def test_what_filters_make_of_harmonics_is_no_damping(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = discovered()
+@pytest.fixture(scope="module")
+def held() -> lw.Discovery:
+    """What is found with the laws that the free run asks for."""
+    return discovered()
+
+
+def test_what_filters_make_of_harmonics_is_no_damping(
+    held: lw.Discovery, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert held.trusted and lw.Verdict.MODEL_ERROR_NEEDED in held.verdicts
     assert {term.term for term in held.kept} == TRUE
     [remark] = [text for text in held.remarks if "Held to the laws" in text]
@@ -73,7 +80,6 @@ def test_what_filters_make_of_harmonics_is_no_damping(monkeypatch: pytest.Monkey
     assert left_by_free_run(held) < 0.95 * left_by_free_run(loose)
 
 
-def test_dropped_terms_are_printed_with_their_functions() -> None:
-    held = discovered()
+def test_dropped_terms_are_printed_with_their_functions(held: lw.Discovery) -> None:
     steps = [line for line in str(held).splitlines() if " + m1-ground." in line]
     assert all("(v" in line for line in some(steps))

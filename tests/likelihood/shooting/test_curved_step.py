@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ HITS = "80*exp(-((t - 0.02)/0.002)**2) + 60*exp(-((t - 0.17)/0.002)**2)"
 TOLERANCE = 2.0 * AnnealingSchedule.tolerance  # of two searches that end at one optimum
 
 
+@cache
 def optimum(seed: int) -> Optimum:
     """Of accelerations at 30 dB, with tight links between the segments."""
     rough = oscillator(LAW, mass=0.1, **VALUES)
