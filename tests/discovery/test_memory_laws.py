@@ -92,7 +92,7 @@ def test_takes_memory_into_a_stated_link() -> None:
 
 def test_does_not_take_a_missing_form_for_memory() -> None:
     found = lw.discover(
-        noisy(plain("k*d + c*v + k3*d**3", k=800.0, c=1.0, k3=4e5), 73, 3.0), MASSES, terms="linear"
+        noisy(plain("k*d + c*v + k3*d**3", k=800.0, c=1.0, k3=4e5), 73, 2.5), MASSES, terms="linear"
     )
     assert not found.trusted and not any(each.certain for each in found.memory)
 

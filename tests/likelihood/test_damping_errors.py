@@ -41,7 +41,7 @@ def record(between: float, seed: int = 811) -> lw.Record:
     return lw.simulate(
         wing({(1, 2): between} if between else None),
         forces={"wing.joint": FORCE},
-        duration=5.0,
+        duration=3.5,
         rate=250.0,
         sensors=["a:wing.tip", "a:wing.joint", "a:store"],
     ).with_noise(25.0, seed=seed)

@@ -35,7 +35,7 @@ def _hit(
         _beam(0.03, **SINK),
         forces={"beam.root": hits},
         release={"x:sink": -well},
-        duration=2.5,
+        duration=1.8,
         rate=1000.0,
         sensors=sensors,
     ).with_noise(snr, seed=seed)

@@ -29,14 +29,14 @@ def wing(mass: float | lw.Coefficient = 0.05) -> lw.Structure:
 
 @cache
 def shaken(kind: str, seed: int) -> lw.Record:
-    """Six seconds of a force of twelve frequencies, with three sensors of one kind."""
+    """Four seconds of a force of twelve frequencies, with three sensors of one kind."""
     rng = np.random.default_rng(seed)
     tones = zip(rng.uniform(2.0, 40.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12), strict=True)
     force = " + ".join(f"0.6*sin({2.0 * np.pi * frequency}*t + {phase})" for frequency, phase in tones)
     return lw.simulate(
         wing(),
         forces={"wing.joint": force},
-        duration=6.0,
+        duration=4.0,
         rate=400.0,
         sensors=[f"{kind}:wing.tip", f"{kind}:wing.joint", f"{kind}:store"],
     ).with_noise(35.0, seed=seed)
@@ -134,7 +134,7 @@ def test_equivalent_springs_start_a_joint_between_two_points_of_a_host() -> None
     lines = zip(np.linspace(2.0, 42.0, 40), rng.uniform(0.0, 2.0 * np.pi, 40), strict=True)
     force = " + ".join(f"2*sin({2.0 * np.pi * frequency}*t + {phase})" for frequency, phase in lines)
     sensors = ["a:air.shaker", "a:air.left", "a:air.right"]
-    record = lw.simulate(true, forces={"air.shaker": force}, duration=8.0, rate=400.0, sensors=sensors)
+    record = lw.simulate(true, forces={"air.shaker": force}, duration=5.0, rate=400.0, sensors=sensors)
     off = [lw.Coefficient.unknown(f * (1.0 + 0.005 * rng.normal()), sigma=0.005 * f) for f in frequencies]
     stated = structure({}, joint, hosts=[host("air", off, 0.01, shapes)], name="aircraft").unknown("joint")
     fit = lw.identify(record.with_noise(40.0, seed=64), stated)

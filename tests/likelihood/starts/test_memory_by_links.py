@@ -31,7 +31,7 @@ def test_storeys_are_found_from_their_forces(shared: bool) -> None:
         lower, upper = asked.links
         same = {key: lw.Coefficient.shared(f"lower.{key}") for key in upper.coefficients}
         asked = replace(asked, links=(lower, replace(upper, coefficients=same)))
-    record = lw.simulate(frame(), duration=10.0, rate=100.0, base=BASE, sensors=["a", "a:base"])
+    record = lw.simulate(frame(), duration=5.0, rate=100.0, base=BASE, sensors=["a", "a:base"])
     record = replace(record.with_noise(40.0, seed=31), simulated=None)
     valleys = memory_starts_by_links(framed(record, asked).record, asked, {})
     is_force = np.array([p.name.partition(".")[2] in ("k", "F") for p in asked.parameters])
