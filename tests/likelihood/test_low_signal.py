@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from problems import chain_record, truth
@@ -12,6 +14,7 @@ CHAIN = lw.bnes_chain(2)
 FAR = 5.0  # standard errors: of five coefficients by chance 3e-6
 
 
+@cache
 def identified(seed: int) -> lw.Estimate:
     return lw.identify(chain_record(2).with_noise(5.0, seed=seed), CHAIN.unknown("all"))
 
