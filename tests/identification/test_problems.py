@@ -27,8 +27,8 @@ def test_coefficients_lie_within_their_errors(problem: Problem, method: Literal[
 def test_both_methods_agree_and_likelihood_is_the_sharper(problem: Problem) -> None:
     """Their difference scatters by less than the error of the weak form, since the likelihood uses all that it uses.
 
-    With the noise of another seed, 12, the residuals of two masses at 40 dB hint at an error of a stated mass, as one record in
-    80 does by chance; the intervals of the likelihood then include it, those of the weak form never do.
+    With the noise of another seed, 12, the residuals of two masses at 40 dB hint at an error of a stated mass, as one record
+    in 80 does by chance; the intervals of the likelihood then include it, those of the weak form never do.
     """
     record, unknown = problem.record(seed=13), problem.unknown_structure
     likelihood, weak = lw.identify(record, unknown), lw.identify(record, unknown, method="weak")

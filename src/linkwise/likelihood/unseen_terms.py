@@ -79,7 +79,7 @@ def unseen_terms(
             UnseenTerm(
                 link=hypothesis.where,
                 term=MASS if hypothesis.kind == MASS else hypothesis.term or "v",
-                share=limit / whole,
+                share=float(limit / whole),
                 coefficient=fit.segments.system.parameters.names[farthest],
                 change=float(change[farthest]),
                 standard_errors=float(shifts[farthest]),
