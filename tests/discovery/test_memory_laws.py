@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 from structures import link, named, structure
 
 import linkwise as lw
+from linkwise.discovery.memory_laws import MemorySelection, select_memory
 from linkwise.discovery.memory_terms import link_with_memory, memory_laws, plain_terms
 from linkwise.discovery.terms import offered_memory
 
@@ -90,10 +92,19 @@ def test_takes_memory_into_a_stated_link() -> None:
     assert found.structure.link("joint").law.text == "k*d + c*v + F*z"
 
 
-def test_does_not_take_a_missing_form_for_memory() -> None:
+def test_does_not_take_a_missing_form_for_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The selection refuses it: memory leaves more than noise there."""
+    selected: list[MemorySelection | None] = []
+
+    def recorded(*arguments: Any) -> MemorySelection | None:
+        selected.append(select_memory(*arguments))
+        return selected[-1]
+
+    monkeypatch.setattr("linkwise.discovery.discover.select_memory", recorded)
     found = lw.discover(
         noisy(plain("k*d + c*v + k3*d**3", k=800.0, c=1.0, k3=4e5), 73, 2.5), MASSES, terms="linear"
     )
+    assert selected == [None]
     assert not found.trusted and not any(each.certain for each in found.memory)
 
 
