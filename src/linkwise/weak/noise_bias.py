@@ -69,31 +69,35 @@ def noise_bias(
         )
         if under not in coverage:
             coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
-        linear = covariance[rows] * (first.part.sign * (first.slope @ coverage[under].T))[:, kernel] * slope
+        linear = covariance[rows] * (first.signed[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
         bias[rows] += linear
         bias[:, rows] += linear.T
+        weighted: dict[int, list[Floats]] = {}
         for second in curved[number:]:
             if second is not first and alone(first.part) and alone(second.part):
                 continue
-            sign = first.part.sign * second.part.sign
-            mixed = sign * _product_bias(
-                first,
-                second,
-                covariance[rows, second.terms],
-                coverage[under][second.part.kernel],
-            )
+            under_second = second.part.kernel
+            if under_second not in weighted:
+                weighted[under_second] = [h * coverage[under][under_second] for h in first.derivatives[1:]]
+            mixed = _product_bias(first, second, covariance[rows, second.terms], weighted[under_second])
             bias[rows, second.terms] += mixed
             if second is not first:
                 bias[second.terms, rows] += mixed.T
     return np.asarray(bias)
 
 
-def _product_bias(first: LawTerms, second: LawTerms, covariance: Floats, weight: Floats) -> Floats:
-    """(m, m'): the bias of the products of two sets of curved functions, summed over samples with `weight` (N,)."""
+def _product_bias(
+    first: LawTerms, second: LawTerms, covariance: Floats, weighted: Sequence[Floats]
+) -> Floats:
+    """(m, m'): the bias of the products of two sets of curved functions, summed over samples.
+
+    `weighted` are the derivatives of the first, without their factors, times the weights of the samples.
+    """
     total, factor = np.zeros(covariance.shape), -1.0
-    for order, (h, g) in enumerate(zip(first.derivatives[1:], second.derivatives[1:], strict=False), start=1):
+    pairs = zip(weighted, second.derivatives[1:], strict=False)
+    factors = zip(first.signed[1:], second.signed[1:], strict=False)
+    for order, ((h, g), (of_h, of_g)) in enumerate(zip(pairs, factors, strict=True), start=1):
         factor /= -order
-        weighted = h * weight
-        products = g * weighted.sum(axis=-1, keepdims=True) if isinstance(g, float) else weighted @ g.T
-        total += factor * covariance**order * products
+        products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
+        total += factor * of_h * of_g * covariance**order * products
     return total

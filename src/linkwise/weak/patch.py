@@ -308,7 +308,7 @@ class PatchContext:
         """(q, R): the terms under the kernels that stand `behind` those of the equations; 0 where there is none."""
         rows = np.zeros((len(layout.kernel), self.filtered.shape[2]))
         for terms in evaluated:
-            kernel, sign, first = terms.part.kernel + behind, terms.part.sign, terms.derivatives[0]
+            kernel, sign, first = terms.part.kernel + behind, terms.signed[0], terms.derivatives[0]
             if kernel >= len(self.filtered):
                 continue
             if terms.part.plain:
@@ -334,7 +334,7 @@ class PatchContext:
         )
         slopes = np.repeat(constant[:, None], len(centres), axis=1)
         for terms in curved:
-            slopes[terms.terms] = terms.part.sign * np.asarray(terms.slope)[:, centres]
+            slopes[terms.terms] = terms.signed[1] * np.asarray(terms.slope)[:, centres]
         change = self._change(layout)
         if change is not None:
             slopes[layout.eliminating] = change.slopes(slopes)

@@ -82,7 +82,7 @@ def rate_bias(
                 continue
             columns = second.terms
             weighted = by_rate * displaced[second.part.kernel]
-            mixed = second.part.sign * covariance[rows, columns] * (weighted @ second.slope.T)
+            mixed = second.signed[1] * covariance[rows, columns] * (weighted @ second.slope.T)
             bias[rows, columns] += mixed
             bias[columns, rows] += mixed.T
         for second, by_second in rated[number:]:

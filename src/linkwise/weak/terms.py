@@ -27,7 +27,9 @@ class LawTerms:
     terms : slice
         The terms in the layout.
     derivatives : tuple
-        h, h', h'', ...: arrays of shape (m, N) over all samples, numbers where constant.
+        h, h', h'', ... without their factors: arrays of shape (m, N) over all samples, numbers where constant.
+    factors : tuple of float
+        What these are to be multiplied by; 1 for numbers.
     rate_slope : array of shape (m, N) or None
         The mean slope of h with respect to a noisy v; None for parts that need no rate.
     """
@@ -36,12 +38,18 @@ class LawTerms:
     links: Indices
     terms: slice
     derivatives: tuple[Floats | float, ...]
+    factors: tuple[float, ...]
     rate_slope: Floats | None = None
 
     @property
     def slope(self) -> Floats | float:
-        """First derivative h'."""
+        """First derivative h' without its factor."""
         return self.derivatives[1] if len(self.derivatives) > 1 else 0.0
+
+    @property
+    def signed(self) -> tuple[float, ...]:
+        """The factors times the sign of the part."""
+        return tuple(self.part.sign * factor for factor in self.factors)
 
 
 def law_terms(
@@ -83,7 +91,7 @@ def law_terms(
     IdentificationError
         If an unknown enters its law nonlinearly and has no start.
     """
-    evaluated, rate_slopes = [], []
+    evaluated, rate_slopes, factors = [], [], []
     for group in layout.groups:
         inside = {name: group.coefficients[name].at(values)[:, None] for name in group.weak_law.inside}
         _require_starts(structure_layout, group, inside)
@@ -91,6 +99,7 @@ def law_terms(
         v = rates(d) if group.weak_law.needs_rate else np.zeros(())
         noise = variance(group.links)[:, None]
         evaluated.append(iter(group.weak_law.evaluate(d, v, noise, inside)))
+        factors.append(iter(group.weak_law.factors))
         deviation = np.where(
             noise > 0.0, rate_noise * np.sqrt(noise), 1.0
         )  # without noise slopes do not count
@@ -104,6 +113,7 @@ def law_terms(
             layout.groups[terms.group].links,
             terms.terms,
             tuple(next(evaluated[terms.group])),
+            next(factors[terms.group]),
             next(rate_slopes[terms.group], None),
         )
         for terms in layout.group_terms

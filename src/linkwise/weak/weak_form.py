@@ -10,19 +10,29 @@ so that no signal is differentiated:
 White noise e of variance s^2 on d biases a curved function: E h(d + e) = exp(s^2/2 D^2) h(d). The inverse of that operator,
 exp(-s^2/2 D^2), applied to h gives a function of the noisy d that is unbiased; for d^k it is the Hermite polynomial
 of METHODS section 4. It commutes with D, so its derivatives are the unbiased estimates of the derivatives of h; `moments` of
-products need them.
+products need them. Those of a power are multiples of the functions of lower powers, which are evaluated once for all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 from linkwise.arrays import Floats
 from linkwise.expression.calculus import antiderivative, differentiate, polynomial
 from linkwise.expression.program import Program
-from linkwise.expression.tree import ZERO, Expression, Number, Symbol, add, multiply, substitute, symbols
+from linkwise.expression.tree import (
+    ZERO,
+    Expression,
+    Number,
+    Symbol,
+    add,
+    multiply,
+    power,
+    substitute,
+    symbols,
+)
 from linkwise.model.law import Law
 
 PHI, PHI_1, PHI_2 = 0, 1, 2  # phi, phi', phi'': rows of Window.kernels
@@ -106,15 +116,14 @@ class WeakLaw:
         return any(part.curved for part in self.parts)
 
     @cached_property
-    def _derivatives(self) -> tuple[tuple[Expression, ...], ...]:
-        """For each part its unbiased function and the derivatives of that by d which are not zero."""
-        derivatives = []
-        for part in self.parts:
-            chain = [_without_bias(part.function)]
-            while len(chain) <= _HIGHEST and (following := differentiate(chain[-1], "d")) != ZERO:
-                chain.append(following)
-            derivatives.append(tuple(chain))
-        return tuple(derivatives)
+    def _derivatives(self) -> tuple[tuple[tuple[float, Expression], ...], ...]:
+        """For each part its unbiased function and the derivatives of that by d which are not zero: factors and functions."""
+        return tuple(tuple(_chain(part.function)) for part in self.parts)
+
+    @cached_property
+    def factors(self) -> tuple[tuple[float, ...], ...]:
+        """For each part what the functions that `evaluate` gives are to be multiplied by."""
+        return tuple(tuple(factor for factor, _ in chain) for chain in self._derivatives)
 
     @cached_property
     def inside(self) -> tuple[str, ...]:
@@ -125,7 +134,10 @@ class WeakLaw:
     @cached_property
     def _program(self) -> Program:
         varying = [
-            function for chain in self._derivatives for function in chain if not isinstance(function, Number)
+            function
+            for chain in self._derivatives
+            for _, function in chain
+            if not isinstance(function, Number)
         ]
         return Program(varying, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
 
@@ -146,19 +158,19 @@ class WeakLaw:
         Returns
         -------
         list of list of array or float
-            For each part h, h', h'', ...: arrays of the shape of d, or numbers where constant.
+            For each part h, h', h'', ... without their `factors`: arrays of the shape of d, or numbers where constant.
         """
         arguments = [d, v, variance, *(values[name] for name in self.inside)]
         arrays = iter(self._program(*arguments))
         return [
-            [function.value if isinstance(function, Number) else next(arrays) for function in chain]
+            [function.value if isinstance(function, Number) else next(arrays) for _, function in chain]
             for chain in self._derivatives
         ]
 
     @cached_property
     def _rate_program(self) -> Program:
         rated = [
-            chain[0] for part, chain in zip(self.parts, self._derivatives, strict=True) if part.needs_rate
+            chain[0][1] for part, chain in zip(self.parts, self._derivatives, strict=True) if part.needs_rate
         ]
         return Program(rated, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
 
@@ -227,6 +239,27 @@ def _parts(coefficient: str | None, increment: bool, term: Expression, first: in
     if at_rest != ZERO:
         parts.append(WeakPart(coefficient, increment, first + PHI, 1.0, at_rest))
     return parts
+
+
+def _chain(function: Expression) -> Iterator[tuple[float, Expression]]:
+    """The unbiased function and the derivatives of that by d which are not zero, as factors and functions."""
+    terms = polynomial(function, ("d",))
+    if terms is not None and len(terms) == 1:
+        (((degree,), factor),) = terms.items()
+        if degree > 1 and isinstance(factor, Number):
+            number = factor.value
+            for lower in range(degree, max(degree - _HIGHEST, 1) - 1, -1):
+                yield number, _without_bias(power(_ELONGATION, lower))
+                number *= lower
+            if degree <= _HIGHEST:
+                yield 1.0, Number(number)
+            return
+    current = _without_bias(function)
+    for _ in range(_HIGHEST + 1):
+        yield 1.0, current
+        current = differentiate(current, "d")
+        if current == ZERO:
+            return
 
 
 def _without_bias(function: Expression) -> Expression:
