@@ -239,13 +239,16 @@ def test_no_score_is_beyond_its_bound(masses: int, snr_db: float) -> None:
         system = weak_equations(
             record, wide, equations.motion, window=equations.window, values=known, alone=alone
         )
-        return ScoreTests.of(system.patches[0], system, known)
+        return ScoreTests.of(system.patches[0], system, known, equations.structure_layout)
 
     apart = tests(lambda part: (part.coefficient or "").startswith(added))
     every = np.arange(len(apart.rows))
     scores, bounds = apart.scores(every, fit.excess, 0.03), apart.bounds(fit.excess, 0.03)
     assert np.all(scores**2 <= bounds * (1.0 + 1e-8))
     assert np.max(scores**2) > 0.0 and np.mean(bounds < 21.0) > 0.7
+    closer = apart.bounds(fit.excess, 0.03, every)
+    assert np.all(scores**2 <= closer * (1.0 + 1e-8)) and np.all(closer <= bounds * (1.0 + 1e-8))
+    assert np.mean(closer < 21.0) > 0.9
     whole = tests(lambda part: False)
     np.testing.assert_allclose(whole.scores(every, fit.excess, 0.03), scores, rtol=1e-8, atol=1e-8)
     some = every[::3]

@@ -83,8 +83,8 @@ def test_places_stand_for_all_samples(thin: int) -> None:
     adjoint = window.adjoint(rows, thin)
     assert len(window.adjoint_windows(windows, thin)) == adjoint.shape[2]
     edges = np.concatenate([everywhere[:, :, : window.half], everywhere[:, :, -window.half :]], axis=2)
-    assert adjoint[:, :, -2 * window.half :] == pytest.approx(edges, abs=1e-13)
-    energy = np.sum(adjoint**2, axis=2), np.sum(everywhere**2, axis=2)
+    assert adjoint[:, :, -2 * window.half :] == pytest.approx(edges.transpose(1, 0, 2), abs=1e-13)
+    energy = np.sum(adjoint**2, axis=2).T, np.sum(everywhere**2, axis=2)
     assert energy[0] == pytest.approx(energy[1], rel=0.01)
 
 

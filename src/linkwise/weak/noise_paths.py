@@ -6,14 +6,12 @@ the inertia of several equations, and in all links between points.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
-from linkwise.weak.patch_layout import NoiseCoupling
+from linkwise.weak.patch_layout import NoiseCoupling, NoisePaths
 from linkwise.weak.weak_form import INNER, PHI_2
 
 
@@ -22,6 +20,67 @@ def noise_couplings(patch: Patch, system: WeakEquations) -> tuple[NoiseCoupling,
     weights = system.motion.source_weights
     couplings = patch.layout.noise_couplings
     return couplings if weights is None else tuple(coupling.through(weights) for coupling in couplings)
+
+
+def noise_paths(patch: Patch, system: WeakEquations) -> NoisePaths:
+    """The ways by which noise of channels enters the equations of a patch."""
+    if system.motion.source_weights is None:
+        return patch.layout.noise_paths
+    return NoisePaths.of(noise_couplings(patch, system), len(patch.layout.links))
+
+
+def channel_weights(
+    patch: Patch,
+    system: WeakEquations,
+    masses: Floats,
+    acting: Floats,
+    slopes: Floats,
+    channels: Indices | None = None,
+) -> tuple[list[Floats], Indices, Indices]:
+    """What noise of channels, of variance 1, is weighted by in sums over windows.
+
+    The weights are the same for all terms of one kind, which act in the same equations with the same signs.
+
+    Parameters
+    ----------
+    patch : Patch
+        The equations.
+    system : WeakEquations
+        All equations of the record.
+    masses : array of shape (m,)
+        The masses in kg.
+    acting : array of shape (k, m)
+        Signs in the equations times the weights of these, of k kinds of terms.
+    slopes : array of shape (2, l, P)
+        Mean slopes of the links with respect to d (N/m) and v (N s/m).
+    channels : array of int, optional
+        The channels, in order; all by default.
+
+    Returns
+    -------
+    weights : list of array of shape (c, P)
+        Under each kernel, but for the last of an eliminated state, those of pairs of a kind and a channel with noise in it.
+    kind, channel : array of int, shape (c,)
+        The pairs, those of a channel one after the other.
+    """
+    paths, variance = noise_paths(patch, system), system.motion.floored_variance
+    if channels is None:
+        channels = np.unique(paths.source)
+    else:
+        paths = paths.chosen(np.isin(paths.source, channels))
+    by_path = acting[:, paths.equation] * np.sqrt(variance[paths.source])
+    by_channel = np.zeros((len(channels), len(acting), len(paths.source)))
+    by_channel[np.searchsorted(channels, paths.source), :, np.arange(len(paths.source))] = by_path.T
+    place, kind = np.nonzero(by_channel.any(axis=2))
+    through = by_channel[place, kind]
+    passed, inner = through @ paths.passed, patch.layout.inner
+    stiffness, damping = (passed * ~inner) @ slopes
+    inertia = through @ (paths.inertia * masses[paths.equation])
+    weights = [stiffness, -damping, np.broadcast_to(inertia[:, None], stiffness.shape)]
+    if len(system.window.kernels) > INNER:
+        stiffness, damping = (passed * inner) @ slopes
+        weights += [stiffness, -damping]
+    return weights, kind, channels[place]
 
 
 def own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Floats) -> Floats:
@@ -83,48 +142,6 @@ def own_noise_of_links(patch: Patch, system: WeakEquations) -> Floats:
     return own_noise(patch, system, patch.layout.link_incidence, patch.layout.readings)
 
 
-def source_sums(
-    coupling: NoiseCoupling, mass: float, slopes: Floats, kernels: Floats, system: WeakEquations
-) -> Iterator[tuple[int, Floats]]:
-    """Sums over windows of what the noise of each channel adds to an equation.
-
-    Parameters
-    ----------
-    coupling : NoiseCoupling
-        How noise enters the equation.
-    mass : float
-        Its mass in kg.
-    slopes : array of shape (2, k, P)
-        Slopes of its links with respect to d and v.
-    kernels : array of shape (K, s, P)
-        Sums over windows under the kernels.
-    system : WeakEquations
-        All equations of the record.
-
-    Yields
-    ------
-    channel : int
-        Number of a channel with noise.
-    sums : array of shape (s, P)
-        The sums.
-    """
-    phi, phi_1, phi_2 = kernels[:INNER]
-    inner = coupling.inner
-    for channel, inertia, passed in zip(
-        coupling.sources.tolist(), coupling.inertia.tolist(), coupling.passed, strict=True
-    ):
-        if system.motion.floored_variance[channel] <= 0.0:
-            continue
-        stiffness, damping = (passed * ~inner) @ slopes
-        sums = stiffness * phi - damping * phi_1
-        if inertia != 0.0:
-            sums += inertia * mass * phi_2
-        if passed[inner].any():
-            stiffness, damping = (passed * inner) @ slopes
-            sums += stiffness * kernels[INNER] - damping * kernels[INNER + 1]
-        yield channel, sums
-
-
 def joint_sums(
     coupling: NoiseCoupling, slopes: Floats, kernels: Floats, system: WeakEquations
 ) -> tuple[Floats, Floats]:
@@ -136,8 +153,14 @@ def joint_sums(
 
     Parameters
     ----------
-    coupling, slopes, kernels, system
-        As of `source_sums`.
+    coupling : NoiseCoupling
+        How noise enters the equation.
+    slopes : array of shape (2, k, P)
+        Slopes of its links with respect to d and v.
+    kernels : array of shape (K, s, P)
+        Sums over windows under the kernels.
+    system : WeakEquations
+        All equations of the record.
 
     Returns
     -------

@@ -260,7 +260,7 @@ class PatchContext:
         products = np.zeros((len(rows), len(rows)))
         products[others] = rows[others] @ rows.T
         products[:, others] = products[others].T
-        products[tested, tested] = np.einsum("ij,ij->i", rows[tested], rows[tested])
+        products[tested, tested] = np.einsum("ij,ij->i", rows, rows)[tested]
         return products
 
     def evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:

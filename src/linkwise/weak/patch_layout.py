@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -153,6 +153,46 @@ class NoiseCoupling:
 
 
 @dataclass(frozen=True, eq=False)
+class NoisePaths:
+    """The ways by which noise enters the equations of a patch: pairs of an equation and a node or channel.
+
+    Attributes
+    ----------
+    equation : array of int, shape (w,)
+        Positions of the masses in the patch.
+    source : array of int, shape (w,)
+        The nodes or channels.
+    inertia : array of shape (w,)
+        Their weights in the displacement of the mass.
+    passed : array of shape (w, l)
+        Their weights in the elongations of the links, times those of the links in the equation.
+    """
+
+    equation: Indices
+    source: Indices
+    inertia: Floats
+    passed: Floats
+
+    @classmethod
+    def of(cls, couplings: Sequence[NoiseCoupling], links: int) -> NoisePaths:
+        """The paths of the couplings of each mass of a patch with so many links."""
+        count = [len(coupling.sources) for coupling in couplings]
+        passed, last = np.zeros((sum(count), links)), np.cumsum(count)
+        for coupling, size, stop in zip(couplings, count, last.tolist(), strict=True):
+            passed[stop - size : stop, coupling.links] = coupling.passed
+        return cls(
+            np.repeat(np.arange(len(count)), count),
+            np.concatenate([coupling.sources for coupling in couplings]),
+            np.concatenate([coupling.inertia for coupling in couplings]),
+            passed,
+        )
+
+    def chosen(self, which: Bools) -> NoisePaths:
+        """Some of the paths."""
+        return NoisePaths(self.equation[which], self.source[which], self.inertia[which], self.passed[which])
+
+
+@dataclass(frozen=True, eq=False)
 class PatchLayout:
     """The q terms in the equations of m masses with l links: terms of laws, inertia and applied forces.
 
@@ -222,6 +262,12 @@ class PatchLayout:
         return self.coefficients.parameter[self.free_terms]
 
     @cached_property
+    def free_kinds(self) -> tuple[Floats, Indices]:
+        """Kinds of terms with a parameter: their signs (k, m) in the equations, and the kind of each term."""
+        signs, kind = np.unique(self.signs[:, self.free_terms].T, axis=0, return_inverse=True)
+        return signs, kind.ravel()
+
+    @cached_property
     def free_terms_by_kernel(self) -> tuple[Indices, ...]:
         """The terms with a parameter under each of the kernels."""
         last = int(self.kernel.max(initial=PHI_2))
@@ -251,3 +297,8 @@ class PatchLayout:
                 )
             )
         return tuple(couplings)
+
+    @cached_property
+    def noise_paths(self) -> NoisePaths:
+        """Those of all masses."""
+        return NoisePaths.of(self.noise_couplings, len(self.links))

@@ -13,11 +13,10 @@ sigma^4 tr(Q Q).
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import combinations_with_replacement, pairwise, product
 
 import numpy as np
 
@@ -26,13 +25,21 @@ from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import Law
 from linkwise.model.law_text import VARIABLES
 from linkwise.weak.equations import WeakEquations
-from linkwise.weak.noise_paths import joint_sums, noise_couplings, own_kernels, own_noise, source_sums
+from linkwise.weak.noise_paths import (
+    channel_weights,
+    joint_sums,
+    noise_couplings,
+    noise_paths,
+    own_kernels,
+    own_noise,
+)
 from linkwise.weak.patch import Patch
-from linkwise.weak.patch_layout import NoiseCoupling, PatchLayout
+from linkwise.weak.patch_layout import PatchLayout
 from linkwise.weak.stretches import Stretches
 from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
+_AT_ONCE = 2**17  # numbers in the weights of channels that are in memory together
 _AS_TWO = 2  # channels beyond which those of one equation are taken together
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
 
@@ -61,7 +68,11 @@ class SlopeStatistics:
 
     @classmethod
     def along(
-        cls, patch: Patch, system: WeakEquations, values: Floats, stretches: Stretches | None = None
+        cls,
+        patch: Patch,
+        system: WeakEquations,
+        values: Floats,
+        stretches: Stretches | None = None,
     ) -> SlopeStatistics:
         """Statistics along the smoothed motion.
 
@@ -83,15 +94,31 @@ class SlopeStatistics:
         """
         stretches = stretches or system.whole
         layout = patch.layout
-        mean, square = _slopes_along(patch, system, values, stretches.windows)
+        mean, square = slopes_along(layout, system, values, stretches.windows)
         return cls(stretches, layout.inertia.at(values), mean, square)
 
 
-def _slopes_along(
-    patch: Patch, system: WeakEquations, values: Floats, windows: Indices
+def slopes_along(
+    layout: PatchLayout, system: WeakEquations, values: Floats, windows: Indices
 ) -> tuple[Floats, Floats]:
-    """(2, l, P) means and mean squares over noise of the slopes of the links at some windows."""
-    layout = patch.layout
+    """Means and mean squares over noise of the slopes of the links of a patch at some windows.
+
+    Parameters
+    ----------
+    layout : PatchLayout
+        The links of the patch with their laws.
+    system : WeakEquations
+        Equations of the record.
+    values : array of shape (p,)
+        The parameters of the laws.
+    windows : array of int, shape (P,)
+        The windows.
+
+    Returns
+    -------
+    mean, square : array of shape (2, l, P)
+        Those with respect to d (N/m) and v (N s/m).
+    """
     deviation = np.sqrt(0.5 * system.context.floored_elongation_variance[layout.links])
     mean, square = np.empty((2, 2, len(layout.links), len(windows)))
     for group in layout.groups:
@@ -188,31 +215,25 @@ def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations
         Mean squares at the windows inside of the stretches of `statistics`.
     """
     gram = system.window.kernels @ system.window.kernels.T
-    by_slope, variance = gram.diagonal()[[PHI, PHI_1]], system.motion.floored_variance
     mean, square = (array[..., statistics.stretches.inside] for array in (statistics.mean, statistics.square))
-    passed, of_mean = (by_slope[0] * slopes[0] + by_slope[1] * slopes[1] for slopes in (square, mean**2))
-    curved, expected = passed - of_mean, []
-    for mass, coupling in zip(statistics.masses, noise_couplings(patch, system), strict=True):
-        own, inertia = variance[coupling.sources], mass * coupling.inertia[:, None]
-        stiffness, damping = (coupling.passed * ~coupling.inner @ slopes[coupling.links] for slopes in mean)
-        power = by_slope[0] * stiffness**2 + by_slope[1] * damping**2
-        power += inertia * (inertia * gram[PHI_2, PHI_2] + 2.0 * gram[PHI, PHI_2] * stiffness)
-        if len(gram) > INNER:
-            power = _power_without_state(gram, coupling, mean, inertia)
-        expected.append(own @ power + (own @ coupling.passed**2) @ curved[coupling.links])
+    paths, layout = noise_paths(patch, system), patch.layout
+    of_mass = (paths.equation == np.arange(len(layout.masses))[:, None]) * system.motion.floored_variance[
+        paths.source
+    ]
+    curved = np.tensordot(gram.diagonal()[[PHI, PHI_1]], square - mean**2, 1)
+    inertia = (paths.inertia * statistics.masses[paths.equation])[:, None]
+    stiffness, damping = (paths.passed * ~layout.inner) @ mean
+    weights = [stiffness, -damping, np.broadcast_to(inertia, stiffness.shape)]
+    if len(gram) > INNER:
+        stiffness, damping = (paths.passed * layout.inner) @ mean
+        weights += [stiffness, -damping]
+    power = np.zeros_like(stiffness)
+    every = combinations_with_replacement(range(len(weights)), 2)
+    for first, second in _CORRELATED[:-1] if len(gram) == INNER else every:
+        share = gram[first, second] if first == second else 2.0 * gram[first, second]
+        power += share * (weights[first] * weights[second])
     floor = FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
-    return np.asarray(np.stack(expected) + floor)
-
-
-def _power_without_state(gram: Floats, coupling: NoiseCoupling, mean: Floats, inertia: Floats) -> Floats:
-    """(s, I) `noise_power` of channels of variance 1, by the mean slopes, where a state is eliminated."""
-    parts = []
-    for chosen in (~coupling.inner, coupling.inner):
-        stiffness, damping = (coupling.passed * chosen @ slopes[coupling.links] for slopes in mean)
-        parts += [stiffness, -damping, np.zeros_like(stiffness)]
-    parts[PHI_2] = np.broadcast_to(inertia, parts[PHI].shape)
-    weights = np.stack(parts)
-    return np.asarray(np.einsum("ksi,kl,lsi->si", weights, gram, weights, optimize=True))
+    return np.asarray(of_mass @ power + (of_mass @ paths.passed**2) @ curved + floor)
 
 
 def score_blocks(
@@ -242,56 +263,89 @@ def score_blocks(
     covariance : array of shape (E, s, s)
         Their block.
     """
-    if not noisy:
-        return
-    variance = system.motion.floored_variance
-    pending = Counter(
-        channel
-        for patch, _ in noisy
-        for coupling in noise_couplings(patch, system)
-        for channel in coupling.sources[variance[coupling.sources] > 0.0].tolist()
-    )
-    shared = frozenset(channel for channel, equations in pending.items() if equations > 1)
-    contributions: dict[int, list[tuple[Indices, Floats, Floats]]] = {channel: [] for channel in pending}
-    for (patch, statistics), weight in zip(noisy, weights, strict=True):
-        products = statistics.stretches.products
+    count = len(system.motion.floored_variance)
+    of_patches = [np.bincount(noise_paths(patch, system).source, minlength=count) for patch, _ in noisy]
+    equations = np.sum(of_patches, axis=0, dtype=int)
+    pending = np.count_nonzero(of_patches, axis=0)
+    across = pending > 1
+    shared_sums: dict[int, list[tuple[Indices, Floats]]] = {}
+    for (patch, statistics), weight, present in zip(noisy, weights, of_patches, strict=True):
+        products, parameters = statistics.stretches.products, patch.layout.free_parameters
+        sums = statistics.stretches.adjoint(patch.rows[patch.layout.free_terms])
+        total = np.zeros((len(statistics.stretches.ranges), len(parameters), len(parameters)))
         if quadratic:
-            yield quadratic_noise(patch, statistics, weight, system)
-        for channel, part in _noise_contributions(patch, statistics, weight, system, shared):
-            if channel is None:
-                which, scale, sums = part
-                yield which, np.outer(scale, scale) * products(sums)
-                continue
-            contributions[channel].append(part)
-            pending[channel] -= 1
-            if not pending[channel]:
-                which, scale, sums = (
-                    np.concatenate(pieces) for pieces in zip(*contributions.pop(channel), strict=True)
-                )
-                yield which, variance[channel] * np.outer(scale, scale) * products(sums)
+            total += quadratic_noise(patch, statistics, weight, system)[1]
+        alone = _alone(patch, system, equations)
+        for terms, of_noise in _joint_sums(patch, statistics, weight, sums, system, alone):
+            total[:, terms[:, None], terms] += products(of_noise)
+        others = np.setdiff1d(np.flatnonzero(present), list(alone))
+        for channel, terms, of_noise in _channel_sums(patch, statistics, weight, sums, system, others):
+            if across[channel]:
+                shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
+            else:
+                total[:, terms[:, None], terms] += products(of_noise)
+        yield parameters, total
+        pending -= present > 0
+        for channel in [channel for channel in shared_sums if not pending[channel]]:
+            which, of_noise = (np.concatenate(parts) for parts in zip(*shared_sums.pop(channel), strict=True))
+            yield which, products(of_noise)
 
 
-def _noise_contributions(
-    patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations, shared: Collection[int]
-) -> Iterator[tuple[int | None, tuple[Indices, Floats, Floats]]]:
-    """For each channel whose noise enters an equation: parameters (s,), and G (s, P), to be scaled by (s,).
+def _alone(patch: Patch, system: WeakEquations, equations: Indices) -> frozenset[int]:
+    """Channels whose noise enters one of all equations, through links alone, where these are so many that they stand together.
 
-    Channels that are not `shared` with another equation stand together, as two of variance 1 without a number.
+    `equations` (C,) is in how many the noise of each channel is.
     """
-    weighted = statistics.stretches.adjoint(patch.rows[patch.layout.free_terms])
-    for i, coupling in enumerate(noise_couplings(patch, system)):
-        kernels = weighted[coupling.terms].transpose(1, 0, 2)
-        slopes = statistics.mean[:, coupling.links]
-        scale = weight[i] * coupling.sign
-        own = np.array([channel not in shared for channel in coupling.sources.tolist()]) & (
-            coupling.inertia == 0.0
-        )
-        if np.sum(own) > _AS_TWO and not coupling.inner.any():
-            for sums in joint_sums(coupling.of_sources(own), slopes, kernels, system):
-                yield None, (coupling.parameter, scale, sums)
-            coupling = coupling.of_sources(~own)
-        for channel, sums in source_sums(coupling, statistics.masses[i], slopes, kernels, system):
-            yield channel, (coupling.parameter, scale, sums)
+    paths = noise_paths(patch, system)
+    alone = (equations[paths.source] == 1) & (paths.inertia == 0.0)
+    many = np.bincount(paths.equation[alone], minlength=len(patch.masses)) > _AS_TWO
+    many &= ~((patch.layout.link_incidence != 0.0) & patch.layout.inner).any(axis=1)
+    return frozenset(paths.source[alone & many[paths.equation]].tolist())
+
+
+def _joint_sums(
+    patch: Patch,
+    statistics: SlopeStatistics,
+    weight: Floats,
+    sums: Floats,
+    system: WeakEquations,
+    alone: frozenset[int],
+) -> Iterator[tuple[Indices, Floats]]:
+    """For each of two channels that have the noise of those which stand together: terms (s,) and sums (s, P)."""
+    for i, coupling in enumerate(noise_couplings(patch, system) if alone else ()):
+        own = np.isin(coupling.sources, list(alone))
+        if own.any():
+            kernels = sums[:, coupling.terms] * (weight[i] * coupling.sign)[:, None]
+            for of_noise in joint_sums(
+                coupling.of_sources(own), statistics.mean[:, coupling.links], kernels, system
+            ):
+                yield coupling.terms, of_noise
+
+
+def _channel_sums(
+    patch: Patch,
+    statistics: SlopeStatistics,
+    weight: Floats,
+    sums: Floats,
+    system: WeakEquations,
+    channels: Indices,
+) -> Iterator[tuple[int, Indices, Floats]]:
+    """For each of the channels with noise in an equation: its number, the terms (s,) in these equations, and sums (s, P)."""
+    acting, kind_of_term = patch.layout.free_kinds
+    acting, masses, mean = acting * weight, statistics.masses, statistics.mean
+    at_once = max(1, _AT_ONCE // max(len(acting) * mean.shape[2], 1))
+    for start in range(0, len(channels), at_once):
+        some = channels[start : start + at_once]
+        weights, kind, channel = channel_weights(patch, system, masses, acting, mean, some)
+        pairs, terms = np.nonzero(kind[:, None] == kind_of_term)
+        ends = np.flatnonzero(np.diff(channel[pairs], append=-1)) + 1
+        for first, last in pairwise([0, *ends.tolist()]):
+            own, of_term = pairs[first:last], terms[first:last]
+            of_noise = weights[PHI][own] * sums[PHI, of_term]
+            for kernel in range(PHI_1, len(weights)):
+                if kernel != PHI_2 or weights[kernel][own, 0].any():  # most channels are not in inertia
+                    of_noise += weights[kernel][own] * sums[kernel, of_term]
+            yield int(channel[own[0]]), of_term, of_noise
 
 
 def quadratic_noise(
@@ -341,56 +395,3 @@ def quadratic_noise(
                 sums = weighted[..., part] @ others[part]
                 stretch[first[:, None], second] = (acts * sums).sum(axis=0)
     return layout.free_parameters, total[:, layout.free_terms[:, None], layout.free_terms]
-
-
-def least_scatter(
-    patch: Patch, system: WeakEquations, values: Floats, weight: Floats, rows: Indices, signs: Floats
-) -> Floats:
-    """What the variances of normal equations due to noise are at least: sums of squares over some points of the record.
-
-    Parameters
-    ----------
-    patch : Patch
-        The equations.
-    system : WeakEquations
-        All equations of the record.
-    values : array of shape (p,)
-        The parameters.
-    weight : array of shape (m,)
-        Weights of the masses.
-    rows : array of int, shape (s,)
-        The rows of the patch whose variances these are.
-    signs : array of shape (m, s)
-        Their signs in the equations.
-
-    Returns
-    -------
-    array of shape (s,)
-        The sums.
-    """
-    window, spacing, variance = system.window, system.slope_stride, system.motion.floored_variance
-    mean, _ = _slopes_along(patch, system, values, np.arange(0, system.windows, spacing))
-    masses = patch.layout.inertia.at(values)
-    sums = window.some_adjoint(patch.rows, system.thinning, spacing)[rows]
-    noise: dict[int, Floats] = {}
-    for i, coupling in enumerate(noise_couplings(patch, system)):
-        own = np.flatnonzero(signs[i])
-        kernels = (sums[own] * (weight[i] * signs[i, own])[:, None, None]).transpose(1, 0, 2)
-        slopes = mean[:, coupling.links]
-        for channel, of_channel in source_sums(coupling, masses[i], slopes, kernels, system):
-            noise.setdefault(channel, np.zeros((len(rows), mean.shape[2])))[own] += of_channel
-    total = np.zeros(len(rows))
-    for channel, of_channel in noise.items():
-        total += variance[channel] * np.einsum("sp,sp->s", of_channel, of_channel)
-    kernels = own_kernels(patch, system, mean, masses)
-    shape = kernels.shape[1:]
-    kernels = kernels.reshape(len(kernels), -1)
-    of_masses = system.motion.covariance(patch.masses, floored=True).diagonal()
-    amount = spacing * (weight * of_masses) ** 2
-    acting = own_noise(patch, system, signs, patch.layout.incidence[rows]) ** 2
-    for kernel in range(len(kernels)):
-        own = np.flatnonzero(patch.layout.kernel[rows] == kernel)
-        correlation = ((window.cross_correlations[kernel, kernel].T @ kernels) * kernels).sum(axis=0)
-        squares = correlation.reshape(shape) @ (patch.slopes[rows[own]] ** 2).T
-        total[own] += amount @ (acting[:, own] * squares)
-    return total

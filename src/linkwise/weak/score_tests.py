@@ -117,7 +117,10 @@ def significant_score(
             if width > 1.0 and window.rows(len(record)) < _FEWEST:
                 break
             system = _with_tested_terms(record, wide, prefix, equations, known, window)
-            score = _largest_score(system, known, excess, uncertain)
+            tests = [
+                ScoreTests.of(patch, system, known, equations.structure_layout) for patch in system.patches
+            ]
+            score = _largest_score(tests, excess, uncertain)
             if score is not None:
                 return score
     except (IdentificationError, np.linalg.LinAlgError):  # a term may not be finite along the motion
@@ -125,11 +128,8 @@ def significant_score(
     return None
 
 
-def _largest_score(
-    system: WeakEquations, known: dict[str, float], excess: float, uncertain: float
-) -> SignificantScore | None:
-    """The largest score in a system if it is beyond chance."""
-    tests = [ScoreTests.of(patch, system, known) for patch in system.patches]
+def _largest_score(tests: Sequence[ScoreTests], excess: float, uncertain: float) -> SignificantScore | None:
+    """The largest score in all patches if it is beyond chance."""
     count = len(_WIDTHS) * max(sum(len(test.rows) for test in tests), 1)
     least = _CHANCE + 2.0 * float(np.log(count))
     scored = [(test.largest(excess, uncertain, least), test) for test in tests]

@@ -73,7 +73,7 @@ class Stretches:
 
         Returns
         -------
-        array of shape (S, 3, P)
+        array of shape (K, S, P)
             The sums.
         """
         own = [self.window.adjoint(rows[:, first:last], self.thinning) for first, last in self.ranges]

@@ -32,19 +32,19 @@ def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
     (count, samples), (filters, length) = signals.shape, kernels.shape
     rows = (samples - length) // stride + 1
     per_block = max(1, min(rows, _BLOCK))
-    blocks = -(-rows // per_block)
-    span = (per_block - 1) * stride + length
-    needed = (blocks - 1) * per_block * stride + span
-    if needed > samples:
-        signals = np.concatenate([signals, np.zeros((count, needed - samples))], axis=1)
+    blocks, span = rows // per_block, (per_block - 1) * stride + length
     toeplitz = np.zeros((filters, span, per_block))
     for row in range(per_block):
         toeplitz[:, row * stride : row * stride + length, row] = kernels
     pieces = np.lib.stride_tricks.sliding_window_view(signals, span, axis=1)[:, :: per_block * stride]
-    result = np.empty((filters, count, blocks, per_block))
+    result, last = np.empty((filters, count, rows)), blocks * per_block
     group = max(1, _AT_ONCE // (blocks * span))
     for first in range(0, count, group):
         part = np.ascontiguousarray(pieces[first : first + group, :blocks])
         for kernel in range(filters):
-            np.matmul(part, toeplitz[kernel], out=result[kernel, first : first + group])
-    return result.reshape(filters, count, -1)[:, :, :rows]
+            target = result[kernel, first : first + group, :last]
+            np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
+    if last < rows:  # fewer than a block
+        ends = np.lib.stride_tricks.sliding_window_view(signals[:, last * stride :], length, axis=1)
+        result[:, :, last:] = (ends[:, ::stride] @ kernels.T).transpose(2, 0, 1)
+    return result

@@ -1,13 +1,15 @@
 """Scores of terms of size zero in the weak equations of a patch of masses.
 
-The variance of a score is a sum of squares over time. A part of it bounds the score from above, and costs a fraction of the
-whole: scores that cannot be beyond chance by it are not computed.
+The variance of a score is a sum of squares over time. A part of that of its own normal equation bounds the score from above,
+and costs a fraction of the whole; the whole of that equation costs more, and of few scores only; the variance beside the
+coefficients of the laws most. Scores that cannot be beyond chance are not computed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -15,9 +17,12 @@ from scipy.sparse import csc_array
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.fit import SIGNIFICANT, assemble_blocks, normal_equations, residual_power, significance
+from linkwise.weak.layout import StructureLayout
 from linkwise.weak.patch import Patch
 from linkwise.weak.patch_layout import PatchLayout, TermCoefficients
-from linkwise.weak.scatter import SlopeStatistics, least_scatter, score_blocks
+from linkwise.weak.remainders import Remainders, diagonal_beside, regression
+from linkwise.weak.scatter import SlopeStatistics, score_blocks, slopes_along
+from linkwise.weak.term_scatter import SingleTerms, linear_scatter, quadratic_scatter
 
 _COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
 _CANCELLED = 0.1  # of what white noise would give: a smaller variance is the difference of large ones that are not exact
@@ -35,6 +40,10 @@ class ScoreTests:
         All equations of the record.
     values : array of shape (p,)
         The parameters found that are in the equations.
+    laws : PatchLayout
+        The same links with their laws alone, whose slopes are those of laws with terms of size zero.
+    fitted : array of shape (f,)
+        The parameters of these.
     columns : array of int, shape (q,)
         The row of the patch that each column is: all of them, and after them once more those on a single mass.
     signs : array of shape (m, q)
@@ -48,6 +57,8 @@ class ScoreTests:
     patch: Patch
     system: WeakEquations
     values: Floats
+    laws: PatchLayout
+    fitted: Floats
     columns: Indices
     signs: Floats
     parameter: Indices
@@ -55,8 +66,10 @@ class ScoreTests:
     masses: Indices
 
     @classmethod
-    def of(cls, patch: Patch, system: WeakEquations, known: dict[str, float]) -> ScoreTests:
-        """The terms that a patch of `system` has beside the parameters that are `known`."""
+    def of(
+        cls, patch: Patch, system: WeakEquations, known: dict[str, float], laws: StructureLayout
+    ) -> ScoreTests:
+        """The terms that a patch of `system` has beside the parameters that are `known`, which are those of the `laws`."""
         layout, names = patch.layout, system.parameters
         is_estimated = np.array([name in known for name in names], dtype=bool)
         estimated = np.unique(layout.free_parameters[is_estimated[layout.free_parameters]])
@@ -75,12 +88,41 @@ class ScoreTests:
             patch=patch,
             system=system,
             values=np.array([known[names[number]] for number in estimated], dtype=float),
+            laws=laws.layout(layout.masses.tolist(), layout.forced),
+            fitted=np.array([known[name] for name in laws.names], dtype=float),
             columns=np.concatenate([np.arange(len(parameter)), single[:, 0]]),
             signs=np.concatenate([layout.signs, alone], axis=1),
             parameter=np.append(parameter, len(estimated) + len(tested) + np.arange(len(single))),
             rows=np.concatenate([firsts, single[:, 0]]),
             masses=np.concatenate([np.full(len(firsts), -1), single[:, 1]]),
         )
+
+    @cached_property
+    def terms(self) -> SingleTerms:
+        """The terms that are tested."""
+        own = self._tested_columns
+        return SingleTerms.of(self.columns[own], self.signs[:, own])
+
+    @cached_property
+    def _tested_columns(self) -> Indices:
+        """(t,) the columns that are tested."""
+        own = np.flatnonzero(self.parameter >= len(self.values))
+        return own[np.argsort(self.parameter[own], kind="stable")]
+
+    @cached_property
+    def _all_values(self) -> Floats:
+        """The parameters of the system; 0 for those that are tested."""
+        values = np.zeros(len(self.system.parameters))
+        parameter = self.patch.layout.coefficients.parameter
+        local = self.parameter[: len(parameter)]
+        known = (local >= 0) & (local < len(self.values))
+        values[parameter[known]] = self.values[local[known]]
+        return values
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """(m,) weights of the masses."""
+        return 1.0 / residual_power(self.patch, self._all_values)
 
     def largest(self, excess: float, uncertain: float, least: float) -> tuple[int, float] | None:
         """The number of the term with the largest score, and that score in standard errors.
@@ -100,67 +142,116 @@ class ScoreTests:
             None where no score is so large.
         """
         numbers = np.flatnonzero(~(self.bounds(excess, uncertain) <= least))
+        if len(numbers):
+            numbers = numbers[~(self.bounds(excess, uncertain, numbers) <= least)]
         if not len(numbers):
             return None
         scores = np.nan_to_num(self.scores(numbers, excess, uncertain))
         best = int(np.argmax(np.abs(scores)))
         return (int(numbers[best]), float(scores[best])) if scores[best] ** 2 > least else None
 
-    def bounds(self, excess: float, uncertain: float) -> Floats:
-        """(t,) what the squares of the scores cannot exceed, from a part of their variances."""
+    def bounds(self, excess: float, uncertain: float, numbers: Indices | None = None) -> Floats:
+        """What the squares of scores cannot exceed, from a part of the variances of their normal equations.
+
+        Parameters
+        ----------
+        excess, uncertain : float
+            As of `largest`.
+        numbers : array of int, shape (s,), optional
+            Terms for which it is the whole of these variances; a part for all terms by default.
+
+        Returns
+        -------
+        array of shape (t,) or (s,)
+            The squares.
+        """
+        if numbers is None:
+            return self._beside.squares(excess, uncertain, self._part() + self._quadratic)
+        scatter = np.zeros(len(self.rows))
+        scatter[numbers] = self._whole(numbers) + self._quadratic[numbers]
+        return self._beside.squares(excess, uncertain, scatter)[numbers]
+
+    @cached_property
+    def _slopes(self) -> Floats:
+        """(2, l, P) mean slopes of the links at every `slope_stride`-th window."""
+        windows = np.arange(0, self.system.windows, self.system.slope_stride)
+        return slopes_along(self.laws, self.system, self.fitted, windows)[0]
+
+    @cached_property
+    def _statistics(self) -> SlopeStatistics:
+        """The slopes over the whole record."""
+        slopes = slopes_along(self.laws, self.system, self.fitted, self.system.whole.windows)
+        return SlopeStatistics(self.system.whole, self._masses, *slopes)
+
+    @cached_property
+    def _masses(self) -> Floats:
+        """(m,) the masses in kg."""
+        return self.patch.layout.inertia.at(self._all_values)
+
+    @cached_property
+    def _quadratic(self) -> Floats:
+        """(t,) what noise in the terms adds to the variances."""
+        subject = self.patch, self.system, self._masses, self._weights
+        return quadratic_scatter(*subject, self.terms, self._slopes)
+
+    def _part(self) -> Floats:
+        """(t,) parts of the variances of first order, from the points at which the slopes are."""
+        system, every, rows = self.system, self.patch.rows, self.terms.rows
+        chosen = every if len(rows) == len(every) else every[rows]
+        sums = system.window.some_adjoint(chosen, system.thinning, system.slope_stride)
+        subject = self.patch, system, self._masses, self._weights
+        return linear_scatter(*subject, self.terms, self._slopes, sums)
+
+    def _whole(self, numbers: Indices) -> Floats:
+        """The variances of first order of some of the terms."""
+        chosen = self.terms.chosen(numbers)
+        sums = self.system.whole.adjoint(self.patch.rows[chosen.rows])
+        subject = self.patch, self.system, self._masses, self._weights
+        return linear_scatter(*subject, chosen, self._statistics.mean, sums)
+
+    @cached_property
+    def _beside(self) -> Remainders:
+        """What the coefficients of the laws leave of the terms."""
         p = len(self.values)
-        beside_tested = self.parameter < p
-        known, columns = np.flatnonzero(beside_tested), self.columns
-        own = np.flatnonzero(~beside_tested)[np.argsort(self.parameter[~beside_tested], kind="stable")]
+        known, columns, own = np.flatnonzero(self.parameter < p), self.columns, self._tested_columns
         numbers = np.append(self.values, 0.0)[self.parameter[known]] + self.patch.fixed[columns[known]]
         chosen = np.zeros((len(known), p + 1))
         chosen[np.arange(len(known)), self.parameter[known]] = 1.0
         chosen = chosen[:, :p]  # the last for known numbers
-        weights = self._weights()
-        shared = (self.signs[:, known].T * weights) @ self.signs
-        squares = weights @ self.signs[:, own] ** 2
+        shared = (self.signs[:, known].T * self._weights) @ self.signs
+        squares = self._weights @ self.signs[:, own] ** 2
         sums = []
         for matrix in (self.patch.moments, self.patch.products):
             weighted = matrix[columns[known][:, None], columns] * shared
-            normal, with_tested = chosen.T @ weighted[:, known] @ chosen, chosen.T @ weighted[:, own]
-            slope = -numbers @ weighted
             diagonal = matrix[columns[own], columns[own]] * squares
-            sums.append((normal, with_tested, diagonal, slope[known] @ chosen, slope[own]))
-        (
-            (normal, coupled, diagonal, slope, score),
-            (biased, _, biased_diagonal, slope_biased, score_biased),
-        ) = sums
+            slope = -numbers @ weighted
+            of_known = chosen.T @ weighted
+            sums.append(
+                (of_known[:, known] @ chosen, of_known[:, own], diagonal, slope[known] @ chosen, slope[own])
+            )
+        (_, _, power, *_), biased = sums[1], sums[1]
         scale, unit = (
             1.0 / np.sqrt(np.maximum(values, np.finfo(float).tiny))
-            for values in (biased.diagonal(), biased_diagonal)
+            for values in (biased[0].diagonal(), power)
         )
-        normal, coupled = normal * np.outer(scale, scale), coupled * np.outer(scale, unit)
-        diagonal = diagonal * unit**2
-        beside = np.linalg.lstsq(normal, coupled, rcond=1e-12)[0]
-        left = diagonal - 2.0 * np.sum(beside * coupled, axis=0) + np.sum(beside * (normal @ beside), axis=0)
-        score = score * unit - (slope * scale) @ beside
-        added = uncertain * (score_biased * unit - (slope_biased * scale) @ beside - score)
-        scatter = unit**2 * least_scatter(
-            self.patch, self.system, self._all_values(), weights, columns[own], self.signs[:, own]
+        (normal, coupled, diagonal, slope, score), (added, also, whole, slope_biased, score_biased) = (
+            (
+                of_known * np.outer(scale, scale),
+                beside * np.outer(scale, unit),
+                own * unit**2,
+                pull * scale,
+                push * unit,
+            )
+            for of_known, beside, own, pull, push in sums
         )
+        beside = regression(normal, coupled)
+        left = diagonal_beside(diagonal, coupled, normal, beside)
+        bias = diagonal_beside(whole - diagonal, also - coupled, added - normal, beside)
+        score = score - slope @ beside
+        windows = round(self.system.windows / self.system.window.overlap)
         tested = (left > _COLLINEAR) & (diagonal > 0.0)
-        white = np.where(tested, left * np.maximum(scatter, 0.0) / np.where(tested, diagonal, 1.0), 1.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(tested, score**2 / (max(excess, 1.0) * white + added**2), 0.0)
-
-    def _all_values(self) -> Floats:
-        """The parameters of the system; 0 for those that are tested."""
-        values = np.zeros(len(self.system.parameters))
-        layout = self.patch.layout
-        parameter = layout.coefficients.parameter
-        local = self.parameter[: len(parameter)]
-        known = (local >= 0) & (local < len(self.values))
-        values[parameter[known]] = self.values[local[known]]
-        return values
-
-    def _weights(self) -> Floats:
-        """(m,) weights of the masses."""
-        return 1.0 / residual_power(self.patch, self._all_values())
+        tested &= significance(np.where(tested, left, 1.0), bias, windows) > SIGNIFICANT
+        return Remainders(score, score_biased - slope_biased @ beside - score, left, diagonal, unit, tested)
 
     def scores(self, numbers: Indices, excess: float, uncertain: float) -> Floats:
         """Scores of some of the terms in standard errors; 0 for terms that the laws have already.
@@ -170,10 +261,9 @@ class ScoreTests:
         patch = self._within(numbers)
         p, count = len(self.values), len(self.values) + len(numbers)
         theta = np.append(self.values, np.zeros(len(numbers)))
-        weights = [self._weights()]
-        statistics = SlopeStatistics.along(self.patch, self.system, self._all_values())
+        weights = [self._weights]
         moments, right = (_dense(array) for array in normal_equations([patch], weights, count))
-        blocks = score_blocks([(patch, statistics)], weights, self.system)
+        blocks = score_blocks([(patch, self._statistics)], weights, self.system)
         scatter = _dense(assemble_blocks(((which, block[0]) for which, block in blocks), count))
         biased, right_biased = (
             _dense(array) for array in normal_equations([patch], weights, count, bias=1.0)
@@ -184,7 +274,7 @@ class ScoreTests:
             scale * sums - matrix @ (theta / scale)
             for sums, matrix in ((right, moments), (right_biased, biased))
         )
-        beside = np.linalg.lstsq(moments[:p, :p], moments[:p, p:], rcond=1e-12)[0]
+        beside = regression(moments[:p, :p], moments[:p, p:])
         across = np.concatenate([-beside, np.eye(count - p)])
         left, bias, variance = (
             np.einsum("ij,ij->j", across, matrix @ across) for matrix in (moments, biased - moments, scatter)
@@ -208,7 +298,8 @@ class ScoreTests:
         local[p + numbers] = p + np.arange(len(numbers))
         parameter = local[self.parameter]
         chosen = np.flatnonzero(parameter > -2)
-        columns, both = self.columns[chosen], np.ix_(self.columns[chosen], self.columns[chosen])
+        columns = self.columns[chosen]
+        both = np.ix_(columns, columns)
         once = chosen < len(layout.kernel)  # else a term on a single mass
         return replace(
             patch,

@@ -298,23 +298,18 @@ class Window:
 
         Returns
         -------
-        array of shape (S, K, P)
+        array of shape (K, S, P)
             The sums for each of the K kernels, multiplied by the root of the number of samples that a point represents.
         """
         taps = _taps(self, thinning)
-        windows, reach, width = rows.shape[1], self.neighbours + 1, taps.shape[1]
-        padded = np.zeros((len(rows), windows + width - 1))
-        padded[:, reach : reach + windows] = rows
-        neighbours = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: 2 * thinning]
-        neighbours = np.ascontiguousarray(neighbours.transpose(2, 0, 1))
-        sums = (taps @ neighbours.reshape(width, -1)).reshape(2, len(taps) // 2, *neighbours.shape[1:])
-        thinned = np.arange(0, windows, thinning)
-        split, inside = len(thinned[::2]), len(thinned)
-        result = np.empty((sums.shape[1], len(rows), inside + 2 * self.half))
-        result[:, :, :split] = sums[0, :, :, :split]
-        result[:, :, split:inside] = sums[1, :, :, : inside - split]
-        result[:, :, inside:] = self._edges(rows)
-        return result.transpose(1, 0, 2)
+        sums = self._around_windows(rows, taps, 2 * thinning)
+        count, inside = len(taps) // 2, -(-rows.shape[1] // thinning)
+        split = sums.shape[2]
+        result = np.empty((count, len(rows), inside + 2 * self.half))
+        result[:, :, :split] = sums[:count]
+        result[:, :, split:inside] = sums[count:, :, : inside - split]
+        result[:, :, inside:] = self.edges(rows)
+        return result
 
     def some_adjoint(self, rows: Floats, thinning: int, spacing: int) -> Floats:
         """The sums of `adjoint` at some of its points: at the centre of every `spacing`-th window.
@@ -330,18 +325,33 @@ class Window:
 
         Returns
         -------
-        array of shape (S, K, P)
+        array of shape (K, S, P)
             The sums.
         """
-        taps = _taps(self, thinning)[: len(self.kernels)]
-        reach, width = self.neighbours + 1, taps.shape[1]
-        padded = np.zeros((len(rows), rows.shape[1] + width - 1))
-        padded[:, reach : reach + rows.shape[1]] = rows
-        neighbours = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, ::spacing]
-        return np.asarray((neighbours @ taps.T).transpose(0, 2, 1))
+        return self._around_windows(rows, _taps(self, thinning)[: len(self.kernels)], spacing)
 
-    def _edges(self, rows: Floats) -> Floats:
-        """(K, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
+    def _around_windows(self, rows: Floats, taps: Floats, spacing: int) -> Floats:
+        """(Q, S, P) sums of `taps` (Q, width) over the windows around every `spacing`-th one."""
+        reach, width = self.neighbours + 1, taps.shape[1]
+        points = -(-rows.shape[1] // spacing)
+        padded = np.zeros((len(rows), (points - 1) * spacing + width))
+        inside = min(rows.shape[1], padded.shape[1] - reach)
+        padded[:, reach : reach + inside] = rows[:, :inside]
+        return strided_filter(padded, taps, spacing)
+
+    def edges(self, rows: Floats) -> Floats:
+        """The sums of `adjoint` at every sample before the first and after the last centre.
+
+        Parameters
+        ----------
+        rows : array of shape (S, R)
+            Weights of the windows.
+
+        Returns
+        -------
+        array of shape (K, S, 2 half)
+            The sums.
+        """
         count = min(self.neighbours + 1, rows.shape[1])
         taps = np.zeros((2, len(self.kernels), count, self.half))
         for lag in range(count):
