@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
+import pytest
+from present import some
 from problems import chain_record
 
 import linkwise as lw
+from linkwise.weak import pieces
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.fit import assemble_blocks, normal_equations, residual_power, weak_fit
-from linkwise.weak.piecewise import piece_sums
+from linkwise.weak.piecewise import PieceSums, piece_sums
 from linkwise.weak.scatter import SlopeStatistics, residual_excess, score_blocks
 
 CHAIN = lw.bnes_chain(4)
@@ -69,3 +75,46 @@ def test_a_piece_is_a_record_of_its_own() -> None:
     np.testing.assert_allclose(ours, np.sqrt(scatter.diagonal()), rtol=0.1)
     np.testing.assert_allclose(sums.excess[1], excess, rtol=0.05)
     assert not np.allclose(sums.normal[0], sums.normal[1], rtol=0.1)
+
+
+def test_some_points_give_a_little_less_of_the_covariance_and_all_else() -> None:
+    """Of pieces that overlap: the points between centres near their ends are left out, so that it is a bound."""
+    record = chain_record(4).with_noise(20.0, seed=3)
+    equations = weak_equations(record, ASKED, read_displacements(record, ASKED))
+    values, stride = weak_fit(equations, ASKED).values, equations.slope_stride
+    ranges = [
+        (0, 20 * stride + 3),
+        (0, 60 * stride + 1),
+        (20 * stride, 60 * stride + 1),
+        (8 * stride, 11 * stride),
+    ]
+    whole = piece_sums(equations, values, ranges)
+    least = piece_sums(equations, values, ranges, least=True)
+    for name in ("normal", "right", "bias", "quadratic", "windows"):
+        np.testing.assert_array_equal(getattr(least, name), getattr(whole, name))
+    for ours, theirs in some(zip(least.linear, whole.linear, strict=True)):
+        scale = 1.0 / np.sqrt(theirs.diagonal())
+        missing = np.linalg.eigvalsh((theirs - ours) * np.outer(scale, scale))
+        assert missing[0] > -1e-12 and missing[-1] > 1e-6
+    assert np.all(least.linear[1].diagonal() > 0.9 * whole.linear[1].diagonal())
+    assert np.all(least.excess == 1.0)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(1.0, [True, True]), (1e-3, [True, True, False, False])])
+def test_a_bound_that_leaves_no_room_is_the_answer(
+    share: float, expected: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pieces of a right record agree by the bound; where its variances leave room, the whole ones decide alike."""
+    record = chain_record(4).with_noise(20.0, seed=3)
+    equations = weak_equations(record, ASKED, read_displacements(record, ASKED))
+    fit = weak_fit(equations, ASKED)
+    asked: list[bool] = []
+
+    def counted(*arguments: Any, least: bool = False) -> PieceSums:
+        asked.append(least)
+        sums = piece_sums(*arguments, least=least)
+        return replace(sums, linear=share * sums.linear, quadratic=share * sums.quadratic) if least else sums
+
+    monkeypatch.setattr(pieces, "piece_sums", counted)
+    assert pieces.disagreement(record, ASKED, equations, fit) is None
+    assert asked == expected

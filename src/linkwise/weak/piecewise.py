@@ -15,7 +15,7 @@ from linkwise.weak.equations import WeakEquations
 from linkwise.weak.fit import residual_power
 from linkwise.weak.patch import Patch
 from linkwise.weak.scatter import SlopeStatistics, quadratic_noise, residual_excess, score_blocks
-from linkwise.weak.stretches import Stretches
+from linkwise.weak.stretches import InnerStretches, Stretches
 from linkwise.weak.terms import LawTerms
 
 
@@ -48,7 +48,9 @@ class PieceSums:
     excess: Floats
 
 
-def piece_sums(equations: WeakEquations, values: Floats, ranges: Sequence[tuple[int, int]]) -> PieceSums:
+def piece_sums(
+    equations: WeakEquations, values: Floats, ranges: Sequence[tuple[int, int]], *, least: bool = False
+) -> PieceSums:
     """The sums over pieces of a record.
 
     Parameters
@@ -59,6 +61,9 @@ def piece_sums(equations: WeakEquations, values: Floats, ranges: Sequence[tuple[
         Their solution.
     ranges : sequence of tuple of int
         The first window of each piece, a multiple of `WeakEquations.slope_stride`, and the one behind its last.
+    least : bool, optional
+        Whether covariances and excess are what they are at least: of first order a sum of squares over some of the points
+        (`InnerStretches`), and 1. The other sums are the same.
 
     Returns
     -------
@@ -66,7 +71,8 @@ def piece_sums(equations: WeakEquations, values: Floats, ranges: Sequence[tuple[
         The sums.
     """
     count, p = len(ranges), len(values)
-    stretches = Stretches(equations.window, equations.thinning, tuple(ranges))
+    kind = InnerStretches if least else Stretches
+    stretches = kind(equations.window, equations.thinning, tuple(ranges))
     patches = [patch for patch in equations.patches if len(patch.layout.free_terms)]
     weights = [1.0 / residual_power(patch, values) for patch in patches]
     noisy = [(patch, SlopeStatistics.along(patch, equations, values, stretches)) for patch in patches]
@@ -95,7 +101,7 @@ def piece_sums(equations: WeakEquations, values: Floats, ranges: Sequence[tuple[
         linear,
         quadratic,
         np.array([valid[first:last].sum() for first, last in ranges]),
-        residual_excess(noisy, values, equations),
+        np.ones(count) if least else residual_excess(noisy, values, equations),
     )
 
 

@@ -35,7 +35,7 @@ from linkwise.weak.noise_paths import (
 )
 from linkwise.weak.patch import Patch
 from linkwise.weak.patch_layout import PatchLayout
-from linkwise.weak.stretches import Stretches
+from linkwise.weak.stretches import InnerStretches, Stretches
 from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
@@ -53,7 +53,7 @@ class SlopeStatistics:
 
     Attributes
     ----------
-    stretches : Stretches
+    stretches : Stretches or InnerStretches
         The stretches of the record that P points are of.
     masses : array of shape (m,)
         Masses in kg.
@@ -61,7 +61,7 @@ class SlopeStatistics:
         Means and mean squares of the slopes of the links.
     """
 
-    stretches: Stretches
+    stretches: Stretches | InnerStretches
     masses: Floats
     mean: Floats
     square: Floats
@@ -72,7 +72,7 @@ class SlopeStatistics:
         patch: Patch,
         system: WeakEquations,
         values: Floats,
-        stretches: Stretches | None = None,
+        stretches: Stretches | InnerStretches | None = None,
     ) -> SlopeStatistics:
         """Statistics along the smoothed motion.
 
@@ -84,7 +84,7 @@ class SlopeStatistics:
             All equations of the record.
         values : array of shape (p,)
             The parameters.
-        stretches : Stretches, optional
+        stretches : Stretches or InnerStretches, optional
             Stretches of the record; the whole by default.
 
         Returns
@@ -187,6 +187,7 @@ def residual_excess(
         The ratios; 1 for laws and noise that fit.
     """
     stretches = noisy[0][1].stretches
+    assert isinstance(stretches, Stretches)  # not some of their points
     windows, ends = stretches.windows[stretches.inside], [part.start for part in stretches.parts_inside]
     total, count = np.zeros((2, len(ends)))
     for patch, statistics in noisy:
