@@ -36,15 +36,24 @@ def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
     toeplitz = np.zeros((filters, span, per_block))
     for row in range(per_block):
         toeplitz[:, row * stride : row * stride + length, row] = kernels
-    pieces = np.lib.stride_tricks.sliding_window_view(signals, span, axis=1)[:, :: per_block * stride]
+    pieces = _windows(signals, blocks, span, per_block * stride)
     result, last = np.empty((filters, count, rows)), blocks * per_block
     group = max(1, _AT_ONCE // (blocks * span))
     for first in range(0, count, group):
-        part = np.ascontiguousarray(pieces[first : first + group, :blocks])
+        part = np.ascontiguousarray(pieces[first : first + group])
         for kernel in range(filters):
             target = result[kernel, first : first + group, :last]
             np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
     if last < rows:  # fewer than a block
-        ends = np.lib.stride_tricks.sliding_window_view(signals[:, last * stride :], length, axis=1)
-        result[:, :, last:] = (ends[:, ::stride] @ kernels.T).transpose(2, 0, 1)
+        ends = _windows(signals[:, last * stride :], rows - last, length, stride)
+        result[:, :, last:] = (ends @ kernels.T).transpose(2, 0, 1)
     return result
+
+
+def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
+    """(S, count, length) pieces of signals at every stride-th sample, which must all be inside; as views."""
+    by_signal, by_sample = (
+        signals.strides
+    )  # as `sliding_window_view`, whose checks cost as much as a short filter
+    shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
+    return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)
