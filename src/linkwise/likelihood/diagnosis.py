@@ -134,7 +134,7 @@ class TestedCauses:
 
     `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
     which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share. `model` is that of the
-    optimum alone, by which blocks of the records scatter; None where it was not found beside these.
+    optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found beside these.
     """
 
     __test__ = False  # no test of pytest
@@ -147,6 +147,7 @@ class TestedCauses:
     errors: SensorErrors
     filtered: SensorErrors
     model: FactoredModel | None
+    longer: tuple[Optimum, Misfit]
 
     @cached_property
     @np.errstate(
@@ -248,7 +249,8 @@ def _tested_in(
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
     curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
     named = in_units_of(hypotheses, identified)
-    tested = TestedCauses(named, columns.units, curvature, slope, scatter, errors, filtered, augmented.model)
+    equations, of_sensors = (curvature, slope, scatter), (errors, filtered)
+    tested = TestedCauses(named, columns.units, *equations, *of_sensors, augmented.model, longer)
     return tested, augmented.growth
 
 

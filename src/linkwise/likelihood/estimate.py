@@ -360,7 +360,8 @@ def estimate_of(
     covariance, faint = with_faint_modes(fit, identified)
     additions = (judgement.for_missing_terms, judgement.for_blocks, judgement.for_input_noise)
     added = [addition for addition in additions if addition is not None]
-    covariance = sum(added, covariance)
+    skewed = judgement.for_skewed_profiles
+    covariance = sum(added if skewed is None else [*added, skewed], covariance)
     units = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find

@@ -80,7 +80,8 @@ class Judgement:
 
     To be added to the covariance (p, p) of the fit are `for_missing_terms`, where a model error is trusted that terms explain
     a part of or residuals hint at terms or errors of masses, `for_blocks`, where blocks doubt laws that leave hardly more than
-    noise, and `for_input_noise`, where the residuals hint at noise of an input. `tested` is what was tested.
+    noise, `for_input_noise`, where the residuals hint at noise of an input, and `for_skewed_profiles`, where standard errors
+    do not reach as far as the likelihood. `tested` is what was tested.
     """
 
     verdict: Verdict
@@ -90,6 +91,7 @@ class Judgement:
     for_missing_terms: Floats | None = None
     for_blocks: Floats | None = None
     for_input_noise: Floats | None = None
+    for_skewed_profiles: Floats | None = None
     tested: TestedCauses | None = None
 
     @property

@@ -140,7 +140,7 @@ def is_quadratic(
     root = _root_of_covariance(fit, chosen)
     if root is None:
         return True
-    rise = _rise if len(chosen) == len(tested) else _rise_of_profile
+    rise = _rise if len(chosen) == len(tested) else rise_of_profile
     directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(chosen)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     return all(
@@ -229,6 +229,34 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, d
     return _relative_rise(fit, moved, distance) > least
 
 
+def rise_of_profile(fit: LikelihoodFit, moved: Indices, step: Floats, distance: float) -> tuple[float, bool]:
+    """The rise of -2 log likelihood where parameters are moved and held, and all others fitted again.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    moved : array of int, shape (f,)
+        The parameters that are moved.
+    step : array of shape (f,)
+        By how much.
+    distance : float
+        Of the move in standard errors.
+
+    Returns
+    -------
+    tuple of (float, bool)
+        The rise over that expected, the square of the distance, and whether the others were found; else an upper bound of it.
+    """
+    covariance = _covariance(fit)
+    size = np.sqrt(np.maximum(covariance.diagonal()[moved], np.finfo(float).tiny))
+    correlation = covariance[np.ix_(moved, moved)] / np.outer(size, size)
+    with_others = covariance[:, moved] / size @ np.linalg.pinv(correlation, hermitian=True) @ (step / size)
+    is_fixed = np.isin(np.arange(len(fit.values)), moved)
+    annealed = _fitted_with(fit.optimum, fit.optimum.point.theta + with_others, is_fixed)
+    return _relative_rise(fit, annealed, distance), annealed.status is AnnealingStatus.CONVERGED
+
+
 def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
     """The parameters that are free and not `faint`."""
     return np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
@@ -265,17 +293,6 @@ def _root_of_covariance(fit: LikelihoodFit, free: Indices) -> Floats | None:
 def _is_expected(rise: float, converged: bool, factor: float) -> bool:
     """Whether a rise of the cost over that expected is quadratic, within a factor."""
     return bool(1.0 / factor < rise < factor if converged else rise < _IRREGULAR_UNCONVERGED)
-
-
-def _rise_of_profile(fit: LikelihoodFit, moved: Indices, step: Floats, distance: float) -> tuple[float, bool]:
-    """As `_rise` where parameters are moved by `step` and held, and all others fitted again."""
-    covariance = _covariance(fit)
-    size = np.sqrt(np.maximum(covariance.diagonal()[moved], np.finfo(float).tiny))
-    correlation = covariance[np.ix_(moved, moved)] / np.outer(size, size)
-    with_others = covariance[:, moved] / size @ np.linalg.pinv(correlation, hermitian=True) @ (step / size)
-    is_fixed = np.isin(np.arange(len(fit.values)), moved)
-    annealed = _fitted_with(fit.optimum, fit.optimum.point.theta + with_others, is_fixed)
-    return _relative_rise(fit, annealed, distance), annealed.status is AnnealingStatus.CONVERGED
 
 
 def _rise(

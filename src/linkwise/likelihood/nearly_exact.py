@@ -164,7 +164,7 @@ def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | 
         return None
     free = np.ones(len(optimum.point.border), dtype=bool)
     free[: len(fit.values)] = fit.free
-    model = None if tested is None else tested.model
+    model = tested.model if tested and tested.model and tested.model.in_blocks else None
     longer, misfit = optimum, fit.misfit
     with one_blas_thread():
         if model is None:

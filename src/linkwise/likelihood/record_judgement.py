@@ -7,10 +7,12 @@ from dataclasses import replace
 
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.clipped_samples import clipped_samples
+from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.judgement import Judgement, assess
 from linkwise.likelihood.lacking_modes import lacking_modes
 from linkwise.likelihood.recording_errors import recording_errors
+from linkwise.likelihood.skewed_profiles import with_skewed_profiles
 from linkwise.likelihood.understated_noise import with_understated_noise
 from linkwise.likelihood.uneven_samples import before_other_causes
 from linkwise.model.structure import Structure
@@ -38,6 +40,7 @@ def judge(
     understated = with_understated_noise(judgement, fit, records)
     if understated is not None:
         return understated
+    judgement = with_skewed_profiles(judgement, fit, with_faint_modes(fit, identified)[1])
     if fit.random_forces or not (judgement.verdict.forbids or judgement.diagnosis):
         return judgement
     clipped = tuple(clipped_samples(fit, records))

@@ -17,7 +17,7 @@ from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.long_records import is_long
 from linkwise.likelihood.memory_forces import MemoryForce
 from linkwise.likelihood.shooting.block_information import FactoredModel
-from linkwise.likelihood.shooting.bordered_system import BorderEquations
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import Border, border_equations, linear_model, precise_model
@@ -62,8 +62,8 @@ class AugmentedQuadratic:
     """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
 
     The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
-    it was asked for in blocks; `growth` is that of the largest sensitivity of the states over a segment, in their units, 1
-    where the equations are local.
+    masses are few or it was asked for in blocks; `growth` is that of the largest sensitivity of the states over a segment, in
+    their units, 1 where the equations are local.
     """
 
     curvature: Floats
@@ -131,7 +131,7 @@ def augmented_quadratic(
     model, growth = None, 1.0
     if isinstance(linear, Linearization):
         growth = float(np.max(np.abs(linear.state_ends), initial=1.0))
-    if in_blocks and not border.damped:
+    if (in_blocks or isinstance(border, BorderedFactor)) and not border.damped:
         estimated = np.delete(
             np.arange(len(border.schur)), segments.system.parameters.size + np.arange(added)
         )

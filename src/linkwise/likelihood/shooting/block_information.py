@@ -30,6 +30,11 @@ class FactoredModel:
     linear: GaussNewtonModel
     factor: Factor
 
+    @property
+    def in_blocks(self) -> bool:
+        """Whether the corner of `linear` is that of several blocks."""
+        return len(self.linear.data.corner_gradients) > 1
+
     @classmethod
     def within(cls, linear: GaussNewtonModel, factor: Factor, border: Indices, q: float) -> FactoredModel:
         """That of these unknowns of the border alone, in arrays of its own, from a linearization with more of them."""
