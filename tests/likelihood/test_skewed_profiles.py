@@ -67,6 +67,15 @@ def test_intervals_reach_the_truth_on_the_slow_side(
     assert "The likelihood falls slowly on one side of nes1.alpha (" in estimate.message
 
 
+def test_another_optimum_behind_the_wall_takes_trust_away() -> None:
+    """At a low signal, the laws held loosely: alpha was 7 standard errors off, and 5 with the slow side alone."""
+    estimate = lw.identify(released(2.0, 2.0, 10.0, 5750348), UNKNOWN)
+    off = np.abs(estimate.values - truth(CHAIN, UNKNOWN)) / np.sqrt(estimate.covariance.diagonal())
+    assert off.max() > 5.0
+    assert estimate.status == "several optima" and not estimate.trusted
+    assert "or rises again beyond" in estimate.message
+
+
 def test_the_acceleration_is_the_third_difference_of_the_profile(
     skewed: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -98,6 +107,14 @@ def test_only_exact_laws_and_white_noise_are_looked_at(skewed: LikelihoodFit) ->
     assert with_skewed_profiles(TRUSTED, skewed).for_skewed_profiles is not None
     inexact = replace(TRUSTED, verdict=Verdict.MODEL_ERROR_NEEDED)
     assert with_skewed_profiles(inexact, skewed) is inexact
+
+
+def test_faint_parameters_and_records_in_pieces_are_left_out(
+    skewed: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert with_skewed_profiles(TRUSTED, skewed, ["nes1.alpha"]) is TRUSTED
+    monkeypatch.setattr(skewed_profiles, "is_long", lambda segments: True)
+    assert with_skewed_profiles(TRUSTED, skewed) is TRUSTED
 
 
 def test_a_profile_whose_end_is_not_found_forbids_trust(

@@ -26,9 +26,10 @@ from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.judgement import Judgement
-from linkwise.likelihood.local_optima import rise_of_profile
+from linkwise.likelihood.local_optima import rise_of_profile, rises_by
 from linkwise.likelihood.long_records import is_long
 from linkwise.likelihood.longer_optimum import in_longer_segments
+from linkwise.likelihood.low_signal import is_loosened
 from linkwise.likelihood.shooting.block_information import FactoredModel
 from linkwise.likelihood.shooting.linear_model import linear_model, precise_model
 from linkwise.likelihood.shooting.linearised_defects import pull_of_defects
@@ -47,6 +48,8 @@ _TRIALS = 8
 _SHARES = (0.2, 0.8)  # of the way from inside to outside, where the next trial is
 _GROWTH = (1.3, 3.0)  # of the distance where the end is still beyond, by about the rise to the power of 3/4
 _WIDER = 1.05  # times as wide, that an interval is said to be
+_BEYOND = 6.0, 9.0  # standard errors at which a wall is looked over
+_TOO_LITTLE = 0.5  # of the rise expected there
 _LOWER = -0.5  # of -2 log likelihood: there is another optimum, which is higher
 
 
@@ -75,15 +78,16 @@ def with_skewed_profiles(judgement: Judgement, fit: LikelihoodFit, faint: Sequen
     skewed = {k: a for k, a in accelerations.items() if not abs(a) < _SKEWED and names[k] not in faint}
     reaches: dict[int, float] = {}
     for number, acceleration in skewed.items():
-        reach = _reach(fit, number, side=1.0 if acceleration > 0.0 else -1.0)
+        slow = float(np.copysign(1.0, acceleration))
+        reach = _reach(fit, number, side=slow) if _is_wall(fit, number, side=-slow) else None
         if reach is None:
             return replace(
                 judgement,
                 verdict=Verdict.SEVERAL_OPTIMA,
                 message=(
-                    f"{judgement.message} But the likelihood of {names[number]} falls steeply on one side, and cannot be "
-                    "followed to the end of its interval on the other, so no interval is given. Hold it at a known value, or "
-                    "add a record of another motion."
+                    f"{judgement.message} But the likelihood of {names[number]} falls steeply on one side, and either cannot "
+                    "be followed to the end of its interval on the other or rises again beyond, so no interval is given. Hold "
+                    "it at a known value, or add a record of another motion or with less noise."
                 ),
             )
         reaches[number] = reach / NORMAL_95
@@ -112,6 +116,20 @@ def _added(covariance: Floats, factors: dict[int, float]) -> Floats:
             along = covariance[:, number] / variance
             added += lacking * np.outer(along, along)
     return added
+
+
+def _is_wall(fit: LikelihoodFit, number: int, *, side: float) -> bool:
+    """Whether the likelihood of a parameter stays low on the steep side, looked at where the laws hold loosely.
+
+    There the likelihood of exact laws has other optima, of which noise may make a wrong one the highest.
+    """
+    if not is_loosened(fit):
+        return True
+    is_fixed = np.arange(len(fit.values)) == number
+    step = side * fit.covariance[:, number] / np.sqrt(fit.covariance[number, number])
+    return all(
+        rises_by(_TOO_LITTLE, fit, fit.values + distance * step, is_fixed, distance) for distance in _BEYOND
+    )
 
 
 def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
