@@ -25,18 +25,19 @@ class Cause:
         share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``, a
         ``"high pass"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a
         point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
-        applied force,
-        ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, a missing ``"term"`` of a link,
-        a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
+        applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, one that is a
+        ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, a missing ``"term"`` of a
+        link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records
+        contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel shows,
-        its delay behind that, the root mean square of the force for a term or a
-        link, half the square of the time constant for a filter, how many times too large values in another unit are, the
-        corner of a high pass, the frequency of a mode that is lacking, the number of clipped samples, 0 for a sign and
-        for channels that are swapped, the standard
-        deviation of noise, the spectral density of an ambient force.
+        its delay behind that, the root mean square of the force for a term or a link, half the square of the time constant for
+        a filter, how many times too large values in another unit are, the corner of a high pass, the frequency of a mode that
+        is lacking, the number of clipped samples, 0 for a sign and for channels that are swapped, the standard deviation of
+        noise, the spectral density of an ambient force, the root mean square of what that of a coloured one departs from its
+        mean by, the correlation of two forces.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -46,7 +47,8 @@ class Cause:
     term : str
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
-        The channel that crosstalk comes from, the other one of two that are swapped, or the mode of a shape, else empty.
+        The channel that crosstalk comes from, the other one of two that are swapped or correlated, or the mode of a shape,
+        else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
         the power that is left in the sensors of its host that it explains.
@@ -228,6 +230,15 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "force delay": CauseKind(_late_force, unit="s"),
         "input noise": _noise("noise of"),
         "ambient": _noise("an ambient force on"),
+        "coloured force": CauseKind(
+            lambda cause: f"an ambient force on {cause.where} that is not white{_remarked(cause)}", unit="1"
+        ),
+        "correlated forces": CauseKind(
+            lambda cause: (
+                f"a correlation of {cause.size:.2g} between the ambient forces on {cause.where} and {cause.source}"
+            ),
+            unit="1",
+        ),
         "prior": CauseKind(_stated),
         "term": CauseKind(
             lambda cause: (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from linkwise.estimates.cause import Cause
+from linkwise.likelihood.force_spectra import SPECTRAL_KINDS
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
 
 
@@ -34,6 +35,12 @@ def of_instrument(cause: Cause) -> str:
         return (
             f", but {would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
             f"wrong by more than their intervals say, so none is given: allow for {more}."
+        )
+    if cause.kind in SPECTRAL_KINDS:
+        return (
+            f", but {would_explain(cause)}. The laws take up what such forces differ by from white and independent ones, and "
+            "would be wrong by more than their intervals say, so none is given: record the forces, or the structure where "
+            "nothing but applied forces or its own decay moves it."
         )
     return (
         f", but {would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than their intervals "

@@ -21,6 +21,7 @@ from linkwise.likelihood.diagnosis import TestedCauses, diagnose, likeliest_firs
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.force_spectra import SPECTRAL_KINDS
 from linkwise.likelihood.held_closer import HiddenTerm, hidden_term
 from linkwise.likelihood.held_errors import (
     LARGEST_SHIFT,
@@ -120,7 +121,7 @@ def assess(
     inputs = noise_of_inputs(fit, identified, channels)
     noisy = (input_noise.cause for input_noise in inputs if input_noise.cause is not None)
     every = (*diagnosis.causes, *noisy, *unstated_forces(fit, identified, channels))
-    causes = tuple(sorted(every, key=likeliest_first))
+    causes = tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
     given, fit = fit, fit if searched else with_small_model_error(fit, causes, diagnosis.tested)
     share = _share(fit, identified, causes) if fit.model_error > 0.0 else 0.0
     responses = [name for name in channels if not Channel.parse(name).is_input]
@@ -280,6 +281,8 @@ def _verdict(
         return Verdict.SYSTEMATIC_MISFIT, explained + of_systematic_misfit(largest)
     if counted.too_far is not None:
         return Verdict.MEASUREMENT_ERROR, explained + of_error_beside_terms(counted.too_far)
+    if causes and causes[-1].kind in SPECTRAL_KINDS:
+        return Verdict.MEASUREMENT_ERROR, explained + of_instrument(causes[-1])
     if filtered:
         return Verdict.COLOURED_RESIDUALS, explained + _FILTERED
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
@@ -352,8 +355,8 @@ def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], ch
     """What random forces leave open, or that they may be what is missing."""
     if any(force.ambient for force in fit.random_forces):
         return (
-            " Ambient forces are assumed to be white. This assumption, errors of sensors and stated masses are not tested "
-            "with them."
+            " Ambient forces are assumed to be white and independent, which is tested where the structure moves; errors of "
+            "sensors and stated masses are not tested with them."
         )
     inputs = [name for name in channels if Channel.parse(name).is_input]
     if not (fit.random_forces or inputs) and verdict in _LIKE_A_FORCE:

@@ -17,6 +17,7 @@ from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.force_spectra import spectral_causes
 from linkwise.likelihood.input_noise import (
     DRAWS,
     LARGEST,
@@ -43,7 +44,7 @@ _ONE_SIDED = 1.645  # standard errors, which a normal variable exceeds in 5 % of
 
 
 def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> tuple[Cause, ...]:
-    """Causes of what random forces leave: others that nobody stated, and stated ones that are larger.
+    """Causes of what random forces leave: others that nobody stated, stated ones that are larger, and what is not white.
 
     Parameters
     ----------
@@ -65,14 +66,15 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
     misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
     sizes, kicks = _kicks(fit, misfit, identified, channels)
     stated = [number for number, force in enumerate(fit.random_forces) if not force.found]
-    if not kicks and not stated:
+    ambient = any(force.ambient for force in fit.random_forces)
+    if not (kicks or stated or ambient):
         return ()
     with one_blas_thread():
         sums = _Sums.of(fit, misfit, kicks)
     if sums is None:
         return ()
     beside = _found_beside(fit, sums)
-    causes = []
+    causes = list(spectral_causes(fit, sums.slopes))
     for place, tested in sums.kicks.items():
         score = VarianceScore.of(tested, beside)
         if score is not None and score.normal > SIGNIFICANT:
@@ -187,11 +189,15 @@ def _density(fit: LikelihoodFit) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """Sums of squares of slopes: by `kicks` of each name, by the random `forces` in their deviations, and by `noise`."""
+    """Sums of squares of slopes: by `kicks` of each name, by the random `forces` in their deviations, and by `noise`.
+
+    `slopes` (r, K, 1 + d) are those by the forces, of the record and of draws.
+    """
 
     kicks: dict[str, SquareSum]
     forces: list[SquareSum]
     noise: list[SquareSum]
+    slopes: Floats
 
     @classmethod
     def of(cls, fit: LikelihoodFit, misfit: Misfit, kicks: Mapping[str, Floats]) -> _Sums | None:
@@ -217,6 +223,7 @@ class _Sums:
             },
             [_sum_of_squares(slopes) for slopes in of_forces],
             [_sum_of_squares(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
+            of_forces,
         )
 
 
