@@ -175,6 +175,15 @@ def test_columns_that_are_no_channels_are_ignored(read: Reader) -> None:
     assert record.notes == ("Columns that are not channels were ignored: count, day.",)
 
 
+def test_a_channel_in_capital_letters_is_ignored_with_a_question(read: Reader) -> None:
+    lines = [f"{line},{i},{i}" for i, line in enumerate(body())]
+    record = read(text(HEADER + ",Force:m2 [kN],X:", lines))
+    check(record)
+    assert record.notes == (
+        "Columns that are not channels were ignored: Force:m2 [kN] (did you mean force:m2?), X:.",
+    )
+
+
 def test_columns_are_mapped_by_name_and_number(read: Reader) -> None:
     content = text("Clock [ms];LVDT 3;Load cell (kN)", body(delimiter=";"))
     record = read(content, channels={"time[s]": "Clock", "x:m1[mm]": "LVDT 3", "force:m1": 3})

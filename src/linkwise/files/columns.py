@@ -53,13 +53,29 @@ def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note on the columns that are not used."""
     used = {choice.column for choice in chosen}
     unused = [
-        f"{column.header} ({column.instead})" if column.instead else column.header
+        f"{column.header} ({remark})"
+        if (remark := column.instead or _other_spelling(column))
+        else column.header
         for i, column in enumerate(table.columns)
         if i not in used and column.header
     ]
     if not unused:
         return []
     return [f"Columns that are not channels were ignored: {_list(unused)}."]
+
+
+def _other_spelling(column: Column) -> str:
+    """A question where a header is a channel but for capital letters, as "Force:m1" is; such a force must not go unseen."""
+    leaf = ColumnHeader.parse(column.header).leaf
+    kind, colon, mass = leaf.name.rpartition(":")
+    meant = f"{kind.lower()}{colon}{mass}"
+    if leaf.channel is not None or meant == leaf.name:
+        return ""
+    try:
+        Channel.parse(meant)
+    except RecordError:
+        return ""
+    return f"did you mean {meant}?"
 
 
 def units_over_headers(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
