@@ -7,7 +7,7 @@ import pytest
 from structures import CANTILEVER, CANTILEVER_SHAPES, NES, host, link, structure
 
 import linkwise as lw
-from linkwise.likelihood.hidden_wells import _place_of_rest, fit_about_rest
+from linkwise.likelihood.hidden_wells import _HiddenLink, _moves_of_rest, _place_of_rest, fit_about_rest
 from linkwise.likelihood.options import LikelihoodOptions
 
 SINK = {"alpha": -60.0, "beta": 2e6, "c": 0.1}
@@ -137,3 +137,14 @@ def test_places_where_a_law_has_no_force_are_passed_over() -> None:
     with np.errstate(invalid="ignore"):
         place, values = _place_of_rest(rods, {"k": 100.0}, d, 0.0 * d, 50.0 * d, {"k": "rods.k"})
     assert np.isfinite(place) and np.isfinite(values["k"])
+
+
+def test_a_place_of_rest_moves_with_the_values_on_a_base_too() -> None:
+    """Accelerometers on a moving base ended in an error that its motion was not given."""
+    store = link("store", "m1-base", "k*d + k3*d**3", k=-100.0, k3=1e6)  # wells at 10 mm
+    held = structure({"m1": 1.0}, store).unknown("all")
+    around = 0.01 + 1e-3 * np.sin(np.arange(50.0))[None]
+    before, after = np.array([-100.0, 1e6]), np.array([-144.0, 1e6])
+    moves = _moves_of_rest(held, (_HiddenLink(0, 0, 1.0),), around, before, after)
+    # from sqrt(100 / 1e6) to sqrt(144 / 1e6)
+    assert moves == pytest.approx([0.002], abs=1e-8)

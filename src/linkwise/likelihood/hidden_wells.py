@@ -132,7 +132,8 @@ def _along_valley(
             break
         values = fit.values + (solved[1] * optimum.scales.theta)[: len(fit.values)]
         nodes = optimum.point.nodes.copy()
-        moves = _moves_of_rest(structure, hidden, nodes, fit.values, values)
+        elongations = np.asarray(fit.misfit.trajectories.links[0][0], dtype=float)  # with what moves the base
+        moves = _moves_of_rest(structure, hidden, elongations, fit.values, values)
         if moves is None:
             break
         for link, move in zip(hidden, moves, strict=True):
@@ -151,14 +152,15 @@ def _along_valley(
 
 
 def _moves_of_rest(
-    structure: Structure, hidden: Sequence[_HiddenLink], nodes: Floats, before: Floats, after: Floats
+    structure: Structure, hidden: Sequence[_HiddenLink], d: Floats, before: Floats, after: Floats
 ) -> list[float] | None:
-    """By how much the elongation at rest of each hidden link changes with the values; None where a place of rest is lost."""
+    """By how much the elongation at rest of each hidden link changes with the values, whose elongations along the record are
+    `d` (L, K); None where a place of rest is lost.
+    """
     names = [parameter.name for parameter in structure.parameters]
     both = [
         structure.with_values(dict(zip(names, values.tolist(), strict=True))) for values in (before, after)
     ]
-    d = structure.elongations(nodes[: structure.size].T).T
     moves = []
     for link in hidden:
         mean, size = float(np.mean(d[link.number])), float(np.std(d[link.number])) or 1.0
