@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.likelihood.fit import Optimum, likelihood_fit
+from linkwise.likelihood.shooting import chord_steps as module
 from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.chord_steps import ChordEquations
 from linkwise.likelihood.shooting.damped_step import DampedEquations, damped_step
 from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.starts.values import starting_values
 
 Q = AnnealingSchedule.final_q
 
@@ -73,6 +76,26 @@ def test_equations_of_looser_links_lead_to_tight_ones() -> None:
     assert not end.settled  # their covariance is another one
     reference = searched(start)
     assert end.misfit.cost(Q) < reference.misfit.cost(Q) + 0.1 < begin.cost(Q)
+
+
+def test_equations_of_looser_links_serve_only_where_their_steps_arrive(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From half-way on, tight links would hold the search to a motion far from that of the laws."""
+    start = with_other_noise(optimum(10), 2, share=0.05)
+    chords, begin = first_step(start, 10.0 * Q)
+    assert present(chords.followed(begin, Q, 1e-4)).left < 1e-2
+    monkeypatch.setattr(module, "_MOST", 1)
+    assert chords.followed(begin, Q, 1e-4) is None
+
+
+def test_steps_that_rise_before_they_fall_spare_linearizations() -> None:
+    """The flow bends in several directions more than the equations know; chords that give up early leave a dozen steps."""
+    asked, record = lw.bnes_chain(20).unknown("all"), chain_record(20).with_noise(20.0, seed=5730003)
+    theta, spread = starting_values([record], asked)
+    path = likelihood_fit([record], asked, theta, spread=spread).path
+    assert path[-1].q == Q
+    assert len(path) <= 8
 
 
 @pytest.mark.parametrize(("standard_errors", "settled"), [(0.2, True), (1.5, False)])

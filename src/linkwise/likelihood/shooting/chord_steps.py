@@ -37,10 +37,13 @@ _NEAR = 0.5  # standard errors: how far unknowns may be from equations that serv
 _ALONG = 0.005  # of the noise, in power: how far the motion may be
 _LOOSER = 30.0  # times the relaxation that is aimed at: that of equations that still lead to it
 _FAR = 20.0  # times what ends a search: what may be left by equations that are not near
-_MOST = 12  # steps
-_MIXED = 3  # steps before that the next one is mixed with
-_SLOW = 0.4  # of what was left two steps before: more of it is too slow
+_MOST = 16  # steps
+# steps before that the next one is mixed with: as many directions as the curvature of the flow bends more than the equations
+# know have to be seen before what is left falls
+_MIXED = 8
 _ASTRAY = 100.0  # times what was left before
+_ARRIVED = 10.0  # times what such equations should leave: an end with more of it is no place to go on from with tight links
+_FIRST_RATE = 0.5  # at which unknowns come nearer, before two steps tell it
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +117,9 @@ class ChordEquations:
         lower, upper = bounds(self.segments)
         misfit = best = start
         reduction = np.inf
-        while len(left) < _MOST and not (left and max(left[-1], abs(reduction) if near else 0.0) < enough):
+        while len(left) < _MOST and not max(_remaining(left), abs(reduction) if near else 0.0) < enough:
             solved = self._solved(misfit, pulls, q)
-            if solved is None or _are_slow([*left, solved.predicted]):
+            if solved is None or (not near and _lead_astray([*left, solved.predicted])):
                 break
             left.append(solved.predicted)
             nodes, border, pulled = self._parted(mixing.step(solved))
@@ -132,9 +135,10 @@ class ChordEquations:
             misfit = trial
             if misfit.cost(q) < best.cost(q):
                 best = misfit
-        little_left = bool(left) and max(left[-1], abs(reduction)) < little
-        settled = near and little_left and self._is_near(best, q)
-        return None if best is start else ChordEnd(best, q, left[-1], settled)
+        remaining = _remaining(left)
+        settled = near and max(remaining, abs(reduction)) < little and self._is_near(best, q)
+        arrived = near or remaining < _ARRIVED * enough
+        return ChordEnd(best, q, remaining, settled) if arrived and best is not start else None
 
     def _lead_to(self, q: float) -> bool:
         full = self.damped.factor is not None and not self.damped.damping
@@ -237,8 +241,17 @@ class _Mixing:
         return mixed
 
 
-def _are_slow(left: list[float]) -> bool:
-    """Whether what steps leave of the cost does not fall as fast as a new linearization would let it."""
-    if len(left) > 1 and not left[-1] < _ASTRAY * left[-2]:
-        return True
-    return len(left) > 2 and left[-1] > _SLOW * left[-3]
+def _remaining(left: list[float]) -> float:
+    """The reduction of the cost that is before steps which each leave so much of it, if they go on as the last two did.
+
+    Unknowns come nearer by a factor r a step where what is left falls by r^2: what is before them is 1 / (1 - r)^2 of it.
+    """
+    if not left or (len(left) > 1 and not left[-1] < left[-2]):
+        return float("inf")
+    rate = float(np.sqrt(max(left[-1], 0.0) / left[-2])) if len(left) > 1 and left[-2] > 0.0 else _FIRST_RATE
+    return left[-1] / (1.0 - rate) ** 2
+
+
+def _lead_astray(left: list[float]) -> bool:
+    """Whether steps lead away from the optimum; beside it, where equations are `near`, what is left may rise on the way."""
+    return len(left) > 1 and not left[-1] < _ASTRAY * left[-2]
