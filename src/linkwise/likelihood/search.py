@@ -46,6 +46,7 @@ _STRAIGHT = 20
 # relaxation from which longer segments may take over: defects are a few percent of the noise
 _CONTINUOUS = 0.02
 _CONTINUOUS_FOR_LONG = 0.002  # the same of segments of more than two, along which the motion bends more
+_IN_LONGER = 2e-4  # first relaxation in longer segments
 
 
 def searched(
@@ -154,7 +155,7 @@ def _annealed(
     if near.q <= continuous and near.misfit.cost(near.q) - near.path[-1].remaining < sufficient:
         further = replace(
             schedule,
-            initial_q=max(schedule.final_q, continuous * schedule.smallest_factor),
+            initial_q=max(schedule.final_q, _IN_LONGER),
             max_steps=_STRAIGHT,
             sufficient_cost=sufficient,
         )
