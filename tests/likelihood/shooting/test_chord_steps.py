@@ -89,6 +89,14 @@ def test_equations_of_looser_links_serve_only_where_their_steps_arrive(
     assert chords.followed(begin, Q, 1e-4) is None
 
 
+def test_an_end_behind_a_rise_counts_only_where_it_is_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lower cost half-way there may lie behind a bend along which no linearization leads on."""
+    chords, begin = first_step(with_other_noise(optimum(10), 1, share=0.05), Q)
+    monkeypatch.setattr(module, "_fall", lambda left: False)
+    assert present(chords.followed(begin, Q, 1e-3)).settled
+    assert chords.followed(begin, Q, 0.0) is None
+
+
 def test_steps_that_rise_before_they_fall_spare_linearizations() -> None:
     """The flow bends in several directions more than the equations know; chords that give up early leave a dozen steps."""
     asked, record = lw.bnes_chain(20).unknown("all"), chain_record(20).with_noise(20.0, seed=5730003)
