@@ -41,7 +41,7 @@ _SKEWED = 0.3
 """Acceleration beyond which a profile is followed. Of 768 fits of two masses at 16 to 40 dB one in 18 is beyond; below it most
 profiles end within a quarter of where standard errors say, and errors are as large as these."""
 _FIRST = 4.0  # standard errors that a skewed profile is followed by first
-_FARTHEST = 40.0  # the same: an interval beyond tells nothing
+_FARTHEST = 40.0  # the same: a wider interval carries no information
 _CLOSE = 0.1  # of the rise to the end of an interval in standard errors
 _STEP = 1.2  # factor between distances inside and outside, the latter of which is taken then
 _TRIALS = 8
