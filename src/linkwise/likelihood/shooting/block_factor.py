@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.bordered_system import BorderEquations, border
 _AT_ONCE = 32  # nodes that are assembled together at most
 _HELD = 2_000_000  # numbers in the blocks of these
 _BLOCK = 40  # states in a diagonal block of a root
-_PARALLEL = 1.5e6  # multiplications a node from which products take longer than one thread takes to hand over to the other
+_PARALLEL = 1e7  # multiplications a node from which products take longer than one thread takes to hand over to the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class TriangularRoots:
         return cls(np.empty(((K + 1) // 2, m + 1, m)), np.tri(m, dtype=bool).T)
 
     def put(self, node: int, root: Floats) -> None:
-        """Store a factor, `root` (m, m), which has L' in its upper triangle; what is below is not looked at."""
+        """Store a factor L by its transpose `root` (m, m)."""
         own = self.pairs[node // 2]
         np.copyto(own[1:].T if node % 2 else own[:-1], root, where=self.upper)
 
@@ -188,7 +188,7 @@ class _Elimination:
     def eliminate(self, node: int, diagonal: Floats, *rows: Floats) -> bool:
         """Root of a node's `diagonal` to `roots`, and `rows` (r, m) through it, in place."""
         self.root[:] = diagonal
-        _, info = lapack.dpotrf(self.root.T, lower=1, clean=0, overwrite_a=1)
+        _, info = lapack.dpotrf(self.root.T, lower=1, overwrite_a=1)
         if info:
             return False
         if self.roots is not None:
@@ -197,7 +197,7 @@ class _Elimination:
 
 
 def _solve_rows(root: Floats, rows: Sequence[Floats]) -> bool:
-    """Rows (r, m) times the inverse of the upper triangle of `root` (m, m), in place; False where that is singular.
+    """Rows (r, m) times the inverse of the upper triangular `root` (m, m), in place; False where that is singular.
 
     Products with the inverses of its diagonal blocks let two threads run at once, which the solutions of LAPACK do not: SciPy
     holds the lock of the interpreter meanwhile.
@@ -207,11 +207,10 @@ def _solve_rows(root: Floats, rows: Sequence[Floats]) -> bool:
         inverse, info = lapack.dtrtri(root[own, own].T, lower=1)
         if info:
             return False
-        upper = np.triu(inverse.T)
         for some in rows:
             if first:
                 some[:, own] -= some[:, :first] @ root[:first, own]
-            some[:, own] = some[:, own] @ upper
+            some[:, own] = some[:, own] @ inverse.T
     return True
 
 
