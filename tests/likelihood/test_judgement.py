@@ -336,3 +336,15 @@ def test_a_weak_term_overturns_nothing_that_likelier_ones_explain() -> None:
         first, second = not_held(fit, (like, beyond), missing)
         assert first.overturned == () and second.overturned == overturned
     assert not_held(fit, (like,), None) == (like,)
+
+
+def test_a_missing_link_that_a_likelier_term_looks_like_is_held() -> None:
+    """Beside a host that hardens by a few percent, a link to its sink has a score, and none beside the cubic term."""
+    names = SimpleNamespace(system=SimpleNamespace(parameters=SimpleNamespace(names=("link.c",))))
+    fit: Any = SimpleNamespace(values=np.array([5.0]), covariance=np.eye(1), segments=names)
+    term = Cause("term", "link", 0.1, "N", 700.0, 0.01, term="d**3")
+    shadow = Cause("link", "m2-ground", 0.1, "N", 30.0, 0.01, term="d", shift=15.0)
+    alike, missing = replace(shadow, gain=690.0), MissingTerms((), np.zeros((1, 1)), frozenset())
+    assert not_held(fit, (term, alike, shadow), missing) == (term, alike)
+    there = replace(missing, unexplained=frozenset({("m2-ground", "d")}))
+    assert not_held(fit, (term, shadow), there) == (term, shadow)

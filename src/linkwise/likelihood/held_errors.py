@@ -27,6 +27,8 @@ error, by a missing link, or by a term beside noise. An interval that holds it i
 LARGEST_TERM = 0.05
 """Relative to the force in a link: the largest missing term that is trusted. With a larger one in the law, the coefficients
 would change by more than an engineer can neglect."""
+LIKELIER = 16.0
+"""Of -2 log likelihood: what a likelier cause gains more than another where chance gives that to one in 3000 (Vuong 1989)."""
 _ANOTHER_LAW = 0.5
 """The same where other causes explain more: a term that makes most of the force in its link, which then has another law."""
 _KINDS = (
@@ -139,10 +141,11 @@ def decisive(causes: Sequence[Cause], *, by_blocks: bool) -> Cause | None:
 
 
 def not_held(fit: LikelihoodFit, causes: Sequence[Cause], missing: MissingTerms | None) -> tuple[Cause, ...]:
-    """The causes without the coefficients that they would overturn, where intervals hold that.
+    """The causes that intervals do not hold, without the coefficients that they would overturn where intervals hold that.
 
-    They do where they hold zero, counting `missing` terms, and where a cause explains nothing beside those that they count: a
-    weak one would overturn what the likelier ones, which it looks like, do not.
+    Counting `missing` terms, intervals hold a coefficient where they hold its zero, and where a cause explains nothing beside
+    those terms: a weak one would overturn what the likelier ones, which it looks like, do not. A missing link that explains
+    nothing beside them and is less likely than the first of them is none: were it there, it would explain the most.
     """
     if missing is None:
         return tuple(causes)
@@ -155,10 +158,14 @@ def not_held(fit: LikelihoodFit, causes: Sequence[Cause], missing: MissingTerms 
         replace(
             cause,
             overturned=tuple(
-                name
-                for name in cause.overturned
-                if name not in uncertain and (cause.where, cause.term) in missing.unexplained
+                name for name in cause.overturned if name not in uncertain and _is_left(cause, missing)
             ),
         )
         for cause in causes
+        if _is_left(cause, missing) or cause.kind != "link" or cause.gain > causes[0].gain - LIKELIER
     )
+
+
+def _is_left(cause: Cause, missing: MissingTerms) -> bool:
+    """Whether a cause is significant beside the terms that are counted."""
+    return (cause.where, cause.term) in missing.unexplained
