@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from itertools import pairwise
@@ -23,12 +23,7 @@ from linkwise.likelihood.problem import ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import searched
 from linkwise.likelihood.sensors import SAMPLES, SensorModel
-from linkwise.likelihood.shooting.anneal import (
-    Annealer,
-    AnnealingFit,
-    AnnealingStatus,
-    AnnealingStep,
-)
+from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
 from linkwise.likelihood.shooting.clipped_readings import with_bounds_for
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit
@@ -127,6 +122,8 @@ class LikelihoodFit:
         What is known of the cost around the optimum.
     untold : tuple of str
         Channels whose gains, of which nothing is known beforehand, the records do not tell.
+    options : LikelihoodOptions
+        What it was asked for with.
     """
 
     values: Floats
@@ -155,6 +152,7 @@ class LikelihoodFit:
     random_forces: tuple[RandomForceEstimate, ...] = ()
     shape: CostShape = CostShape.UNKNOWN
     untold: tuple[str, ...] = ()
+    options: LikelihoodOptions = field(default_factory=LikelihoodOptions)
 
     @property
     def has_errors(self) -> bool:
@@ -359,6 +357,7 @@ def _fitted(
         prior_conflicts=_prior_conflicts(segments, explained),
         untold=tuple(name for name in untold if name not in sensing.calibration),
         random_forces=_random_forces(segments, sensing, records[0].rate),
+        options=options,
     )
 
 

@@ -12,6 +12,7 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.judgement import Judgement, assess
 from linkwise.likelihood.lacking_modes import lacking_modes
 from linkwise.likelihood.recording_errors import recording_errors
+from linkwise.likelihood.richer_laws import beside_richer_laws
 from linkwise.likelihood.skewed_profiles import with_skewed_profiles
 from linkwise.likelihood.understated_noise import with_understated_noise
 from linkwise.likelihood.uneven_samples import before_other_causes
@@ -41,6 +42,8 @@ def judge(
     if understated is not None:
         return understated
     judgement = with_skewed_profiles(judgement, fit, with_faint_modes(fit, identified)[1])
+    if not searched:
+        judgement = beside_richer_laws(judgement, fit, structures[0], records)
     if fit.random_forces or not (judgement.verdict.forbids or judgement.diagnosis):
         return judgement
     clipped = tuple(clipped_samples(fit, records))

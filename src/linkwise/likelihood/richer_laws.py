@@ -1,0 +1,219 @@
+"""What laws with the likeliest missing terms say of an answer whose laws lack them.
+
+A model error hides what is smaller than itself: beside a host that lacks a cubic term, a spring that nobody stated may move
+another coefficient by ten of its standard errors and no score be significant. Laws with the likeliest term are therefore
+fitted, and with what is significant beside it, until they leave only noise. Only then do they say whether the intervals hold:
+laws that still leave more have shadows of what they lack among their scores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.estimates.cause import Cause
+from linkwise.likelihood.diagnosis import diagnose
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.held_errors import LARGEST_SHIFT
+from linkwise.likelihood.judgement import Judgement
+from linkwise.likelihood.long_records import is_long
+from linkwise.likelihood.memory_forces import MEMORY_TERMS
+from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.law_programs import forces_program
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.verdict import Verdict
+
+_MOST = 3  # terms and links that are added
+_NEAR = 3.0  # standard errors within which coefficients are looked for
+_BETTER = 0.5  # of the model error: with more of it laws do not tell what is missing beside the term
+_ALIKE = 0.5  # of what the likeliest cause gains: others that may stand for it
+_AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
+_LEFT = 2.0  # chi-square that exact laws may leave where more is missing
+
+
+def beside_richer_laws(
+    judgement: Judgement, fit: LikelihoodFit, structure: Structure, records: Sequence[Record]
+) -> Judgement:
+    """The judgement, without trust where laws that leave only noise contradict the intervals.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        The judgement on the fit.
+    fit : LikelihoodFit
+        The fit.
+    structure : Structure
+        The structure with its unknowns.
+    records : sequence of Record
+        The records.
+
+    Returns
+    -------
+    Judgement
+        The same where no term explains most of what a model error stands for, and where no few terms and links leave only
+        noise. Long records are not fitted again.
+    """
+    causes = judgement.diagnosis
+    if judgement.verdict is not Verdict.MODEL_ERROR_NEEDED or not causes or causes[0].kind != "term":
+        return judgement
+    if fit.random_forces or is_long(fit.segments):
+        return judgement
+    added = [part for part in (judgement.for_missing_terms, judgement.for_blocks) if part is not None]
+    deviations = np.sqrt(np.maximum(sum(added, fit.covariance).diagonal(), np.finfo(float).tiny))
+    exact = _exact_laws(causes[0], fit, structure, records, deviations)
+    if exact is None:
+        return judgement
+    with_them = f"With {' and '.join(map(_in_words, exact.added))}"
+    names, values = [p.name for p in exact.structure.parameters], exact.fit.values
+    found = np.array([values[names.index(parameter.name)] for parameter in structure.parameters])
+    shifts = np.where(fit.free, np.abs(found - fit.values) / deviations, 0.0)
+    farthest = int(np.argmax(shifts))
+    if shifts[farthest] <= LARGEST_SHIFT:
+        return replace(judgement, message=f"{judgement.message} {with_them} only noise is left.")
+    return replace(
+        judgement,
+        verdict=Verdict.SYSTEMATIC_MISFIT,
+        message=f"{with_them} the laws leave only noise, and {structure.parameters[farthest].name} is "
+        f"{shifts[farthest]:.2g} of the standard errors of this answer away, which its intervals do not include, so none is "
+        "given: add what is missing.",
+        diagnosis=(causes[0], *exact.added[1:], *causes[1:]),
+        for_missing_terms=None,
+        for_blocks=None,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _RicherLaws:
+    """A `structure` with what was `added` of terms and links, and its `fit`."""
+
+    added: tuple[Cause, ...]
+    structure: Structure
+    fit: LikelihoodFit
+
+    def causes(self, channels: Sequence[str]) -> tuple[Cause, ...]:
+        """What is significant beside them."""
+        names = [parameter.name for parameter in self.structure.parameters]
+        values = dict(zip(names, map(float, self.fit.values), strict=True))
+        return diagnose(self.fit, self.structure.with_values(values), channels, terms=True).causes
+
+
+def _exact_laws(
+    first: Cause, fit: LikelihoodFit, structure: Structure, records: Sequence[Record], deviations: Floats
+) -> _RicherLaws | None:
+    """Laws with a `first` term, and the likeliest terms and links beside it, that leave only noise; None if none do."""
+    laws, lacking = _RicherLaws((), structure, fit), _likeliest([first])
+    while len(laws.added) < _MOST and lacking is not None:
+        size = lacking.size / max(_power(lacking, laws), np.finfo(float).tiny)
+        again = _fitted(laws, with_cause(laws.structure, lacking), records, (size, deviations))
+        if again is None or again.fit.model_error > _BETTER * fit.model_error:
+            return None
+        laws = replace(again, added=(*laws.added, lacking))
+        causes = laws.causes(records[0].channels)
+        if not causes:
+            exact = not laws.fit.model_error and not laws.fit.chi_square_off
+            return laws if exact else None
+        lacking = _likeliest(causes)
+        deviations = np.sqrt(np.maximum(laws.fit.covariance.diagonal(), np.finfo(float).tiny))
+    return None
+
+
+def _likeliest(causes: Sequence[Cause]) -> Cause | None:
+    """The likeliest term or link that can be added; None where what explains much more is none.
+
+    Of those that are as likely the one that moves a coefficient farthest: trust is not to depend on which of them it is.
+    """
+    can_be_added = [
+        cause
+        for cause in causes
+        if cause.kind in ("term", "link")
+        and cause.term not in MEMORY_TERMS
+        and cause.gain > _ALIKE * causes[0].gain
+    ]
+    as_likely = (cause for cause in can_be_added if cause.gain > can_be_added[0].gain - _AS_LIKELY)
+    return max(as_likely, key=lambda cause: cause.shift, default=None)
+
+
+def _fitted(
+    before: _RicherLaws, richer: Structure, records: Sequence[Record], start: tuple[float, Floats]
+) -> _RicherLaws | None:
+    """The fit of richer laws; None where it does not converge, or leaves much more than noise.
+
+    It starts at the values of the laws before, with their deviations (p,), and at the size of what is added.
+    """
+    (size, deviations), names = start, [parameter.name for parameter in before.structure.parameters]
+    known = dict(zip(names, zip(before.fit.values, _NEAR * deviations, strict=True), strict=True))
+    theta, spread = np.array([known.get(p.name, (size, abs(size))) for p in richer.parameters]).T
+    options = replace(before.fit.options, nodes=None, relaxation=None)
+    try:
+        fit = likelihood_fit(records, richer, theta, spread=spread, options=options)
+    except IdentificationError:  # its motion may run to infinity
+        return None
+    converged = fit.status is AnnealingStatus.CONVERGED and fit.has_errors
+    return replace(before, structure=richer, fit=fit) if converged and fit.chi_square < _LEFT else None
+
+
+def with_cause(structure: Structure, cause: Cause) -> Structure:
+    """The structure with a missing term or link, of unknown size.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    cause : Cause
+        A cause of the kind "term" or "link".
+
+    Returns
+    -------
+    Structure
+        The structure with it.
+    """
+    links = structure.links
+    if cause.kind == "link":
+        name = cause.where.replace("-", "_")
+        while any(link.name == name for link in links):
+            name += "_"
+        law, coefficients = Law.parse(f"size*({cause.term})"), {"size": Coefficient.unknown(start=0.0)}
+        return replace(structure, links=(*links, Link(name, _ends(structure, cause), law, coefficients)))
+    return replace(
+        structure,
+        links=tuple(_with_term(link, cause.term) if link.name == cause.where else link for link in links),
+    )
+
+
+def _ends(structure: Structure, cause: Cause) -> tuple[str, str]:
+    """The two ends of a missing link, which a cause has in one word."""
+    places = list(structure.topology.index)
+    return next(
+        (first, second) for first in places for second in places if f"{first}-{second}" == cause.where
+    )
+
+
+def _with_term(link: Link, term: str) -> Link:
+    name = "added"
+    while name in link.coefficients:
+        name += "_"
+    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states)
+    return replace(link, law=law, coefficients={**link.coefficients, name: Coefficient.unknown(start=0.0)})
+
+
+def _in_words(added: Cause) -> str:
+    return f"{added.term} in {'a link ' if added.kind == 'link' else ''}{added.where}"
+
+
+def _power(lacking: Cause, laws: _RicherLaws) -> float:
+    """Root mean square of a term of unit size along the fitted motion."""
+    structure, orbit = laws.structure, laws.fit.misfit.trajectories
+    ends = _ends(structure, lacking) if lacking.kind == "link" else structure.link(lacking.where).between
+    first, second = (structure.topology.row(end) for end in ends)
+    d = np.tensordot(first - second, orbit.states[:, 0], axes=(0, 1))
+    v = np.tensordot(first - second, orbit.states[:, 1], axes=(0, 1)) / laws.fit.segments.step
+    along = np.asarray(forces_program((Law.parse(lacking.term).expression,))(d, v))
+    return float(np.sqrt(np.mean(along**2)))
