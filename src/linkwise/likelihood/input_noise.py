@@ -270,4 +270,4 @@ def changes_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> 
     """(K - 1, m, d) of the defects by steps of the nodes (K, m, d) and the border (P, d)."""
     ends = np.einsum("kij,kjd->kid", linear.state_ends, nodes[:-1])
     ends += linear.right_ends[..., : len(border)] @ border
-    return np.asarray((nodes[1:] - ends) * linear.joined[:, :, None])
+    return np.asarray(nodes[1:] * linear.joined[:, :, None] - ends)

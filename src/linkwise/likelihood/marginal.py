@@ -120,14 +120,40 @@ def marginal_fit(
         if fit.status is not AnnealingStatus.CONVERGED:
             return segments, replace(fit, path=path)
         segments, change, logs, slope, border = _changes(segments, fit, known_noise, annealer)
-        if change < _SETTLED:
+        if change < _SETTLED and not _is_to_loosen(segments):
             return segments, replace(fit, path=path)
         logs, before = _extrapolated(logs, before)
         segments, start, scales = _changed(segments, fit, logs, slope, border)
         q = relaxation(segments, scales, start)
+        segments = _loosened(segments, scales, start.theta, q)
         fit = annealer(segments, start, scales, AnnealingSchedule(initial_q=q, final_q=q))
         path = (*path, *fit.path)
     return segments, replace(fit, path=path, status=AnnealingStatus.EXHAUSTED)
+
+
+def _is_to_loosen(segments: Segments) -> bool:
+    """Whether forces that vary within a segment leave no defects yet."""
+    random = segments.random
+    return bool(random and random.varying is not None and random.varying.any() and random.weights is None)
+
+
+def _loosened(segments: Segments, scales: Scales, theta: Floats, q: float) -> Segments:
+    """The segments with the defects of displacements that forces leave which vary within them, at a relaxation.
+
+    White noise of a mean F over a time h moves a mass by F h^2 / 2m, and by what is independent of its mean and has a standard
+    deviation of s h^2 / (m sqrt(12)), s being that of F.
+    """
+    random = segments.random
+    if random is None or random.varying is None:
+        return segments
+    n, mechanics = len(segments.system.incidence), segments.system.at(theta)
+    chosen = np.flatnonzero(random.varying & random.present)
+    gain = mechanics.gain[:, segments.system.state_links[random.rows[chosen] - 2 * n]]
+    powers = gain**2 @ random.deviation[chosen] ** 2 / 12.0
+    sizes = np.sqrt(powers) * (segments.step * segments.steps) ** 2 / scales.state[:n, None]
+    weights = np.ones((segments.system.dimension, segments.count))
+    weights[:n] = q / np.maximum(sizes, q)
+    return replace(segments, random=replace(random, weights=weights))
 
 
 def parts_of(segments: Segments) -> tuple[Indices, float]:

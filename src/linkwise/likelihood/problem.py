@@ -21,7 +21,7 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segments import A, Iterate, Scales, Segments
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.model.structure import Structure
@@ -147,6 +147,7 @@ def _random_states(segments: Segments, sensing: SensorModel, deviations: Floats,
         deviation=deviations[:, None] * np.where(ambient[:, None], rate, 1.0),
         is_estimated=np.array([force.deviation is None for force in sensing.random]),
         shown=shown_directly(sensing.random, sensing.frames[0]),
+        varying=None if (segments.sensors.kind == A).any() else ambient,  # accelerations show the forces themselves
     )
 
 

@@ -263,6 +263,14 @@ class _DrawnEquations:
         optimum, n = self.fit.optimum, defects.shape[1]
         return np.asarray(defects / optimum.q**2 / optimum.scales.state[n : 2 * n, None])
 
+    def _loosened(self, rng: np.random.Generator, count: int) -> Floats:
+        """(K - 1, m, d) pulls of drawn defects that forces leave in displacements, as they vary within a segment."""
+        joined = self.linear.joined
+        pulls = np.zeros((*joined.shape, count))
+        loose = np.flatnonzero(((joined > 0.0) & (joined < 1.0)).any(axis=0))
+        pulls[:, loose] = rng.standard_normal((len(joined), len(loose), count)) / self.fit.optimum.q
+        return pulls
+
     def drawn(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
         """By so many draws, states and unknowns following: `by_kicks`, forces (r, K, d) and residuals (C, K, M, d) left."""
         segments, m = self.fit.optimum.segments, self.fit.optimum.segments.system.dimension
@@ -277,6 +285,10 @@ class _DrawnEquations:
             nodes[part] = rows[..., :m].transpose(0, 2, 1) @ noise[part]
             border += np.einsum("krp,krd->pd", rows[..., m:-1], noise[part])
         nodes[:, self.random.rows] += (root * forces).transpose(1, 0, 2)
+        loosened = self._loosened(rng, count)
+        nodes[:-1] += np.einsum("kij,kid->kjd", self.linear.state_ends, loosened)
+        nodes[1:] -= self.linear.joined[:, :, None] * loosened
+        border += np.einsum("kip,kid->pd", self.linear.right_ends[..., :-1], loosened)
         nodes, border = steps_of(self.factor, free_of_bounds(self.fit), nodes, border)
         for part, rows in self.rows:
             noise[part] -= rows[..., :m] @ nodes[part] + rows[..., m:-1] @ border

@@ -74,13 +74,14 @@ def _dense(linear: Linearization, factor: BorderedFactor, q: float) -> tuple[Flo
         inner = slice(first, min(last, K - 1))  # segments that another follows
         own = weight * linear.defects.right[first:last] + linear.data.right[first:last]
         along = _product(own, follow[first:last])
-        along -= weight * _product(linear.right_ends[inner], follow[first + 1 : inner.stop + 1])
+        moved = linear.joined[inner, :, None] * follow[first + 1 : inner.stop + 1]
+        along -= weight * _product(linear.right_ends[inner], moved)
         corner[block] -= along[:p]
         gradient[block] -= along[p]
     for block, node in enumerate(ends[1:-1]):
-        link = linear.joined[node - 1, :, None] * follow[node] + linear.right_ends[node - 1, :, :p]
-        link -= linear.state_ends[node - 1] @ follow[node - 1]
-        _transmit(corner, block, weight * follow[node].T @ link)
+        moved = linear.joined[node - 1, :, None] * follow[node]
+        link = moved + linear.right_ends[node - 1, :, :p] - linear.state_ends[node - 1] @ follow[node - 1]
+        _transmit(corner, block, weight * moved.T @ link)
     return gradient, 0.5 * (corner + corner.transpose(0, 2, 1))
 
 

@@ -52,15 +52,14 @@ def eliminated_rows(
     follow = followed_states(factor)
     _, m, p = follow.shape
     following = np.concatenate([follow[1:], np.zeros((1, m, p))])
-    linked = np.append(segments.linked, False)
-    missed = np.zeros((segments.count, m))
-    missed[:-1] = misfit.defects.reshape(m, -1).T
+    weights, missed = np.zeros((2, segments.count, m))
+    weights[:-1], missed[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
 
     def chunk(part: slice) -> EliminatedRows:
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
         node = follow[part]
         defects = ends[..., m:] - ends[..., :m] @ node + following[part]
-        defects *= linked[part, None, None] / q
+        defects *= weights[part, :, None] / q
         data = rows[..., m:-1] - rows[..., :m] @ node
         return EliminatedRows(part, data, rows[..., -1], defects, missed[part] / q)
 

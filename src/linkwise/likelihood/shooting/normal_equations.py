@@ -73,7 +73,7 @@ class Linearization:
     defects: NormalBlocks
     state_ends: Floats  # (K - 1, m, m) end of a segment by its node
     right_ends: Floats  # (K - 1, m, p + 1) end by theta and offsets; last the defect, sign reversed
-    joined: Floats  # (K - 1, m) 1 where a state is continuous between linked segments, else 0
+    joined: Floats  # (K - 1, m) what defects weigh, as in both ends: 1, or 0 of what is not continuous
     shift: Floats | None = None  # (m, p) by the border, relative to which the nodes are
 
     def within(self, border: Indices) -> Linearization:
@@ -92,17 +92,18 @@ class Linearization:
         m = self.data.state.shape[1]
         diagonal = self.defects.state * weight
         diagonal += self.data.state
-        diagonal[1:, range(m), range(m)] += weight * self.joined
+        diagonal[1:, range(m), range(m)] += weight * self.joined**2
         right = np.empty_like(self.data.right)
         for first in range(0, len(right), _AT_ONCE):
             some, own = slice(first, first + _AT_ONCE), right[first : first + _AT_ONCE]
             np.multiply(self.defects.right[some], weight, out=own)
             own += self.data.right[some]
-            before = weight * self.right_ends[max(first - 1, 0) : first + _AT_ONCE - 1]
+            links = slice(max(first - 1, 0), first + _AT_ONCE - 1)
+            before = weight * self.joined[links, :, None] * self.right_ends[links]
             own[len(own) - len(before) :] -= before
         return BorderedSystem(
             diagonal,
-            self.state_ends * -weight,
+            self.state_ends * (-weight * self.joined[:, :, None]),
             right,
             self.data.corner + weight * self.defects.corner,
             self.data.corner_gradient + weight * self.defects.corner_gradient,
@@ -130,7 +131,7 @@ class Linearization:
         if strength == 0.0:
             return None
         nodes = np.einsum("kii->ki", self.data.state + self.defects.state)
-        nodes[1:] += self.joined
+        nodes[1:] += self.joined**2
         return Damping(strength * nodes, strength * np.diag(self.data.corner + self.defects.corner))
 
 
@@ -154,9 +155,8 @@ def linearise(
     columns = np.delete(np.arange(p + 1), _columns_of(errors, segments, candidates))
     parts, ends_of_blocks = chunks(segments, len(columns) - 1), block_ends(K, blocks)
     data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
-    joined = np.append(segments.linked, False)[:, None] * segments.continuous
-    defects_by_node = np.zeros((K, m))
-    defects_by_node[:-1] = misfit.defects.reshape(m, -1).T
+    joined, defects_by_node = np.zeros((2, K, m))
+    joined[:-1], defects_by_node[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.zeros((K, m, p + 1))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
@@ -167,8 +167,8 @@ def linearise(
         if errors is not None:
             added = _whitened_errors(errors, segments, misfit, scales, loss, part, candidates)
             of_errors = data.put_errors(part, rows, added, columns)
-        ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         ends *= joined[part, :, None]
+        ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
         state_ends[part] = ends[:, :, :m]
         put_columns(right_ends[part], columns, ends[:, :, m:])
         return corners, defects.put(part, ends, pieces, columns), of_errors

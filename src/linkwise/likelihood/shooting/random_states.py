@@ -31,6 +31,10 @@ class RandomStates:
         Where that part is counted as zero.
     shown : array of shape (C, r) or None
         What the sensors show of them directly, besides the motion that follows; None for nothing.
+    varying : array of bool, shape (r,), or None
+        Those that vary within a segment as white noise does, of which the states are the means. None for none of them.
+    weights : array of shape (2n + S, K) or None
+        What defects at the ends of the segments weigh, where these forces leave some in displacements. None for 1.
     """
 
     rows: Indices
@@ -40,6 +44,8 @@ class RandomStates:
     slope: Floats | None = None
     origin: Floats | None = None
     shown: Floats | None = None
+    varying: Bools | None = None
+    weights: Floats | None = None
 
     def cost(self, nodes: Floats, border: Floats) -> float:
         """What the forces among `nodes` (2n + S, K) and the slope along `border` (P,) add to the cost."""
@@ -63,4 +69,5 @@ class RandomStates:
 
     def chosen(self, segments: Indices) -> Self:
         """The forces in some of the segments."""
-        return replace(self, deviation=self.deviation[:, segments])
+        weights = None if self.weights is None else self.weights[:, segments]
+        return replace(self, deviation=self.deviation[:, segments], weights=weights)

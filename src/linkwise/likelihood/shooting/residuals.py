@@ -166,11 +166,10 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     clipped = _whitened(residuals, segments, scales, loss)
     ends = orbit.ends(segments.step)
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
-    defects *= segments.linked
+    defects *= segments.link_weights
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
     prior += cost_of_starts(segments, point.nodes, scales)
     if segments.random is not None:
-        defects *= segments.continuous[:, None]
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))
     return Misfit(point, orbit, residuals, defects, data, continuity, prior, clipped)

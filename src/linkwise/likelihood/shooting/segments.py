@@ -181,6 +181,14 @@ class Segments:
             continuous[self.random.rows] = 0.0
         return continuous
 
+    @cached_property
+    def link_weights(self) -> Floats:
+        """(2n + S, K - 1) what defects weigh: 1, or 0 of what is not continuous, and less than 1 of what forces loosen."""
+        weights = self.continuous[:, None] * self.linked
+        if self.random is not None and self.random.weights is not None:
+            weights *= self.random.weights[:, :-1]
+        return weights
+
     def chosen(self, which: Indices) -> Self:
         """Some of the segments; those that follow each other in the record stay linked."""
         linked = self.linked[which[:-1]] & (np.diff(which) == 1)
