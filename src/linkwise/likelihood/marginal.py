@@ -44,6 +44,8 @@ _SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
 _ENOUGH = 0.02
 # of the values of a random force: where a record determines fewer, its deviation is as good as zero
 _NONE = 0.1
+_NEARLY_SETTLED = 0.05  # changes of the logarithms of deviations, after which slopes that scatter do so by rounding
+_ONWARD = 0.9  # cosine of the angle between changes of two rounds, below which they scatter
 _LARGEST_CHANGE = 1.5  # of the logarithm of a deviation in one round
 _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow stands for beside it
 _LOOSEST = 0.02  # relaxation
@@ -115,11 +117,11 @@ def marginal_fit(
     fit : AnnealingFit
         The fit at the maximum, exhausted where it did not settle.
     """
-    path, before = fit.path, None
+    path, before, slopes = fit.path, None, _MeanSlope()
     for _ in range(_ROUNDS):
         if fit.status is not AnnealingStatus.CONVERGED:
             return segments, replace(fit, path=path)
-        segments, change, logs, slope, border = _changes(segments, fit, known_noise, annealer)
+        segments, change, logs, slope, border = _changes(segments, fit, known_noise, annealer, slopes)
         if change < _SETTLED and not _is_to_loosen(segments):
             return segments, replace(fit, path=path)
         logs, before = _extrapolated(logs, before)
@@ -180,7 +182,7 @@ def parts_of(segments: Segments) -> tuple[Indices, float]:
 
 
 def _changes(
-    segments: Segments, fit: AnnealingFit, known_noise: Bools, annealer: Annealer
+    segments: Segments, fit: AnnealingFit, known_noise: Bools, annealer: Annealer, slopes: _MeanSlope
 ) -> tuple[Segments, float, Floats, Floats, Floats]:
     """The largest change; those of the logarithms of deviations (C + r,), the new slope (P,) and unknowns (P,).
 
@@ -190,17 +192,18 @@ def _changes(
     assert random is not None
     determinant = _LogDeterminant.of(segments, fit, annealer)
     deviation = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    slope = determinant.slope(~fit.at_bound, deviation)
-    before = 0.0 if random.slope is None else random.slope
-    shift = -0.5 * fit.covariance @ (slope - before)
     noise, force = determinant.freedoms(known_noise)
     measurable = ~known_noise & (noise > _ENOUGH * segments.observed.sum(axis=(0, 2)))
     of_noise = np.where(measurable, _log_ratio(np.sum(fit.misfit.residuals**2, axis=(0, 2)), noise), 0.0)
     forces = fit.point.nodes[random.rows] / random.deviation
     vanishing = force < _NONE
     of_force = np.where(random.is_estimated & ~vanishing, _log_ratio(np.sum(forces**2, axis=1), force), 0.0)
-    moved = np.abs(shift[deviation > 0.0]) / deviation[deviation > 0.0]
     logs = np.concatenate([of_noise, of_force])
+    before = np.zeros(len(deviation)) if random.slope is None else random.slope
+    slope = determinant.slope(~fit.at_bound, deviation)
+    slope = slopes.following(slope, before, deviation, settled=float(np.abs(logs).max()) < _NEARLY_SETTLED)
+    shift = -0.5 * fit.covariance @ (slope - before)
+    moved = np.abs(shift[deviation > 0.0]) / deviation[deviation > 0.0]
     segments = replace(segments, random=replace(random, absent=random.is_estimated & vanishing))
     change = max(float(moved.max(initial=0.0)), _LOG_WEIGHT * float(np.abs(logs).max()))
     return segments, change, logs, slope, fit.point.border + shift
@@ -234,6 +237,31 @@ def _log_ratio(squares: Floats, freedom: Floats) -> Floats:
     """Logarithms of factors on deviations, from sums of squares in their units and the numbers that the record determines."""
     log_factors = 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny) / np.maximum(freedom, 1.0))
     return np.clip(log_factors, -_LARGEST_CHANGE, _LARGEST_CHANGE)
+
+
+class _MeanSlope:
+    """The gradient of log det from round to round: the mean of those that scatter by rounding, so that the rounds settle.
+
+    Where the noise of sensors is far below what the random forces do, differences of log det lose digits. Changes that go on in
+    one direction are no scatter, nor are those while deviations change.
+    """
+
+    def __init__(self) -> None:
+        self._averaged, self._last = 1, np.zeros(0)
+
+    def following(self, slope: Floats, before: Floats, deviation: Floats, *, settled: bool) -> Floats:
+        """The gradient (P,) after the one `before`, by the `slope` there; `deviation` are those of the unknowns.
+
+        `settled` says whether the deviations of forces and noise nearly are.
+        """
+        change = (slope - before) * deviation
+        sizes = float(np.linalg.norm(change) * np.linalg.norm(self._last))
+        if not settled:
+            self._averaged = 1
+        elif len(self._last) and float(change @ self._last) < _ONWARD * sizes:
+            self._averaged += 1
+        self._last = change
+        return before + (slope - before) / self._averaged
 
 
 @dataclass(frozen=True, eq=False)
