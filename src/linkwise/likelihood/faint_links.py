@@ -94,7 +94,7 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
     if sensors.shapes is not None:  # points show modes, of which each link moves several
         return np.full(incidence.shape[1], np.inf)
     orbit = fit.misfit.trajectories
-    at = slice(None, segments.steps, segments.refine)
+    at = segments.at_samples
     motions = {
         X: orbit.links[at, 0],
         V: orbit.links[at, 1],
@@ -128,7 +128,7 @@ def own_part(fit: LikelihoodFit) -> Floats:
     It is what their elongations, cubes and rates leave of it by least squares, at the end where that is less.
     """
     system, steps = fit.segments.system, fit.segments.steps
-    motion = fit.misfit.trajectories.links[slice(None, steps, fit.segments.refine)]
+    motion = fit.misfit.trajectories.links[fit.segments.at_samples]
     d, v = (motion[:, kind].transpose(2, 0, 1).reshape(-1, motion.shape[2]) for kind in (0, 1))
     d = d - d.mean(axis=0)
     touches = system.incidence != 0.0

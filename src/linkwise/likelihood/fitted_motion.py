@@ -23,12 +23,12 @@ def motion_of_links(fit: LikelihoodFit, identified: Structure, records: Sequence
     """The links along the fitted orbit, at the samples of all records; residuals are those of the weak form."""
     records = framed_records(records, identified, integrated=True)
     segments, samples = fit.segments, len(fit.segments.samples)
-    states = fit.misfit.trajectories.states[: segments.steps : segments.refine]
+    states = fit.misfit.trajectories.states[segments.at_samples]
     x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
     v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
     whole = [-(-len(record) // samples) * samples for record in records]
     firsts = np.cumsum([0, *whole[:-1]])
-    memory = fit.misfit.trajectories.memory[: segments.steps : segments.refine]
+    memory = fit.misfit.trajectories.memory[segments.at_samples]
     inside = memory.transpose(2, 0, 1).reshape(len(x), -1)
     left = fit.misfit.residuals.transpose(2, 0, 1).reshape(len(x), -1)
     observed = fit.segments.observed.transpose(2, 0, 1).reshape(len(x), -1)

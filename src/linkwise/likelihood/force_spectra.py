@@ -118,7 +118,9 @@ class _Band:
         velocities = np.fft.rfft(point.nodes[n : 2 * n, self._part], axis=1)
         energy = np.cumsum(segments.system.at(point.theta).masses @ np.abs(velocities) ** 2)
         end = int(np.searchsorted(energy, _MOTION * energy[-1]))
-        self.count = min(int(_BEYOND * end), len(energy) - 1)
+        whole = len(energy) - 1
+        # accelerations show the forces themselves, and tell their level by all frequencies
+        self.count = whole if segments.centred else min(int(_BEYOND * end), whole)
         step = float(segments.step[start] * segments.refine * len(segments.samples))
         self.highest = self.count / ((stop - start) * step)
 

@@ -132,7 +132,7 @@ def shooting_problem(
         np.zeros(len(sensing.delays)),
     )
     cut = partial(sensing.segments, records, with_random_forces(structure, places), system)
-    segments = _fine_segments(cut, point, scales)
+    segments = _fine_segments(cut, point, scales, least=2 if sensing.centred else 1)
     if sensing.random:
         segments = replace(segments, random=_random_states(segments, sensing, deviations, records[0].step))
     return ShootingProblem(segments, point, scales)
@@ -147,21 +147,23 @@ def _random_states(segments: Segments, sensing: SensorModel, deviations: Floats,
         deviation=deviations[:, None] * np.where(ambient[:, None], rate, 1.0),
         is_estimated=np.array([force.deviation is None for force in sensing.random]),
         shown=shown_directly(sensing.random, sensing.frames[0]),
-        varying=None if (segments.sensors.kind == A).any() else ambient,  # accelerations show the forces themselves
+        varying=None if (segments.sensors.kind == A).any() and not segments.centred else ambient,  # of accelerations
     )
 
 
-def _fine_segments(segments_of: Callable[[int], Segments], point: Iterate, scales: Scales) -> Segments:
+def _fine_segments(
+    segments_of: Callable[[int], Segments], point: Iterate, scales: Scales, *, least: int
+) -> Segments:
     """The segments in steps that are fine enough, for the flow and for its tangents.
 
-    `segments_of` makes the segments with a number of steps of the flow a sample.
+    `segments_of` makes the segments with a number of steps of the flow a sample, of which there are the `least` or more.
     """
     cut = cache(segments_of)
     tests = cache(lambda refine: _TestedFlow.of(cut(refine), point, scales))
-    refine = 1
+    refine = least
     while refine < _MAX_REFINEMENT and not _same_residuals(tests(refine), tests(2 * refine)):
         refine *= 2
-    steps = 1
+    steps = least
     while steps < _MAX_REFINEMENT and not _same_tangents(tests(max(refine, 2 * steps)), steps):
         steps *= 2
     return replace(cut(max(refine, steps)), tangent_refine=steps)

@@ -127,6 +127,14 @@ class SensorModel:
         return 1 if self.random or self.sparse else SAMPLES
 
     @property
+    def centred(self) -> bool:
+        """Whether samples are in the middle of segments: accelerations show ambient forces, as a mean over the time around."""
+        record = self.frames[0].record if self.frames else None
+        if record is None or not self.random or record.inputs:
+            return False
+        return any(Channel.parse(name).kind == "a" for name in record.responses)
+
+    @property
     def sigma(self) -> Floats:
         """(C,) standard deviations of the noise in the first record; those of others are relative to it."""
         return np.array(list(self.noise[0].values()))
@@ -187,6 +195,7 @@ class SensorModel:
             prior=self.prior(structure.parameters),
             waveforms=self._waveforms(records),
             clipped=None if self.random else segments.clipped,
+            centred=self.centred,
         )
         segments = in_moving_coordinates(segments, self.frames)
         return with_uncertain_forces(segments, records, structure, self.gains, self.delays)

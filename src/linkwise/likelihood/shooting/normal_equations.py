@@ -280,7 +280,7 @@ def _put_marched(
     units, of_links = (scales.state, scales.theta[:p]), bool(np.any(sensors.kind == F))
     steps = tangents(mechanics, orbit, step, *units, forces, inputs=inputs, of_links=of_links)
     for number, tangent in enumerate(steps):
-        sample, between = divmod(number, segments.tangent_refine)
+        sample, between = divmod(number - segments.tangents_before, segments.tangent_refine)
         if tangent.acceleration is None or between:
             continue
         motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))

@@ -126,7 +126,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, inputs)
     sensors, rate = segments.sensors.at(mechanics), 1.0 / segments.step
     shown_orbit = sensors.orbit_with_points(orbit)
-    every = slice(None, segments.steps, segments.refine)
+    every = segments.at_samples
     residuals = np.empty_like(segments.samples)
     for kind, motion in (
         (X, shown_orbit.states[every, 0]),
@@ -177,7 +177,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
 
 def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Trajectories) -> Floats:
     """(M, L, K) forces in the links in N at the samples; zeros where no sensor shows one."""
-    every = slice(None, segments.steps, segments.refine)
+    every = segments.at_samples
     links = orbit.links[every]
     forces = np.zeros_like(links[:, 0])
     if (segments.sensors.kind == F).any():

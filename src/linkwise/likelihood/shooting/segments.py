@@ -134,7 +134,8 @@ class Segments:
     `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `waveforms` what
     sensors add over time, None without any; `counts` (M, C, K) is how many samples of the record each stands for, None for 1;
     `by_transitions` says whether tangents follow from transitions over half steps; `clipped` are readings at the ends of the
-    ranges of sensors, which are missing in `samples`, None without any.
+    ranges of sensors, which are missing in `samples`, None without any; `centred` says whether samples are in the middle of
+    their steps, of which there are two or more, and not at the start.
     """
 
     system: System
@@ -155,6 +156,17 @@ class Segments:
     counts: Floats | None = None
     by_transitions: bool = False
     clipped: ClippedReadings | None = None
+    centred: bool = False
+
+    @property
+    def at_samples(self) -> slice:
+        """The steps of the flow at whose start there is a sample."""
+        return slice(self.refine // 2 if self.centred else 0, self.steps, self.refine)
+
+    @property
+    def tangents_before(self) -> int:
+        """Steps of the tangents in a segment before its first sample."""
+        return self.tangent_refine // 2 if self.centred else 0
 
     @property
     def count(self) -> int:
