@@ -84,3 +84,16 @@ def test_records_are_judged_together() -> None:
 def test_a_record_too_short_for_a_spectrum_is_not_judged() -> None:
     fit = lw.identify(in_coloured_forces(3.0, 1.5, seed=5700016), chain(2).unknown("all"), ambient="all")
     assert not {"coloured force", "correlated forces"} & {cause.kind for cause in fit.diagnosis}
+
+
+def test_a_level_that_changes_with_time_is_named_before_a_term_that_seems_to_be_missing() -> None:
+    rng = np.random.default_rng(5799011)
+    forces = white(rng, 40.0)
+    second = np.arange(len(forces)) / (RATE * SUBSTEPS)
+    forces *= np.where(second % 10.0 < 2.0, 4.0, 1.0)[:, None]
+    fit = lw.identify(shown(forces, rng), chain(2).unknown("all"), ambient="all")
+    assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR
+    cause = fit.diagnosis[0]
+    assert (cause.kind, cause.unit) == ("unsteady force", "1")
+    assert f"an ambient force on {cause.where} whose level changes with time (its density is" in fit.message
+    assert "times too narrow, and none is given: use parts of the record" in fit.message

@@ -26,9 +26,9 @@ class Cause:
         ``"high pass"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a
         point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
         applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, one that is a
-        ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, a missing ``"term"`` of a
-        link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records
-        contradict.
+        ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"``
+        whose level changes with time, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the
+        ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -37,7 +37,7 @@ class Cause:
         a filter, how many times too large values in another unit are, the corner of a high pass, the frequency of a mode that
         is lacking, the number of clipped samples, 0 for a sign and for channels that are swapped, the standard deviation of
         noise, the spectral density of an ambient force, the root mean square of what that of a coloured one departs from its
-        mean by, the correlation of two forces.
+        mean by, and the square of that of an unsteady one, the correlation of two forces.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -236,6 +236,12 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "correlated forces": CauseKind(
             lambda cause: (
                 f"a correlation of {cause.size:.2g} between the ambient forces on {cause.where} and {cause.source}"
+            ),
+            unit="1",
+        ),
+        "unsteady force": CauseKind(
+            lambda cause: (
+                f"an ambient force on {cause.where} whose level changes with time{_remarked(cause)}"
             ),
             unit="1",
         ),

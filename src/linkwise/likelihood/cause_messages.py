@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.force_spectra import SPECTRAL_KINDS
+from linkwise.likelihood.force_spectra import SPECTRAL_KINDS, UNSTEADY
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
 
 
@@ -35,6 +37,12 @@ def of_instrument(cause: Cause) -> str:
         return (
             f", but {would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
             f"wrong by more than their intervals say, so none is given: allow for {more}."
+        )
+    if cause.kind == UNSTEADY:
+        return (
+            f", but {would_explain(cause)}. The strongest parts tell most, so intervals would be at least "
+            f"{np.hypot(1.0, cause.size):.2g} times too narrow, and none is given: use parts of the record in which the level "
+            "is about the same."
         )
     if cause.kind in SPECTRAL_KINDS:
         return (

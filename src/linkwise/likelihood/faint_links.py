@@ -127,7 +127,7 @@ def own_part(fit: LikelihoodFit) -> Floats:
 
     It is what their elongations, cubes and rates leave of it by least squares, at the end where that is less.
     """
-    system, steps = fit.segments.system, fit.segments.steps
+    system = fit.segments.system
     motion = fit.misfit.trajectories.links[fit.segments.at_samples]
     d, v = (motion[:, kind].transpose(2, 0, 1).reshape(-1, motion.shape[2]) for kind in (0, 1))
     d = d - d.mean(axis=0)

@@ -27,16 +27,22 @@ from linkwise.likelihood.variance_score import normal_score
 SPECTRAL_KINDS = ("coloured force", "correlated forces")
 """Kinds of causes; what else a structure lacks makes forces seem so, too, and is told before them."""
 
+UNSTEADY = "unsteady force"
+"""The kind of cause of a force whose level changes with time: terms that follow the motion seem to be missing then."""
+
 _BANDS = 6  # of the same width, up to the end of the motion
 _FEWEST = 8  # frequencies in a band: of fewer the spectrum is too rough to be judged
 _MOTION = 0.99  # of the kinetic energy lies below the frequency where the motion ends ...
 _BEYOND = 1.5  # ... and dampers and stiffnesses are still told a little further
 _SIGNIFICANT = 4.0  # a normal score, as one force in 30 000 gives by chance, or one pair in 15 000
 _SIZEABLE = 0.1  # of the density, by root mean square, or of the correlation: less moves laws by a standard error or so
+_FEWEST_PARTS, _MOST_PARTS = 5, 50  # of the records, in which the level of a force is compared
+_FREEDOM = 16.0  # degrees of freedom of the level in a part
+_UNSTEADY = 0.46  # of the square of the density, by root mean square: intervals are too narrow by a tenth
 
 
 def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
-    """Causes of what ambient forces that are not white, or not independent, leave.
+    """Causes of what ambient forces that are not white, not independent, or not steady, leave.
 
     Parameters
     ----------
@@ -48,7 +54,7 @@ def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
     Returns
     -------
     tuple of Cause
-        Those of `SPECTRAL_KINDS` that are significant.
+        Those of `SPECTRAL_KINDS`, and of the kind `UNSTEADY`, that are significant.
     """
     forces, random = fit.random_forces, fit.optimum.segments.random
     assert random is not None
@@ -66,7 +72,8 @@ def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
     places = np.concatenate([band.places() for band in parts])
     highest = max(band.highest for band in parts)
     named = [forces[number] for number in ambient]
-    return (*_coloured(named, spectra, places, highest), *_correlated(named, spectra))
+    unsteady = _unsteady(named, [slopes[number] ** 2 for number in ambient])
+    return (*_coloured(named, spectra, places, highest), *_correlated(named, spectra), *unsteady)
 
 
 def _coloured(
@@ -106,6 +113,38 @@ def _correlated(forces: Sequence[RandomForceEstimate], spectra: Sequence[Floats]
             gain = -2.0 * len(spectra[first]) * float(np.log1p(-min(correlation**2, 1.0 - 1e-12)))
             where, source, error = forces[first].where, forces[second].where, float(scatter / whole)
             yield Cause(SPECTRAL_KINDS[1], where, correlation, "1", gain, error, source=source)
+
+
+def _unsteady(forces: Sequence[RandomForceEstimate], squares: Sequence[Floats]) -> Iterator[Cause]:
+    """Forces whose `squares` of slopes (K, 1 + d) are in some parts of the records another multiple of those of steady ones.
+
+    Intervals of laws are too narrow then by the root of 1 + size^2, as the strongest parts tell most.
+    """
+    for force, square in zip(forces, squares, strict=True):
+        drawn = _in_parts(square[:, 1:], _FEWEST_PARTS)
+        freedom = 2.0 * float(
+            np.sum(drawn.mean(axis=1) ** 2) / max(np.sum(drawn.var(axis=1)), np.finfo(float).tiny)
+        )
+        count = int(min(_FEWEST_PARTS * freedom / _FREEDOM, _MOST_PARTS, len(square)))
+        if count < _FEWEST_PARTS:
+            continue
+        freedom *= _FEWEST_PARTS / count
+        sums = _in_parts(square, count)
+        ratio = np.maximum(sums[:, 0] / sums[:, 1:].mean(axis=1), np.finfo(float).tiny)
+        ratio /= ratio.mean()
+        gain = -freedom * float(np.log(ratio).sum())
+        size = float(np.sqrt(max(np.mean((ratio - 1.0) ** 2) - 2.0 / freedom, 0.0)))
+        if normal_score(gain - (count - 1.0), count - 1.0, count - 1.0) > _SIGNIFICANT and size > _UNSTEADY:
+            low, high = np.sqrt([ratio.min(), ratio.max()])
+            remark = f"its density is {low:.2g} to {high:.2g} times its root mean square in {count} parts of the record"
+            yield Cause(
+                UNSTEADY, force.where, size, "1", gain, float(np.sqrt(2.0 / (freedom * count))), remark=remark
+            )
+
+
+def _in_parts(values: Floats, count: int) -> Floats:
+    """(count, ...) sums of values (K, ...) in parts of about equal length."""
+    return np.add.reduceat(values, np.arange(count) * len(values) // count)
 
 
 class _Band:

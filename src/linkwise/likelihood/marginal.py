@@ -44,7 +44,9 @@ _SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
 _ENOUGH = 0.02
 # of the values of a random force: where a record determines fewer, its deviation is as good as zero
 _NONE = 0.1
-_NEARLY_SETTLED = 0.05  # changes of the logarithms of deviations, after which slopes that scatter do so by rounding
+_NEARLY_SETTLED = (
+    0.05  # changes of the logarithms of deviations, after which slopes that scatter do so by rounding
+)
 _ONWARD = 0.9  # cosine of the angle between changes of two rounds, below which they scatter
 _LARGEST_CHANGE = 1.5  # of the logarithm of a deviation in one round
 _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow stands for beside it
@@ -242,8 +244,8 @@ def _log_ratio(squares: Floats, freedom: Floats) -> Floats:
 class _MeanSlope:
     """The gradient of log det from round to round: the mean of those that scatter by rounding, so that the rounds settle.
 
-    Where the noise of sensors is far below what the random forces do, differences of log det lose digits. Changes that go on in
-    one direction are no scatter, nor are those while deviations change.
+    Where the noise of sensors is far below what the random forces do, differences of log det lose digits. Changes that go on
+    in one direction are no scatter, nor are those while deviations change.
     """
 
     def __init__(self) -> None:

@@ -147,7 +147,9 @@ def _random_states(segments: Segments, sensing: SensorModel, deviations: Floats,
         deviation=deviations[:, None] * np.where(ambient[:, None], rate, 1.0),
         is_estimated=np.array([force.deviation is None for force in sensing.random]),
         shown=shown_directly(sensing.random, sensing.frames[0]),
-        varying=None if (segments.sensors.kind == A).any() and not segments.centred else ambient,  # of accelerations
+        varying=None
+        if (segments.sensors.kind == A).any() and not segments.centred
+        else ambient,  # of accelerations
     )
 
 
