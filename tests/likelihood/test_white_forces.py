@@ -130,7 +130,8 @@ def test_accelerations_behind_a_filter_are_told_by_the_spectrum_of_the_forces() 
     fit = lw.identify(accelerations(40.0, 60.0, 5799005), chain(2).unknown("all"), ambient="all")
     assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR, fit.message
     assert fit.diagnosis[0].kind == "coloured force"
-    assert "below 50 Hz" in fit.message
+    assert "below 50 Hz, as behind a filter against aliasing)" in fit.message
+    assert "resample the accelerations at twice the frequency up to which the filter is flat" in fit.message
 
 
 def test_slopes_that_scatter_are_averaged_and_those_that_go_on_are_not() -> None:

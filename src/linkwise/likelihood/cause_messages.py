@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.force_spectra import SPECTRAL_KINDS, UNSTEADY
+from linkwise.likelihood.force_spectra import BEHIND_FILTER, SPECTRAL_KINDS, UNSTEADY
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
 
 
@@ -43,6 +43,12 @@ def of_instrument(cause: Cause) -> str:
             f", but {would_explain(cause)}. The strongest parts tell most, so intervals would be at least "
             f"{np.hypot(1.0, cause.size):.2g} times too narrow, and none is given: use parts of the record in which the level "
             "is about the same."
+        )
+    if cause.remark.endswith(BEHIND_FILTER):
+        return (
+            f", but {would_explain(cause)}. All frequencies tell the level of the forces, and dampings would be wrong by more "
+            "than their intervals say, so none is given: resample the accelerations at twice the frequency up to which the "
+            "filter is flat, by their Fourier transform."
         )
     if cause.kind in SPECTRAL_KINDS:
         return (

@@ -30,12 +30,16 @@ SPECTRAL_KINDS = ("coloured force", "correlated forces")
 UNSTEADY = "unsteady force"
 """The kind of cause of a force whose level changes with time: terms that follow the motion seem to be missing then."""
 
+BEHIND_FILTER = ", as behind a filter against aliasing"
+"""Ends the remark on a force of which accelerations show nothing near half the sampling rate."""
+
 _BANDS = 6  # of the same width, up to the end of the motion
 _FEWEST = 8  # frequencies in a band: of fewer the spectrum is too rough to be judged
 _MOTION = 0.99  # of the kinetic energy lies below the frequency where the motion ends ...
 _BEYOND = 1.5  # ... and dampers and stiffnesses are still told a little further
 _SIGNIFICANT = 4.0  # a normal score, as one force in 30 000 gives by chance, or one pair in 15 000
 _SIZEABLE = 0.1  # of the density, by root mean square, or of the correlation: less moves laws by a standard error or so
+_ROLLED_OFF = 0.5  # of the mean density: less in the last band is a filter's
 _FEWEST_PARTS, _MOST_PARTS = 5, 50  # of the records, in which the level of a force is compared
 _FREEDOM = 16.0  # degrees of freedom of the level in a part
 _UNSTEADY = 0.46  # of the square of the density, by root mean square: intervals are too narrow by a tenth
@@ -72,12 +76,19 @@ def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
     places = np.concatenate([band.places() for band in parts])
     highest = max(band.highest for band in parts)
     named = [forces[number] for number in ambient]
+    shown = fit.optimum.segments.centred
+    coloured = _coloured(named, spectra, places, highest, of_accelerations=shown)
     unsteady = _unsteady(named, [slopes[number] ** 2 for number in ambient])
-    return (*_coloured(named, spectra, places, highest), *_correlated(named, spectra), *unsteady)
+    return (*coloured, *_correlated(named, spectra), *unsteady)
 
 
 def _coloured(
-    forces: Sequence[RandomForceEstimate], spectra: Sequence[Floats], places: Indices, highest: float
+    forces: Sequence[RandomForceEstimate],
+    spectra: Sequence[Floats],
+    places: Indices,
+    highest: float,
+    *,
+    of_accelerations: bool,
 ) -> Iterator[Cause]:
     """Forces whose `spectra` (F, 1 + d), at the `places` (F,) in bands, are no multiples of those of white ones."""
     count = np.bincount(places, minlength=_BANDS).astype(float)
@@ -97,6 +108,8 @@ def _coloured(
             remark = (
                 f"its density is {ratio.min():.2g} to {ratio.max():.2g} times its mean below {highest:.3g} Hz"
             )
+            if of_accelerations and ratio[-1] < _ROLLED_OFF:
+                remark += BEHIND_FILTER
             error = float(1.0 / np.sqrt(count.sum()))
             yield Cause(SPECTRAL_KINDS[0], force.where, size, "1", gain, error, remark=remark)
 
