@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 from present import some
-from shaken_chain import DAMPING, RATE, STIFFNESS, chain
+from shaken_chain import DAMPING, NOISE, RATE, STEADY, STIFFNESS, SUBSTEPS, chain, motion
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -148,3 +148,22 @@ def test_slopes_that_scatter_are_averaged_and_those_that_go_on_are_not() -> None
     for target in (one, -one, one):
         slope = unsettled.following(target, slope, one, settled=False)
     assert slope == pytest.approx(one, abs=1e-12)
+
+
+def test_laws_that_are_not_linear_are_judged_by_the_whole_record() -> None:
+    """Parts in which the motion is larger or smaller move a damper like v*abs(v) by several standard errors."""
+    record = _displacements(120.0, 5799007)
+    fit = lw.identify(record, chain(2, "k*d + c*v + c2*v*abs(v)").unknown("all"), ambient="all")
+    assert fit.trusted, fit.message
+    for link in ("l1", "l2"):
+        estimate = fit.coefficient(f"{link}.c2")
+        assert estimate.standard_error is not None and estimate.value is not None
+        assert abs(estimate.value) < 4.0 * estimate.standard_error
+
+
+def _displacements(seconds: float, seed: int) -> lw.Record:
+    """Displacements of two masses in white forces of 1 N a sample, which are constant in a quarter of it."""
+    rng = np.random.default_rng(seed)
+    forces = np.sqrt(SUBSTEPS) * rng.standard_normal(((STEADY + int(seconds * RATE)) * SUBSTEPS, 2))
+    x = motion(forces)[STEADY:, :2]
+    return lw.Record(0.0, RATE, ("x:m1", "x:m2"), x + NOISE * rng.standard_normal(x.shape))

@@ -163,6 +163,8 @@ def _loosened(segments: Segments, scales: Scales, theta: Floats, q: float) -> Se
 def parts_of(segments: Segments) -> tuple[Indices, float]:
     """Segments that stand for all, in pieces that follow each other, and how many times as many there are.
 
+    Of linear laws any do, of others only all: log det changes with the size of the motion, which differs from piece to piece.
+
     Parameters
     ----------
     segments : Segments
@@ -175,8 +177,10 @@ def parts_of(segments: Segments) -> tuple[Indices, float]:
     share : float
         The number of all over theirs.
     """
-    count = segments.count
-    if count <= _PARTS * _LENGTH:
+    count, system, random = segments.count, segments.system, segments.random
+    forced = 0 if random is None else len(random.rows)
+    linear = len(system.linear_links) + forced == system.incidence.shape[1]
+    if count <= _PARTS * _LENGTH or not linear:
         return np.arange(count), 1.0
     firsts = np.linspace(0, count - _LENGTH, _PARTS).astype(int)
     which = (firsts[:, None] + np.arange(_LENGTH)).ravel()

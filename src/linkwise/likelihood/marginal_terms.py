@@ -9,7 +9,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.marginal import parts_of
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.score_test import CandidateForce
 from linkwise.likelihood.shooting.normal_equations import linearise
@@ -45,27 +44,27 @@ def determinant_slopes(
     array of shape (c,)
         The addition for each candidate, by its coefficient.
     """
-    part, share = _part_without_unknowns(optimum)
-    still = _log_determinant(part, identified, masses)
+    # parts do not stand for the whole: log det with a term changes with the size of the motion
+    whole = _without_unknowns(optimum)
+    still = _log_determinant(whole, identified, masses)
     slopes = []
     for force, deviation in candidates:
         size = _STEP * deviation
-        changed = _log_determinant(part, _with_term(identified, force, size), masses)
-        slopes.append(-0.5 * share * (changed - still) / size)
+        changed = _log_determinant(whole, _with_term(identified, force, size), masses)
+        slopes.append(-0.5 * (changed - still) / size)
     return np.asarray(np.nan_to_num(np.array(slopes)))
 
 
-def _part_without_unknowns(optimum: Optimum) -> tuple[Optimum, float]:
-    """Some of the segments with parameters that are numbers, and how many times as many there are."""
-    which, share = parts_of(optimum.segments)
-    segments, p = optimum.segments.chosen(which), len(optimum.point.theta)
+def _without_unknowns(optimum: Optimum) -> Optimum:
+    """The optimum with parameters that are numbers."""
+    segments, p = optimum.segments, len(optimum.point.theta)
     assert segments.random is not None
     return replace(
         optimum,
         segments=replace(segments, prior=None, random=replace(segments.random, slope=None, origin=None)),
-        point=replace(optimum.point, nodes=optimum.point.nodes[:, which], theta=np.zeros(0)),
+        point=replace(optimum.point, theta=np.zeros(0)),
         scales=replace(optimum.scales, theta=optimum.scales.theta[p:]),
-    ), share
+    )
 
 
 def _with_term(structure: Structure, force: CandidateForce, size: float) -> Structure:
@@ -79,9 +78,9 @@ def _with_term(structure: Structure, force: CandidateForce, size: float) -> Stru
     return replace(structure, links=(*structure.links, link))
 
 
-def _log_determinant(part: Optimum, structure: Structure, masses: Sequence[str]) -> float:
-    sample = float(np.min(part.segments.step)) * part.segments.refine
-    segments = replace(part.segments, system=system_with(structure, masses, sample))
-    misfit = evaluate(segments, part.point, part.scales, part.loss)
-    factor = linearise(segments, misfit, part.scales, part.loss).equations(part.q).factor()
+def _log_determinant(optimum: Optimum, structure: Structure, masses: Sequence[str]) -> float:
+    sample = float(np.min(optimum.segments.step)) * optimum.segments.refine
+    segments = replace(optimum.segments, system=system_with(structure, masses, sample))
+    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
+    factor = linearise(segments, misfit, optimum.scales, optimum.loss).equations(optimum.q).factor()
     return float("nan") if factor is None else 2.0 * float(np.log(factor.chol[0]).sum())
