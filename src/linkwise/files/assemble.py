@@ -65,12 +65,10 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
     count = len(next(iter(columns.values())))
     grid, lines = _grid(table, file, time, mapping.rate, count), table.lines
     if mapping.resample is not None:
-        notes.append(
-            f"Resampled from {len(grid.time)} samples to {mapping.resample:g} Hz by quintic splines; "
-            "noise of neighbouring samples is no longer independent."
-        )
-        start, columns = resample_evenly(grid.time, columns, mapping.resample, file=file, lines=lines)
-        grid, lines = _Grid.even(start, mapping.resample, len(next(iter(columns.values())))), None
+        even = resample_evenly(grid.time, columns, mapping.resample, file=file, lines=lines)
+        columns = even.columns
+        notes.append(even.note)
+        grid, lines = _Grid.even(even.start, mapping.resample, len(next(iter(columns.values())))), None
     timeline, values, remarks = sampled_columns(
         grid.time, columns, file, lines, informative=options.informative
     )
