@@ -172,6 +172,23 @@ def test_a_first_mapping_guesses_quantities_and_can_be_used(tmp_path: Path) -> N
         write_first_mapping(path, written)
 
 
+@pytest.mark.parametrize(
+    ("header", "channels"),
+    [
+        ("Time (s),x:m1,x:m2,Shaker (N),Load", ["x:m1", "x:m2", "force:m1", "force:m2"]),
+        ("Time (s),Load cell,Laser 1,x:m12,x:a2,x:base", ["force:a2", "x:m1", "x:m12", "x:a2", "x:base"]),
+        ("Time (s),x:m1,force:m1,Laser 2,Hammer,Kraft", ["x:m1", "force:m1", "x:m2", "force:m2", "force:m3"]),
+    ],
+)
+def test_a_guessed_force_acts_on_a_mass_that_moves(tmp_path: Path, header: str, channels: list[str]) -> None:
+    path = tmp_path / "run.csv"
+    columns = header.count(",")
+    path.write_text("\n".join([header, *(",".join([f"{t}", *(f"{t}",) * columns]) for t in T)]))
+    write_first_mapping(path, tmp_path / "first.toml")
+    named = read_mapping(tmp_path / "first.toml").channels
+    assert [name.partition("[")[0] for name in named][1:] == channels
+
+
 def test_a_first_mapping_of_columns_that_say_nothing_is_an_example(tmp_path: Path) -> None:
     path, written = tmp_path / "run.npy", tmp_path / "first.toml"
     np.save(path, np.column_stack([X, A]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import count
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from linkwise.files.columns import recognised
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Table
 from linkwise.records.angular_units import is_angular
-from linkwise.records.channel import QUANTITIES, UNITS
+from linkwise.records.channel import OF_MASSES, QUANTITIES, UNITS, Channel
 from linkwise.units import factor_to_si
 
 _NAMES = (
@@ -47,25 +47,27 @@ def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
     known, blocks, guesses = recognised(table, str(path)), [], []
     spare: list[str | int] = []
     names = [ColumnHeader.parse(text).leaf.name for text in table.headers]
-    for number, column in enumerate(table.columns):
-        if column.values is None:
-            continue
-        header = ColumnHeader.parse(column.header).leaf
+    headers = {
+        number: ColumnHeader.parse(column.header).leaf
+        for number, column in enumerate(table.columns)
+        if column.values is not None
+    }
+    guessed = _guessed_names(headers, known)
+    for number, header in headers.items():
         label = header.name if table.named and header.name and names.count(header.name) == 1 else number + 1
         name, unit, remark = known.get(number, ""), header.unit, ""
-        if not name and "time" not in known.values() and _TIMES.match(header.name):
-            name, unit, remark = "time", unit or "s", "guessed from its name"
-            guesses.append(f"Column {label} was guessed to be the time.")
-        elif not name:
-            kind, why = _guessed(header)
-            if not kind:
-                spare.append(label)
-                continue
-            name = f"{kind}:{_free_mass(known.values())}"
-            remark = f"guessed from its {why}; of which mass?"
-            guesses.append(
-                f"Column {label} was guessed from its {why} to be {_article(QUANTITIES[kind])}, {name}."
-            )
+        if not name and number not in guessed:
+            spare.append(label)
+            continue
+        if not name:
+            name, why = guessed[number]
+            if name == "time":
+                unit, remark = unit or "s", f"guessed from its {why}"
+                guesses.append(f"Column {label} was guessed to be the time.")
+            else:
+                remark = f"guessed from its {why}; of which mass?"
+                quantity = _article(QUANTITIES[name.partition(":")[0]])
+                guesses.append(f"Column {label} was guessed from its {why} to be {quantity}, {name}.")
         known[number] = name
         blocks.append(_block(name, label, unit, remark))
     if not blocks and not spare:
@@ -77,10 +79,41 @@ def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
     return _HEAD.format(path=path.name) + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
 
 
+def _guessed_names(
+    headers: Mapping[int, ColumnHeader], known: Mapping[int, str]
+) -> dict[int, tuple[str, str]]:
+    """The channel or "time" that each column not `known` may be, and what says so; forces act on masses that move."""
+    guessed: dict[int, tuple[str, str]] = {}
+    of_forces = []
+    for number, header in headers.items():
+        if number in known:
+            continue
+        channels = [*known.values(), *(name for name, _ in guessed.values())]
+        kind, why = _guessed(header)
+        if "time" not in channels and _TIMES.match(header.name):
+            guessed[number] = "time", "name"
+        elif kind == "force":
+            of_forces.append((number, why))
+        elif kind:
+            guessed[number] = f"{kind}:{_free_mass(channels)}", why
+    for number, why in of_forces:
+        channels = [*known.values(), *(name for name, _ in guessed.values())]
+        guessed[number] = f"force:{_driven_mass(channels)}", why
+    return guessed
+
+
 def _free_mass(channels: Iterable[str]) -> str:
     """The first of m1, m2, ... that none of the channels has."""
-    mass_names = {name.rpartition(":")[2] for name in channels}
-    return next(f"m{number}" for number in count(1) if f"m{number}" not in mass_names)
+    masses = {name.rpartition(":")[2] for name in channels}
+    return next(f"m{number}" for number in count(1) if f"m{number}" not in masses)
+
+
+def _driven_mass(channels: Iterable[str]) -> str:
+    """The first mass of a sensor among the channels on which none of them acts; without one the first of m1, m2, ..."""
+    parsed = [Channel.parse(name) for name in channels if name != "time"]
+    driven = [channel.mass for channel in parsed if channel.kind == "force"]
+    moving = [channel.mass for channel in parsed if channel.kind in OF_MASSES and not channel.is_input]
+    return next((mass for mass in sorted(moving) if mass not in driven), _free_mass(channels))
 
 
 def _guessed(header: ColumnHeader) -> tuple[str, str]:
