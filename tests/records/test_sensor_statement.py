@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -142,6 +143,8 @@ def test_channels_keep_what_is_known_of_them() -> None:
     ("given", "value", "sigma"),
     [
         ("0.3 deg", np.radians(0.3), 0.0),
+        ("1 gon +- 0.1 grad", np.pi / 200.0, np.pi / 2000.0),
+        ("+- 5 mgon", 0.0, np.pi / 40000.0),
         ("+- 2 mrad", 0.0, 0.002),
         ("0.3 deg +- 0.1 deg", np.radians(0.3), np.radians(0.1)),
         ({"start": "0.3 deg", "sigma": "0.1 deg"}, np.radians(0.3), np.radians(0.1)),
@@ -190,3 +193,9 @@ def test_what_is_known_of_a_rotation_is_written_in_rad() -> None:
     known = lw.SensorUncertainty(offset=1e-3)
     assert attributes_of(known, "x:disc1", "rad") == {"offset": "+- 0.001 rad"}
     assert lw.SensorStatement.of(attributes_of(known, "x:disc1", "rad"), "x:disc1").uncertainty == known
+
+
+def test_a_unit_that_cannot_be_read_is_answered_with_that_of_a_rotation_too() -> None:
+    for kind, angular in (("x", "rad"), ("a", "rad/s^2"), ("force", "N m")):
+        with pytest.raises(lw.RecordError, match=f"or 'unknown'; of what turns, in {re.escape(angular)}"):
+            lw.SensorStatement.of({"offset": "+- 1 furlongs/week^3"}, f"{kind}:disc1")

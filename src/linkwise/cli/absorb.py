@@ -134,8 +134,8 @@ absorption_options = keyword_group(
         callback=_harvesters,
         metavar="LINK=NS/M|POWER",
         multiple=True,
-        help="Add a damper of this many N s/m in parallel with a link and report its power, or report the power that "
-        "the link itself delivers, as in piezo=V**2/R. Repeatable.",
+        help="Add a damper of this many N s/m (N m s/rad between what turns) in parallel with a link and report its "
+        "power, or report the power that the link itself delivers, as in piezo=V**2/R. Repeatable.",
     ),
 )
 

@@ -73,19 +73,20 @@ drive_options = grouped(
         "--release",
         metavar="CHANNEL=VALUE",
         multiple=True,
-        help="Start with this displacement (x:m1=0.01, m) or velocity (v:m1=1.0, m/s). Repeatable.",
+        help="Start with this displacement (x:m1=0.01, in m, of what turns in rad) or velocity (v:m1=1.0, in m/s or rad/s). "
+        "Repeatable.",
     ),
     click.option(
         "--impulse",
         metavar="MASS=NS[@S]",
         multiple=True,
-        help="Impulse on a mass: momentum in N s, at a time in s (default 0). Repeatable.",
+        help="Impulse on a mass: momentum in N s, of what turns in N m s, at a time in s (default 0). Repeatable.",
     ),
     click.option(
         "--force",
         metavar="MASS=FORCE",
         multiple=True,
-        help='Force in N: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
+        help='Force in N, on what turns in N m: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
     ),
     click.option(
         "--base",

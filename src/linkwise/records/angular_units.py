@@ -8,7 +8,7 @@ from linkwise.errors import LinkwiseError
 from linkwise.records.channel import ANGULAR_UNITS, UNITS
 from linkwise.units import factor_to_si
 
-_ANGLE = re.compile(r"(?<![a-z])([munµμ]?rad|deg|°|rev|turn|rpm|arcmin|arcsec)|(radian|degree)")
+_ANGLE = re.compile(r"(?<![a-z])([munµμ]?rad|deg|°|rev|turn|rpm|arcmin|arcsec|m?grad|m?gon)|(radian|degree)")
 _MOMENT = re.compile(r"N\s*[*·⋅ ]?\s*[mcd]?m$|(lbf|ozf|kgf|newton)[ *·]|[ *·](lbf|ozf|kgf)$")
 _NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
 

@@ -24,6 +24,7 @@ _IN_UNIT = ("offset", "noise")  # which are in the unit of the channel
 KEYS = ("calibration", "gain", "offset", "delay", "noise", "interpolation")
 _WITHIN = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
 _EXAMPLES = {"gain": "1.02", "offset": "0.3 {unit}", "delay": "2 ms"}
+_IF_IT_TURNS = {UNITS[kind]: unit for kind, unit in ANGULAR_UNITS.items()}
 _PLAIN = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
 
 
@@ -187,9 +188,10 @@ def known_within(text: str, dimension: str, kind: str) -> StatedError:
 def _unreadable(text: str, dimension: str, kind: str, reason: str = "") -> LinkwiseError:
     example = _EXAMPLES[kind].format(unit=dimension)
     within = f"{example} +- {'1 %' if kind == 'gain' else example}"
+    angular = _IF_IT_TURNS.get(dimension, "")
     return LinkwiseError(
         f"{reason.rstrip('.') or f'{text!r} cannot be read'}; write '{example}' for a known {kind}, '{within}' for one "
-        "that is known to within a standard deviation, or 'unknown'"
+        f"that is known to within a standard deviation, or 'unknown'{angular and f'; of what turns, in {angular}'}"
     )
 
 
