@@ -105,6 +105,11 @@ class Verdict(Enum):
         "The prediction differs from the record by more than noise and the errors of the answer explain: a law, a link or the "
         "conditions of the test are not those of the answer, or its intervals are too narrow."
     )
+    PREDICTION_NOT_TESTED = (
+        "The record tests nothing: in every channel noise and the errors of the answer would explain an error as large as the "
+        "motion, and the coefficients are not determined by this record alone. Check the units of its channels and of the "
+        "time, or record with less noise or at an amplitude nearer to that of the answer."
+    )
 
     UNKNOWNS_DETERMINED = "The sensors of this test determine every unknown."
     UNKNOWNS_NOT_DETERMINED = (

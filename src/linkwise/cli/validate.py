@@ -49,6 +49,7 @@ def validate(
 
     Exit code 3 means that the prediction disagrees with the record: in some channel its RMSE is larger than noise, the error
     of the initial state, the intervals of the coefficients and the model error of the answer explain in 999 of 1000 records.
+    So it does where the record tests nothing: any motion as large as the recorded one would agree.
 
     \b
     Examples:

@@ -300,6 +300,41 @@ def test_an_exact_record_agrees() -> None:
     )  # 1e-5: single precision, a hundred times
 
 
+def hardening_pair() -> lw.Structure:
+    law = "k*d + k3*d**3 + c*v"
+    ground = link("a", "m1-ground", law, k=900.0, k3=3e5, c=1.5)
+    upper = link("b", "m2-m1", law, k=500.0, k3=3e5, c=1.0)
+    return structure({"m1": 1.0, "m2": 0.5}, ground, upper)
+
+
+def in_millimetres(duration: float) -> lw.Record:
+    """A forced record of the pair whose displacements are in mm, and taken for m."""
+    force = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
+    record = lw.simulate(hardening_pair(), forces={"m1": force}, duration=duration, rate=500.0)
+    record = record.with_noise(40.0, seed=2)
+    displaced = np.char.startswith(record.channels, "x:")
+    return replace(record, values=record.values * np.where(displaced, 1e3, 1.0))
+
+
+def test_a_record_that_any_prediction_agrees_with_tests_nothing(agreeing: lw.Validation) -> None:
+    """Of a record in mm the motion is predicted to within a multiple of itself: it agreed."""
+    validation = lw.validate(in_millimetres(4.0), hardening_pair())
+    assert validation.verdicts == (lw.Verdict.PREDICTION_NOT_TESTED,) and not validation.trusted
+    assert all(entry.is_vacuous for entry in some(validation.channels.values()))
+    score = replace(agreeing.channels["x:m1"], limit=1.0)  # m
+    assert replace(agreeing, channels={"x:m1": score}).trusted  # as the coefficients, which the record tells
+    assert replace(agreeing, channels={"x:m1": score}, coefficients=()).trusted  # as it shows the motion
+    missed = {"x:m1": replace(score, nmse_percent=100.0)}
+    assert not replace(agreeing, channels=missed, coefficients=()).trusted
+
+
+def test_a_prediction_that_runs_to_infinity_is_refused() -> None:
+    with pytest.raises(
+        lw.SimulationError, match=r"from \d+ of \d+ states along the record .* runs to infinity"
+    ):
+        lw.validate(in_millimetres(2.0), hardening_pair())
+
+
 def test_a_limit_beyond_the_motion_is_said_to_agree_with_anything() -> None:
     record = chain_record(2, duration=0.5).with_noise(35.0, seed=5)
     validation = lw.validate(record, lw.bnes_chain(2))

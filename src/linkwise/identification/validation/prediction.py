@@ -12,6 +12,7 @@ from linkwise.identification.validation.free_run import run_from
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE
 from linkwise.progress import Progress, ProgressReport
+from linkwise.records.checks import LARGEST
 from linkwise.records.record import Record
 
 _STEP = 0.1  # of a standard error: departures of runs are linear in it, and grow no larger than the motion
@@ -185,7 +186,14 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
         if 1.0 - np.mean(lost) >= _WITHIN or samples == _SHORTEST:
             break
         samples = max(samples // 2, _SHORTEST)
-    prediction.predicted[settle:].transpose(0, 2, 1)[lost] = np.nan
+    ahead = prediction.predicted[settle:].transpose(0, 2, 1)
+    running_away = int(np.any(~(np.abs(ahead) <= LARGEST) & ~lost[..., None], axis=(0, 2)).sum())
+    if running_away:
+        raise SimulationError(
+            f"from {running_away} of {len(firsts)} states along the record the motion of the answer runs to infinity; check "
+            "its coefficients, and the units of the channels of the record and of its time"
+        )
+    ahead[lost] = np.nan
 
     def joined(parts: Floats) -> Floats:
         """(N, ...) from (M, ..., K): what follows the state of each window, one after the other."""

@@ -18,6 +18,8 @@ from linkwise.records.record import Record
 from linkwise.text import as_text
 from linkwise.verdict import Verdict, status_of
 
+_SHOWN = 25.0  # % of the mean square: a prediction that leaves no more than half the motion shows it
+
 
 @dataclass(frozen=True)
 class ChannelPrediction:
@@ -256,9 +258,18 @@ class Validation(JudgedView):
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Whether the prediction agrees with the record: in every channel its RMSE is within its limit."""
-        agrees = all(channel.agrees for channel in self.channels.values())
-        return (Verdict.PREDICTION_AGREES if agrees else Verdict.PREDICTION_DISAGREES,)
+        """Whether the prediction agrees with the record: in every channel its RMSE is within its limit.
+
+        It must have been able to disagree, in a channel or in coefficients that the record alone determines, or show the
+        motion of a channel all the same.
+        """
+        channels = self.channels.values()
+        if not all(channel.agrees for channel in channels):
+            return (Verdict.PREDICTION_DISAGREES,)
+        tested = self.coefficients or any(
+            not channel.is_vacuous or channel.nmse_percent < _SHOWN for channel in channels
+        )
+        return (Verdict.PREDICTION_AGREES if tested else Verdict.PREDICTION_NOT_TESTED,)
 
     @property
     def status(self) -> str:
