@@ -23,6 +23,8 @@ _GRAVITY = "standard_gravity"
 _SPELLINGS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "**2", "³": "**3", "−": "-"})
 _UNITLESS = ("", "?")  # dimensions for which a number needs no unit
 _WHOLE = re.compile(r"(?<![\w.])\d+(?![\w.])")
+_JOINED_MOMENT = re.compile(r"(?<![^\W\d_])([kMmµμ]?N)([mc]?m)(?!\w|\s*(?:\*\*|\^))")  # Nm, but not Nm^2
+_REVOLUTION = re.compile(r"(?<![^\W\d_])rev(?![^\W\d_])")
 _LONGEST = 200  # characters of a quantity
 _SHOWN = 60  # characters of it in a message
 _UNREADABLE = (
@@ -124,11 +126,12 @@ def _finite(value: float, given: object) -> float:
 
 
 def _read(text: str, dimension: str, expected: str) -> pint.Quantity[float]:
-    """`text` as a quantity; "m/s2" means m/s^2, and "g" is gravity where an acceleration is expected."""
+    """`text` as a quantity; "m/s2" means m/s^2, "Nm" N m, "rev" a turn, "g" gravity where an acceleration is expected."""
     unreadable = LinkwiseError(f"{_shown(text)} cannot be read as a quantity: expected {expected}.")
     if len(text) > _LONGEST:
         raise unreadable
     spelled = re.sub(r"(?<![\w.])([^\W\d_]+)(-?\d)(?![\w.])", r"\1**\2", text.strip().translate(_SPELLINGS))
+    spelled = _JOINED_MOMENT.sub(r" (\1*\2)", _REVOLUTION.sub("revolution", spelled))
     if dimension == "m/s^2":
         spelled = re.sub(r"(?<![^\W_])(m?)g(_?n|_0)?$", rf"\1{_GRAVITY}", spelled)
     try:

@@ -42,7 +42,8 @@ def recorded(folder: Path, header: str, factor: float = 1.0) -> lw.Record:
         ("v:beam.r[deg/s]", "rad/s", 180.0 / np.pi),
         ("v:beam.r[rad/s]", "rad/s", 1.0), ("v:beam.r[rpm]", "rad/s", 30.0 / np.pi),
         ("a:beam.r[rad/s^2]", "rad/s^2", 1.0), ("force:beam.r[N m]", "N m", 1.0), ("force:beam.r[Nm]", "N m", 1.0),
-        ("force:beam.r[N mm]", "N m", 1e3),
+        ("force:beam.r[N mm]", "N m", 1e3), ("force:beam.r[mNm]", "N m", 1e3), ("force:beam.r[Ncm]", "N m", 1e2),
+        ("x:beam.r[rev]", "rad", 0.5 / np.pi), ("v:beam.r[rev/min]", "rad/s", 30.0 / np.pi),
     ],
 )  # fmt: skip
 def test_angular_units_are_read_as_rad(tmp_path: Path, header: str, unit: str, factor: float) -> None:

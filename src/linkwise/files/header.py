@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.angular_units import is_angular, spelled
+from linkwise.records.angular_units import is_angular
 from linkwise.records.channel import ANGULAR_UNITS, QUANTITIES, UNITS, Channel
 from linkwise.records.record import Record
 from linkwise.units import factor_to_si
@@ -60,7 +60,7 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
         return 1.0
     dimension, quantity = ("s", "time") if kind == "time" else (UNITS[kind], QUANTITIES[kind])
     if is_angular(unit, kind):
-        return factor_to_si(spelled(unit), ANGULAR_UNITS[kind])
+        return factor_to_si(unit, ANGULAR_UNITS[kind])
     try:
         return factor_to_si(unit, dimension)
     except LinkwiseError as error:

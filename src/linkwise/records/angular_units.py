@@ -37,11 +37,6 @@ def si_unit(unit: str, kind: str) -> str:
     return ANGULAR_UNITS[kind] if is_angular(unit, kind) else UNITS[kind]
 
 
-def spelled(unit: str) -> str:
-    """A moment in one word, Nm, in two."""
-    return re.sub(r"^([kM]?N)(m?m)$", r"\1 \2", unit)
-
-
 def unit_behind(quantity: str) -> str:
     """The unit of a quantity, such as "deg" of "0.3 deg"; empty where there is none."""
     return _NUMBER.sub("", quantity, count=1).strip()
@@ -49,6 +44,6 @@ def unit_behind(quantity: str) -> str:
 
 def _converts(unit: str, dimension: str) -> bool:
     try:
-        return bool(factor_to_si(spelled(unit), dimension))
+        return bool(factor_to_si(unit, dimension))
     except LinkwiseError:
         return False
