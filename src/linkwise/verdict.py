@@ -105,6 +105,11 @@ class Verdict(Enum):
         "The prediction differs from the record by more than noise and the errors of the answer explain: a law, a link or the "
         "conditions of the test are not those of the answer, or its intervals are too narrow."
     )
+    LAWS_REFUTED = (
+        "The error of the prediction is within what noise and the errors of the answer allow, but the laws leave more than "
+        "noise of this record with any coefficients: a sensor, a mass or another condition of this test is not that of the "
+        "answer, or a term is missing."
+    )
     PREDICTION_NOT_TESTED = (
         "The record tests nothing: in every channel noise and the errors of the answer would explain an error as large as the "
         "motion, and the coefficients are not determined by this record alone. Check the units of its channels and of the "

@@ -49,7 +49,8 @@ def validate(
 
     Exit code 3 means that the prediction disagrees with the record: in some channel its RMSE is larger than noise, the error
     of the initial state, the intervals of the coefficients and the model error of the answer explain in 999 of 1000 records.
-    So it does where the record tests nothing: any motion as large as the recorded one would agree.
+    So it does where the record tests nothing, as any motion as large as the recorded one would agree, and where the laws of
+    a trusted answer leave more than noise of the record with any coefficients.
 
     \b
     Examples:

@@ -307,6 +307,23 @@ def hardening_pair() -> lw.Structure:
     return structure({"m1": 1.0, "m2": 0.5}, ground, upper)
 
 
+@pytest.mark.parametrize("gain", [1.0, 1.04])
+def test_a_record_whose_sensor_is_off_refutes_the_laws_within_wide_intervals(gain: float) -> None:
+    """The intervals of a short answer allow for an error of 4 % of a gain: the prediction was said to agree."""
+    start = {"x:m1": 0.01}
+    short = lw.simulate(hardening_pair(), release=start, duration=2.0, rate=400.0).with_noise(20.0, seed=1)
+    answer = lw.identify(short, hardening_pair().unknown("all"))
+    start["x:m2"] = -0.008
+    record = lw.simulate(hardening_pair(), release=start, duration=4.0, rate=400.0).with_noise(35.0, seed=2)
+    validation = lw.validate(replace(record, values=record.values * [1.0, gain]), answer)
+    assert answer.trusted and all(channel.agrees for channel in some(validation.channels.values()))
+    if gain == 1.0:
+        assert validation.trusted and not validation.remarks
+    else:
+        assert validation.verdicts == (lw.Verdict.LAWS_REFUTED,) and not validation.trusted
+        assert "explained by a gain of x:m2 that is off by +3.87 %." in str(validation.remarks)
+
+
 def in_millimetres(duration: float) -> lw.Record:
     """A forced record of the pair whose displacements are in mm, and taken for m."""
     force = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"

@@ -225,6 +225,8 @@ class Validation(JudgedView):
         Part of the forces that the laws are known to leave.
     remarks : tuple of str
         What else limits the comparison.
+    refuted : bool
+        Whether the laws of an answer without a model error leave more than noise of this record with any coefficients.
 
     Examples
     --------
@@ -250,6 +252,7 @@ class Validation(JudgedView):
     coefficients: tuple[CoefficientAgreement, ...] = ()
     model_error: float = 0.0
     remarks: tuple[str, ...] = field(default=())
+    refuted: bool = False
 
     @property
     def free_run(self) -> bool:
@@ -266,6 +269,8 @@ class Validation(JudgedView):
         channels = self.channels.values()
         if not all(channel.agrees for channel in channels):
             return (Verdict.PREDICTION_DISAGREES,)
+        if self.refuted:
+            return (Verdict.LAWS_REFUTED,)
         tested = self.coefficients or any(
             not channel.is_vacuous or channel.nmse_percent < _SHOWN for channel in channels
         )

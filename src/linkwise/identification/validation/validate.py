@@ -32,10 +32,13 @@ from linkwise.records.channel import Channel
 from linkwise.records.channel_units import in_units_of
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
+from linkwise.verdict import Verdict
 
 _BURN = 0.05  # of the record
 _FEWEST, _MOST = 50, 300  # samples of the burn, unless it is given
 _SCORED = 20  # samples at least
+_REFUTING = {Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES, Verdict.SYSTEMATIC_MISFIT}
+"""Of an estimate from the record alone: the laws of the answer leave more than noise, whatever their coefficients."""
 
 _Predicted: TypeAlias = tuple[int, Prediction, tuple[Floats, Floats], dict[str, float]]
 
@@ -119,15 +122,14 @@ def validate(
     predicted = _on_rig if structure.on_rig else _in_motion
     samples, prediction, steps, noise = predicted(scored, given, burn, law_error, part(progress, 0.0, 0.6))
     agreed: tuple[CoefficientAgreement, ...] = ()
+    refuted = False
     if posterior is not None and posterior.names:
         try:
             again = estimated_again(scored, posterior, part(progress, 0.7, 1.0))
             agreed = agreements(again, posterior)
             if not again.trusted:
-                remarks = (
-                    *remarks,
-                    f"Estimated from this record alone, the laws do not hold: {again.status}.",
-                )
+                remarks = (*remarks, _failed_alone(again))
+                refuted = law_error == 0.0 and not _REFUTING.isdisjoint(again.verdicts)
         except IdentificationError as error:
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
     prediction = with_stated_sensors(prediction, scored)
@@ -149,6 +151,7 @@ def validate(
         coefficients=agreed,
         model_error=law_error,
         remarks=remarks,
+        refuted=refuted,
     )
 
 
@@ -223,6 +226,14 @@ def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
     return (
         f"{', '.join(unscored)} were not scored: a validation predicts what the structure's masses and links show.",
     )
+
+
+def _failed_alone(again: Estimate) -> str:
+    """That the laws do not hold by an estimate from the record alone, and the likeliest cause."""
+    said = f"Estimated from this record alone, the laws do not hold: {again.status}."
+    if not again.diagnosis:
+        return said
+    return f"{said} Most of what they leave would be explained by {again.diagnosis[0].description}."
 
 
 def _law_error(part_of_force: float) -> float:
