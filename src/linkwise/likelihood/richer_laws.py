@@ -73,8 +73,8 @@ def beside_richer_laws(
         return judgement
     with_them = f"With {' and '.join(map(_in_words, exact.added))}"
     names, values = [p.name for p in exact.structure.parameters], exact.fit.values
-    found = np.array([values[names.index(parameter.name)] for parameter in structure.parameters])
-    shifts = np.where(fit.free, np.abs(found - fit.values) / deviations, 0.0)
+    richer_values = np.array([values[names.index(parameter.name)] for parameter in structure.parameters])
+    shifts = np.where(fit.free, np.abs(richer_values - fit.values) / deviations, 0.0)
     farthest = int(np.argmax(shifts))
     if shifts[farthest] <= LARGEST_SHIFT:
         return replace(judgement, message=f"{judgement.message} {with_them} only noise is left.")
