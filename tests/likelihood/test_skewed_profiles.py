@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from present import present
 from problems import truth
 
 import linkwise as lw
+from linkwise.arrays import Bools, Floats
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood import local_optima, skewed_profiles
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.judgement import Judgement
 from linkwise.likelihood.local_optima import rise_of_profile
-from linkwise.likelihood.skewed_profiles import _accelerations, _added, _reach, with_skewed_profiles
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.skewed_profiles import (
+    _accelerations,
+    _added,
+    _Profiles,
+    _reach,
+    with_skewed_profiles,
+)
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.verdict import Verdict
 
@@ -79,7 +89,7 @@ def test_another_optimum_behind_the_wall_takes_trust_away() -> None:
 def test_the_acceleration_is_the_third_difference_of_the_profile(
     skewed: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To within the fifth derivative over a third of a standard error."""
+    """To within the fifth derivative over a fifth of a standard error."""
     monkeypatch.setattr(local_optima, "_PRECISION", 1e-5)
     error, distance = float(np.sqrt(skewed.covariance[ALPHA, ALPHA])), 0.2
     rises = []
@@ -91,6 +101,36 @@ def test_the_acceleration_is_the_third_difference_of_the_profile(
     acceleration = _accelerations(skewed, None)[ALPHA]
     assert acceleration < -1.0
     assert acceleration == pytest.approx((rises[1] - rises[0]) / (2.0 * distance), rel=0.1)
+
+
+def test_coefficients_at_a_bound_stay_there_along_profiles(skewed: LikelihoodFit) -> None:
+    alone = replace(skewed, free=np.arange(len(skewed.values)) == ALPHA)
+    held, free = (present(_Profiles.of(fit, None)) for fit in (alone, skewed))
+    deviation = np.linalg.inv(free.covariance)[ALPHA, ALPHA] ** -0.5
+    assert held.tangents[ALPHA] == pytest.approx(np.where(alone.free, deviation, 0.0), rel=1e-8)
+    assert _accelerations(alone, None).keys() == {ALPHA}
+
+
+def test_the_acceleration_is_a_second_derivative(skewed: LikelihoodFit) -> None:
+    profiles = present(_Profiles.of(skewed, None))
+    tangent = profiles.tangents[ALPHA]
+    whole, half = profiles.acceleration(tangent, 1.0), profiles.acceleration(2.0 * tangent, 0.5)
+    assert np.allclose(half, 4.0 * whole, rtol=1e-8, atol=1e-8)
+
+
+def test_a_search_that_ended_early_does_not_seem_skewed(even: LikelihoodFit) -> None:
+    """What is left of the gradient is no part of the acceleration."""
+    optimum = even.optimum
+    theta = even.values + 0.5 * even.covariance[:, ALPHA] / np.sqrt(even.covariance[ALPHA, ALPHA])
+    point = replace(optimum.point, theta=theta)
+    misfit = evaluate(optimum.segments, point, optimum.scales, optimum.loss)
+    early = replace(even, optimum=replace(optimum, point=point), misfit=misfit)
+    before, after = (present(_Profiles.of(fit, None)) for fit in (even, early))
+    for number in range(len(theta)):
+        own, moved = (
+            profiles.acceleration(profiles.tangents[number], 1.0)[number] for profiles in (before, after)
+        )
+        assert moved == pytest.approx(own, abs=0.05)
 
 
 def test_an_even_likelihood_is_left_as_it_is(even: LikelihoodFit, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,6 +147,54 @@ def test_only_exact_laws_and_white_noise_are_looked_at(skewed: LikelihoodFit) ->
     assert with_skewed_profiles(TRUSTED, skewed).for_skewed_profiles is not None
     inexact = replace(TRUSTED, verdict=Verdict.MODEL_ERROR_NEEDED)
     assert with_skewed_profiles(inexact, skewed) is inexact
+    coloured: Any = replace(skewed, optimum=replace(skewed.optimum, coloured=cast(Any, object())))
+    random: Any = replace(skewed, random_forces=cast(Any, (object(),)))
+    known = replace(skewed, free=np.zeros(len(skewed.values), dtype=bool))
+    for fit in (coloured, random, known):
+        assert with_skewed_profiles(TRUSTED, fit) is TRUSTED
+
+
+@pytest.mark.parametrize(("times", "is_said"), [(1.04, False), (1.06, True), (4.0, True)])
+def test_the_interval_reaches_as_far_as_the_profile(
+    skewed: LikelihoodFit, times: float, is_said: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(skewed_profiles, "rise_of_profile", rising(lambda d: (d / times) ** 2))
+    judgement = with_skewed_profiles(TRUSTED, skewed)
+    if not is_said:
+        assert judgement is TRUSTED
+        return
+    variance = (skewed.covariance + present(judgement.for_skewed_profiles))[ALPHA, ALPHA]
+    assert variance == pytest.approx(times**2 * skewed.covariance[ALPHA, ALPHA], rel=1e-12)
+    assert f"slowly on one side of nes1.alpha ({times:.2g} times)" in judgement.message
+
+
+def test_where_laws_hold_loosely_the_steep_side_is_looked_over(
+    skewed: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Along the profile, beyond where noise alone leads."""
+    moved = []
+
+    def rises(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, distance: float) -> bool:
+        assert np.flatnonzero(is_fixed).tolist() == [ALPHA]
+        moved.append((theta - fit.values)[ALPHA] / np.sqrt(fit.covariance[ALPHA, ALPHA]))
+        return distance < 7.0
+
+    monkeypatch.setattr(skewed_profiles, "is_loosened", lambda fit: True)
+    monkeypatch.setattr(skewed_profiles, "rises_by", rises)
+    assert with_skewed_profiles(TRUSTED, skewed).verdict is Verdict.SEVERAL_OPTIMA
+    assert moved == pytest.approx([6.0, 9.0])  # it falls slowly to negative ones
+
+
+@pytest.mark.parametrize("slow", [1.0, -1.0])
+def test_both_sides_are_followed_where_a_motion_that_runs_away_hides_the_slow_one(
+    skewed: LikelihoodFit, slow: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def rise(fit: object, moved: object, step: Floats, distance: float) -> tuple[float, bool]:
+        return (0.25 if slow * step[0] > 0.0 else 1.0), True
+
+    monkeypatch.setattr(skewed_profiles, "_accelerations", lambda *arguments: {ALPHA: float("nan")})
+    monkeypatch.setattr(skewed_profiles, "rise_of_profile", rise)
+    assert "nes1.alpha (2 times)" in with_skewed_profiles(TRUSTED, skewed).message
 
 
 def test_faint_parameters_and_records_in_pieces_are_left_out(
@@ -144,6 +232,13 @@ def rising(cost: Callable[[float], float], *, lost: Callable[[float], bool] = la
         (rising(lambda d: 0.6 * d), 0.9 * NORMAL_95**2 / 0.6, 1.1 * NORMAL_95**2 / 0.6),
         (rising(lambda d: 0.1 * d + 5.0 * (d > 7.0)), 7.0, 8.4),  # by a step: behind it
         (rising(lambda d: d**2, lost=lambda d: d > 3.0), 0.9 * NORMAL_95, 1.1 * NORMAL_95),
+        # an upper bound of the rise is no end
+        (
+            rising(lambda d: 0.05 * d**2 + 99.0 * (3.5 < d < 5.0), lost=lambda d: 3.5 < d < 5.0),
+            0.9 * NORMAL_95 / 0.05**0.5,
+            1.1 * NORMAL_95 / 0.05**0.5,
+        ),
+        (rising(lambda d: (NORMAL_95 * d / 38.0) ** 2), 38.0, 38.0),
     ],
 )
 def test_the_end_of_a_profile_is_found(
@@ -158,9 +253,9 @@ def test_the_end_of_a_profile_is_found(
 @pytest.mark.parametrize(
     "rise",
     [
-        rising(lambda d: 0.01 * d),  # too far
-        rising(lambda d: -1.0),  # another optimum is higher
-        rising(lambda d: 4.0 + d, lost=lambda d: True),
+        rising(lambda d: (NORMAL_95 * d / 43.0) ** 2),  # too far
+        rising(lambda d: -1.0 + 9.0 * (d > 5.0)),  # another optimum is higher
+        rising(lambda d: 1.1 * NORMAL_95**2, lost=lambda d: True),  # an upper bound alone
     ],
 )
 def test_an_end_that_is_not_there_is_not_made_up(
@@ -183,11 +278,31 @@ def test_a_profile_ends_at_the_bound_of_its_parameter(
     assert _reach(bounded, ALPHA, side=-1.0) == pytest.approx(6.0, rel=1e-12)
 
 
+def test_no_trial_is_beyond_the_bound_of_a_parameter(
+    skewed: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def rise(fit: object, moved: object, step: object, distance: float) -> tuple[float, bool]:
+        tried.append(distance)
+        return 99.0 / distance**2, False
+
+    parameters = skewed.segments.system.parameters
+    lower = parameters.lower.copy()
+    lower[ALPHA] = skewed.values[ALPHA] - 0.5 * np.sqrt(skewed.covariance[ALPHA, ALPHA])
+    system = replace(skewed.segments.system, parameters=replace(parameters, lower=lower))
+    bounded = replace(skewed, segments=replace(skewed.segments, system=system))
+    monkeypatch.setattr(skewed_profiles, "rise_of_profile", rise)
+    assert _reach(bounded, ALPHA, side=-1.0) is None
+    assert max(tried) == pytest.approx(0.5, rel=1e-12)
+
+
 def test_what_two_coefficients_share_is_added_once() -> None:
     covariance = np.array([[4.0, 1.8, 0.3], [1.8, 1.0, 0.1], [0.3, 0.1, 2.0]])
     added = _added(covariance, {0: 3.0, 1: 2.0})
     widened = np.sqrt((covariance + added).diagonal() / covariance.diagonal())
     assert widened[0] == pytest.approx(3.0, rel=1e-12)
-    assert 2.0 < widened[1] < 3.0  # follows the first along its profile
+    assert 2.0 < widened[1] < 3.0  # follows the first along its profile, so that nothing is lacking
+    assert np.allclose(added, _added(covariance, {0: 3.0}), rtol=1e-12)
     assert widened[2] < 1.1
     assert np.linalg.eigvalsh(covariance + added).min() > 0.0

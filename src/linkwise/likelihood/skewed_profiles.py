@@ -78,8 +78,7 @@ def with_skewed_profiles(judgement: Judgement, fit: LikelihoodFit, faint: Sequen
     skewed = {k: a for k, a in accelerations.items() if not abs(a) < _SKEWED and names[k] not in faint}
     reaches: dict[int, float] = {}
     for number, acceleration in skewed.items():
-        slow = float(np.copysign(1.0, acceleration))
-        reach = _reach(fit, number, side=slow) if _is_wall(fit, number, side=-slow) else None
+        reach = _reach_on_slow_side(fit, number, acceleration)
         if reach is None:
             return replace(
                 judgement,
@@ -132,6 +131,20 @@ def _is_wall(fit: LikelihoodFit, number: int, *, side: float) -> bool:
     )
 
 
+def _reach_on_slow_side(fit: LikelihoodFit, number: int, acceleration: float) -> float | None:
+    """The reach of a profile on its slow side, or the farther of both where the motion runs away, which hides which it is.
+
+    None where it is not found, or the other side is no wall.
+    """
+    farthest = 0.0
+    for side in (float(np.sign(acceleration)),) if np.isfinite(acceleration) else (1.0, -1.0):
+        reach = _reach(fit, number, side=side) if _is_wall(fit, number, side=-side) else None
+        if reach is None:
+            return None
+        farthest = max(farthest, reach)
+    return farthest
+
+
 def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
     """How many standard errors away, on a side, the profile of a parameter is at its 95 % quantile; None if that is not found.
 
@@ -149,7 +162,7 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
         if rise * distance**2 < _LOWER:
             return None
         root = float(np.sqrt(max(rise, 0.0))) * distance
-        if root < NORMAL_95:  # so is what an upper bound is one of
+        if root < NORMAL_95:  # the rise itself is no larger where the others were not found
             inside = distance, root
         elif converged:
             outside = distance, root
@@ -162,8 +175,8 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
         if np.isfinite(outside[0]):
             share = (NORMAL_95 - inside[1]) / (outside[1] - inside[1])
             distance = inside[0] + float(np.clip(share, *_SHARES)) * (outside[0] - inside[0])
-        elif inside[0] < distance:  # whose end was not found
-            distance = float(np.sqrt(max(inside[0], 1.0) * distance))
+        elif inside[0] < distance:  # where the others were not found
+            distance = float(np.sqrt(max(inside[0], min(1.0, 0.5 * distance)) * distance))
         else:
             distance = min(distance * float(np.clip((NORMAL_95 / max(root, _CLOSE)) ** 1.5, *_GROWTH)), edge)
         if distance > _FARTHEST:
