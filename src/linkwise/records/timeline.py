@@ -197,11 +197,9 @@ def _roundest_rate(times: Floats, index: NDArray[np.int64], step: float, resolut
     """
     band = max(resolution, float(np.ptp(times - index * step))) + 2.0 * float(np.spacing(np.abs(times).max()))
     candidates = [value for digits in range(1, 16) for value in _rounded(step, digits)]
-    first, last = int(np.argmin(index)), int(np.argmax(index))
     for rate in candidates:
-        if abs(times[last] - times[first] - (index[last] - index[first]) / rate) <= band and (
-            np.ptp(times - index / rate) <= band
-        ):
+        ends = abs(times[-1] - times[0] - index[-1] / rate)  # the quicker to see of the many that differ
+        if ends <= band and np.ptp(times - index / rate) <= band:
             return _exact_neighbour(times, index, rate)
     return _exact_neighbour(times, index, 1.0 / step)
 
