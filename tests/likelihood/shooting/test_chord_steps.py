@@ -89,12 +89,27 @@ def test_equations_of_looser_links_serve_only_where_their_steps_arrive(
     assert chords.followed(begin, Q, 1e-4) is None
 
 
-def test_an_end_behind_a_rise_counts_only_where_it_is_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_end_of_equations_nearby_counts_only_where_it_is_the_optimum() -> None:
     """A lower cost half-way there may lie behind a bend along which no linearization leads on."""
     chords, begin = first_step(with_other_noise(optimum(10), 1, share=0.05), Q)
-    monkeypatch.setattr(module, "_fall", lambda left: False)
     assert present(chords.followed(begin, Q, 1e-3)).settled
     assert chords.followed(begin, Q, 0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("left", "remaining"),
+    [
+        ([], np.inf),
+        ([4.0], 16.0),  # at half the distance a step: 1 / (1 - 1/2)^2 of it
+        ([4.0, 1.0], 4.0),
+        ([9.0, 4.0], 36.0),  # two thirds of the distance
+        ([1.0, 1.0], np.inf),
+        ([1.0, 2.0], np.inf),
+        ([1.0, np.nan], np.inf),
+    ],
+)
+def test_what_is_before_steps_that_come_nearer_slowly_counts(left: list[float], remaining: float) -> None:
+    assert module._remaining(left) == pytest.approx(remaining, rel=1e-12)
 
 
 def test_steps_that_rise_before_they_fall_spare_linearizations() -> None:

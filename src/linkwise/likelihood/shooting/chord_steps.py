@@ -42,7 +42,6 @@ _MOST = 16  # steps
 # know have to be seen before what is left falls
 _MIXED = 8
 _ASTRAY = 100.0  # times what was left before
-_SLOW = 0.4  # of what was left two steps before: more of it is too slow
 _ARRIVED = 10.0  # times what such equations should leave: an end with more of it is no place to go on from with tight links
 _FIRST_RATE = 0.5  # at which unknowns come nearer, before two steps tell it
 
@@ -104,8 +103,9 @@ class ChordEquations:
         Returns
         -------
         ChordEnd or None
-            The end; None where no step lowers the cost, and where none is tried: by equations that are damped or of much
-            looser links, of unknowns without an adjoint, and where the laws leave more than noise.
+            The end; None where no step lowers the cost, where steps do not arrive, or by equations nearby do not settle, and
+            where none is tried: by equations that are damped or of much looser links, of unknowns without an adjoint, and
+            where the laws leave more than noise.
         """
         if not self._lead_to(q) or not is_explained(self.segments, start, self.loss):
             return None
@@ -117,14 +117,12 @@ class ChordEquations:
         mixing = _Mixing()
         lower, upper = bounds(self.segments)
         misfit = best = start
-        sure, falling = (start, np.inf), True
         reduction = np.inf
         while len(left) < _MOST and not max(_remaining(left), abs(reduction) if near else 0.0) < enough:
             solved = self._solved(misfit, pulls, q)
             if solved is None or (not near and _lead_astray([*left, solved.predicted])):
                 break
             left.append(solved.predicted)
-            falling = falling and _fall(left)
             nodes, border, pulled = self._parted(mixing.step(solved))
             moved = misfit.point.border + border * self.scales.theta
             if not np.all((lower < moved) & (moved < upper)):
@@ -138,14 +136,10 @@ class ChordEquations:
             misfit = trial
             if misfit.cost(q) < best.cost(q):
                 best = misfit
-                sure = (best, left[-1]) if falling else sure
         remaining = _remaining(left)
         settled = near and max(remaining, abs(reduction)) < little and self._is_near(best, q)
-        arrived = near or remaining < _ARRIVED * enough
-        if (
-            near and not settled
-        ):  # what is lower behind a rise may lie behind a bend that no linearization follows
-            best, remaining = sure
+        # near ones that do not settle may end lower but behind a bend that no linearization follows
+        arrived = settled if near else remaining < _ARRIVED * enough
         return ChordEnd(best, q, remaining, settled) if arrived and best is not start else None
 
     def _lead_to(self, q: float) -> bool:
@@ -258,11 +252,6 @@ def _remaining(left: list[float]) -> float:
         return float("inf")
     rate = float(np.sqrt(max(left[-1], 0.0) / left[-2])) if len(left) > 1 and left[-2] > 0.0 else _FIRST_RATE
     return left[-1] / (1.0 - rate) ** 2
-
-
-def _fall(left: list[float]) -> bool:
-    """Whether what steps leave falls as fast as a new linearization would let it."""
-    return not _lead_astray(left) and not (len(left) > 2 and left[-1] > _SLOW * left[-3])
 
 
 def _lead_astray(left: list[float]) -> bool:
