@@ -257,7 +257,7 @@ def _fit(
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:  # products run on threads of our own
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        return _fitted(problem, records, spread, sensing, options, annealer)
+        return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
 
 
 def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> SensorModel:
@@ -357,7 +357,6 @@ def _fitted(
         prior_conflicts=_prior_conflicts(segments, explained),
         untold=tuple(name for name in untold if name not in sensing.calibration),
         random_forces=_random_forces(segments, sensing, records[0].rate),
-        options=options,
     )
 
 
