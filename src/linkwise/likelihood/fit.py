@@ -32,6 +32,7 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.waveforms import Disturbance
 from linkwise.likelihood.untold_gains import untold_gains
 from linkwise.model.structure import Structure
+from linkwise.progress import silent
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed
@@ -123,7 +124,7 @@ class LikelihoodFit:
     untold : tuple of str
         Channels whose gains, of which nothing is known beforehand, the records do not tell.
     options : LikelihoodOptions
-        What it was asked for with.
+        What it was asked for with, but its progress.
     """
 
     values: Floats
@@ -257,7 +258,8 @@ def _fit(
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:  # products run on threads of our own
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
+        fit = _fitted(problem, records, spread, sensing, options, annealer)
+        return replace(fit, options=replace(options, progress=silent))
 
 
 def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> SensorModel:
