@@ -137,9 +137,11 @@ def is_quadratic(
     """
     tested = _tested(fit, faint)
     chosen = _unknown_beforehand(fit, tested)
-    root = _root_of_covariance(fit, chosen)
-    if root is None:
+    axes = _axes_of_covariance(fit, chosen)
+    if axes is None:
         return True
+    scale, vectors, deviations = axes
+    root = scale[:, None] * (vectors * deviations)
     rise = _rise if len(chosen) == len(tested) else rise_of_profile
     directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(chosen)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -166,12 +168,13 @@ def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> b
         Whether it does.
     """
     free = _tested(fit, faint)
-    root = _root_of_covariance(fit, free)
-    if root is None:
+    axes = _axes_of_covariance(fit, free)
+    if axes is None:
         return True
+    scale, vectors, deviations = axes
     return all(
-        _rise(fit, free, side * _FAR * weak, _FAR, enough=_TOO_LITTLE)[0] > _TOO_LITTLE
-        for weak in root.T[-_WEAKEST:]
+        _rise(fit, free, side * _FAR * scale * weak, _FAR, enough=_TOO_LITTLE)[0] > _TOO_LITTLE
+        for weak in (vectors * deviations).T[-_WEAKEST:]
         for side in (1.0, -1.0)
     )
 
@@ -277,17 +280,18 @@ def _covariance(fit: LikelihoodFit) -> Floats:
     return fit.covariance if of_white is None else of_white
 
 
-def _root_of_covariance(fit: LikelihoodFit, free: Indices) -> Floats | None:
-    """(f, f) root of the covariance of the free parameters, as the cost has it, its columns in the order of their variance.
+def _axes_of_covariance(fit: LikelihoodFit, free: Indices) -> tuple[Floats, Floats, Floats] | None:
+    """Standard deviations (f,) of the free parameters, as the cost has them, and principal axes of their correlations.
 
-    That is of correlations. None where there is none.
+    The axes are (f, f) vectors in columns and deviations (f,) along them, the largest last. None where there is no covariance.
     """
     covariance = _covariance(fit)[np.ix_(free, free)]
     if not len(free) or not np.isfinite(covariance).all():
         return None
-    size = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    scale = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
+    variances, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    vectors = vectors * np.where(vectors[-1] < 0.0, -1.0, 1.0)  # signs differ from one machine to another
+    return scale, vectors, np.sqrt(np.maximum(variances, 0.0))
 
 
 def _is_expected(rise: float, converged: bool, factor: float) -> bool:
