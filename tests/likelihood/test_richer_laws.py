@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import truth
-from structures import NES, link, structure
+from structures import NES, host, link, structure
 
 import linkwise as lw
 from linkwise.estimates.cause import Cause
@@ -21,15 +21,17 @@ SPRING = link("cable", "m2-ground", "k*d", k=4.0)
 DAMPER = link("oil", "m2-ground", "c*v", c=0.002)
 
 
-@cache
-def answer(cubic: float, speed: float, seed: int, *missing: lw.Link) -> lw.Estimate:
-    """The answer of the stated laws, where the host's spring hardens by a few percent and `missing` links were not stated."""
+def record(cubic: float, speed: float, seed: int, *missing: lw.Link) -> lw.Record:
+    """A motion where the host's spring hardens by a few percent, and `missing` links were not stated."""
     harder = link("spring1", "m1-ground", "k*d + c*v + g*d**3", k=3e4, c=1.0, g=cubic)
     whole = structure(MASSES, harder, SINK, *missing)
-    record = lw.simulate(whole, release={"v:m1": speed}, duration=6.0, rate=1000.0).with_noise(
-        30.0, seed=seed
-    )
-    return lw.identify(record, STATED.unknown("all"))
+    return lw.simulate(whole, release={"v:m1": speed}, duration=6.0, rate=1000.0).with_noise(30.0, seed=seed)
+
+
+@cache
+def answer(cubic: float, speed: float, seed: int, *missing: lw.Link) -> lw.Estimate:
+    """The answer of the stated laws."""
+    return lw.identify(record(cubic, speed, seed, *missing), STATED.unknown("all"))
 
 
 @pytest.mark.parametrize("seed", [61, 62])
@@ -57,6 +59,62 @@ def test_a_link_that_the_model_error_hides_takes_trust_away(
     )
     true = present(STATED.coefficient(moved).value)
     assert abs(fit.coefficient(moved).value - true) > 0.02 * abs(true)
+
+
+def test_what_was_missing_comes_first_and_is_named_once() -> None:
+    causes = answer(2e7, 1.4, 63, SPRING).diagnosis
+    named = [(cause.kind, cause.where, cause.term, cause.source) for cause in causes]
+    assert len(named) == len(set(named)) > 2
+
+
+def test_what_is_known_beforehand_of_faint_modes_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their intervals are wider than the covariance of the fit says."""
+    module = "linkwise.likelihood.richer_laws"
+    monkeypatch.setattr(f"{module}.with_faint_modes", lambda fit, _: (1e4 * fit.covariance, ("nes1.alpha",)))
+    fit = lw.identify(record(2e7, 1.4, 63, SPRING), STATED.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
+    assert fit.message.endswith(" With d**3 in spring1 and d in a link m2-ground only noise is left.")
+
+
+def test_an_interrupt_of_the_fit_with_a_term_takes_trust_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bar stays full meanwhile: the search of the laws as stated is done."""
+    whole = answer(2e7, 1.0, 61)
+    fractions: list[float] = []
+    added: list[lw.Structure] = []
+
+    def with_one(stated: lw.Structure, cause: Cause) -> lw.Structure:
+        added.append(with_cause(stated, cause))
+        return added[-1]
+
+    def stop(report: lw.ProgressReport) -> None:
+        if added:
+            fractions.append(report.fraction)
+        if len(fractions) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("linkwise.likelihood.richer_laws.with_cause", with_one)
+    fit = lw.identify(record(2e7, 1.0, 61), STATED.unknown("all"), progress=stop)
+    assert fit.verdicts == (lw.Verdict.NOT_CONVERGED,) and not fit.trusted
+    assert fit.message.startswith("Interrupted: the fit with d**3 in spring1, which tells")
+    assert fit.coefficient("nes1.alpha").interval is None
+    assert np.array_equal(fit.values, whole.values)
+    assert len(added) == 1 and fractions == [1.0, 1.0]
+
+
+def test_a_damper_is_added_to_a_mode_whose_units_stay() -> None:
+    beam = host("beam", [lw.Coefficient.unknown(3.3), 20.6], 0.01, {"tip": [3.2, -3.2]})
+    named = structure({"m1": 0.02}, link("spring", "m1-beam.tip", "k*d", k=2.0), hosts=[beam])
+    richer = with_cause(named, Cause("term", "beam.mode1", 1.0, "N", 20.0, 0.1, term="v"))
+    units = [(parameter.name, parameter.unit) for parameter in richer.parameters]
+    assert units == [("beam.mode1.frequency", "Hz"), ("beam.mode1.added", "N s/m")]
+
+
+def test_a_term_is_added_beside_a_state_of_its_name() -> None:
+    rates = {"added": "v - abs(v)*added/z0"}
+    named = structure({"m1": 1.0}, link("joint", "m1-ground", "k*added", rates, k=5.0, z0=0.1))
+    richer = with_cause(named, Cause("term", "joint", 1.0, "N", 20.0, 0.1, term="d**3"))
+    assert richer.link("joint").law.text == "k*added + added_*(d**3)"
+    assert [parameter.name for parameter in richer.parameters] == ["joint.added_"]
 
 
 def test_a_term_is_added_beside_a_coefficient_of_its_name() -> None:

@@ -17,17 +17,20 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.diagnosis import diagnose
+from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
 from linkwise.likelihood.judgement import Judgement
 from linkwise.likelihood.long_records import is_long
 from linkwise.likelihood.memory_forces import MEMORY_TERMS
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.law_programs import forces_program
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
+from linkwise.progress import part
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
@@ -66,28 +69,48 @@ def beside_richer_laws(
         return judgement
     if fit.random_forces or is_long(fit.segments):
         return judgement
-    added = [part for part in (judgement.for_missing_terms, judgement.for_blocks) if part is not None]
-    deviations = np.sqrt(np.maximum(sum(added, fit.covariance).diagonal(), np.finfo(float).tiny))
+    deviations = _deviations(judgement, fit, structure)
     exact = _exact_laws(causes[0], fit, structure, records, deviations)
     if exact is None:
         return judgement
-    with_them = f"With {' and '.join(map(_in_words, exact.added))}"
+    terms = " and ".join(map(_in_words, exact.added))
+    if exact.is_interrupted:
+        return _without_trust(
+            judgement,
+            Verdict.NOT_CONVERGED,
+            f"Interrupted: the fit with {terms}, which tells whether intervals hold, did not end, so none is given. "
+            "The values are the best of the laws as stated.",
+        )
+    with_them = f"With {terms}"
     names, values = [p.name for p in exact.structure.parameters], exact.fit.values
     richer_values = np.array([values[names.index(parameter.name)] for parameter in structure.parameters])
     shifts = np.where(fit.free, np.abs(richer_values - fit.values) / deviations, 0.0)
     farthest = int(np.argmax(shifts))
     if shifts[farthest] <= LARGEST_SHIFT:
         return replace(judgement, message=f"{judgement.message} {with_them} only noise is left.")
-    return replace(
+    refuted = _without_trust(
         judgement,
-        verdict=Verdict.SYSTEMATIC_MISFIT,
-        message=f"{with_them} the laws leave only noise, and {structure.parameters[farthest].name} is "
-        f"{shifts[farthest]:.2g} of the standard errors of this answer away, which its intervals do not include, so none is "
-        "given: add what is missing.",
-        diagnosis=(causes[0], *exact.added[1:], *causes[1:]),
-        for_missing_terms=None,
-        for_blocks=None,
+        Verdict.SYSTEMATIC_MISFIT,
+        f"{with_them} the laws leave only noise, and {structure.parameters[farthest].name} is {shifts[farthest]:.2g} of the "
+        "standard errors of this answer away, which its intervals do not include, so none is given: add what is missing.",
     )
+    others = (cause for cause in causes if not _is_among(cause, exact.added))
+    return replace(refuted, diagnosis=(*exact.added, *others))
+
+
+def _deviations(judgement: Judgement, fit: LikelihoodFit, structure: Structure) -> Floats:
+    """(p,) standard errors of the answer, which include missing terms; those of faint modes are known beforehand."""
+    names = (parameter.name for parameter in structure.parameters)
+    identified = structure.with_values(dict(zip(names, fit.values.tolist(), strict=True)))
+    covariance = with_faint_modes(fit, identified)[0].copy()
+    for addition in (judgement.for_missing_terms, judgement.for_blocks):
+        covariance += 0.0 if addition is None else addition
+    return np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
+
+
+def _without_trust(judgement: Judgement, verdict: Verdict, message: str) -> Judgement:
+    """The judgement with a verdict that forbids trust."""
+    return replace(judgement, verdict=verdict, message=message, for_missing_terms=None, for_blocks=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +120,10 @@ class _RicherLaws:
     added: tuple[Cause, ...]
     structure: Structure
     fit: LikelihoodFit
+
+    @property
+    def is_interrupted(self) -> bool:
+        return self.fit.status is AnnealingStatus.INTERRUPTED
 
     def causes(self, channels: Sequence[str]) -> tuple[Cause, ...]:
         """What is significant beside them."""
@@ -108,14 +135,19 @@ class _RicherLaws:
 def _exact_laws(
     first: Cause, fit: LikelihoodFit, structure: Structure, records: Sequence[Record], deviations: Floats
 ) -> _RicherLaws | None:
-    """Laws with a `first` term, and the likeliest terms and links beside it, that leave only noise; None if none do."""
+    """Laws with a `first` term, and the likeliest terms and links beside it, that leave only noise; None if none do.
+
+    Laws whose fit was interrupted are the last ones.
+    """
     laws, lacking = _RicherLaws((), structure, fit), _likeliest([first])
     while len(laws.added) < _MOST and lacking is not None:
         size = lacking.size / max(_power(lacking, laws), np.finfo(float).tiny)
         again = _fitted(laws, with_cause(laws.structure, lacking), records, (size, deviations))
-        if again is None or again.fit.model_error > _BETTER * fit.model_error:
+        if again is None or (not again.is_interrupted and again.fit.model_error > _BETTER * fit.model_error):
             return None
         laws = replace(again, added=(*laws.added, lacking))
+        if laws.is_interrupted:
+            return laws
         causes = laws.causes(records[0].channels)
         if not causes:
             exact = not laws.fit.model_error and not laws.fit.chi_square_off
@@ -146,18 +178,22 @@ def _fitted(
 ) -> _RicherLaws | None:
     """The fit of richer laws; None where it does not converge, or leaves much more than noise.
 
-    It starts at the values of the laws before, with their deviations (p,), and at the size of what is added.
+    It starts at the values of the laws before, with their deviations (p,), and at the size of what is added. An interrupted
+    one is given as it is.
     """
     (size, deviations), names = start, [parameter.name for parameter in before.structure.parameters]
     known = dict(zip(names, zip(before.fit.values, _NEAR * deviations, strict=True), strict=True))
     theta, spread = np.array([known.get(p.name, (size, abs(size))) for p in richer.parameters]).T
-    options = replace(before.fit.options, nodes=None, relaxation=None)
+    options = before.fit.options
+    whole = replace(options, nodes=None, relaxation=None, steps=LikelihoodOptions.steps)
+    whole = replace(whole, progress=part(options.progress, 1.0, 1.0))  # the search itself is done
     try:
-        fit = likelihood_fit(records, richer, theta, spread=spread, options=options)
+        fit = likelihood_fit(records, richer, theta, spread=spread, options=whole)
     except IdentificationError:  # its motion may run to infinity
         return None
-    converged = fit.status is AnnealingStatus.CONVERGED and fit.has_errors
-    return replace(before, structure=richer, fit=fit) if converged and fit.chi_square < _LEFT else None
+    laws = replace(before, structure=richer, fit=fit)
+    converged = fit.status is AnnealingStatus.CONVERGED and fit.has_errors and fit.chi_square < _LEFT
+    return laws if converged or laws.is_interrupted else None
 
 
 def with_cause(structure: Structure, cause: Cause) -> Structure:
@@ -198,10 +234,18 @@ def _ends(structure: Structure, cause: Cause) -> tuple[str, str]:
 
 def _with_term(link: Link, term: str) -> Link:
     name = "added"
-    while name in link.coefficients:
+    while name in link.coefficients or name in link.states:
         name += "_"
-    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states)
+    declared = dict(link.law.declared)
+    if declared:  # as of a mode, whose law has numbers with units
+        declared |= Law.parse(f"{name}*({term})").units
+    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states, units=declared)
     return replace(link, law=law, coefficients={**link.coefficients, name: Coefficient.unknown(start=0.0)})
+
+
+def _is_among(cause: Cause, causes: Sequence[Cause]) -> bool:
+    """Whether a term or a link is one of some, whatever it gains."""
+    return any((cause.kind, cause.where, cause.term) == (of.kind, of.where, of.term) for of in causes)
 
 
 def _in_words(added: Cause) -> str:
