@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -213,3 +214,12 @@ def test_signal_to_noise_counts_the_motion_alone() -> None:
     assert noise.unit == "m"
     assert NoiseEstimate.of(record, "x:m1", 0.0).snr_db == np.inf
     assert NoiseEstimate.of(record, "x:m1", 9.0).snr_db == -np.inf
+
+
+def test_an_answer_is_pickled_whatever_took_note_of_its_progress(
+    record: lw.Record, chain: lw.Structure
+) -> None:
+    reports: list[lw.ProgressReport] = []
+    fit = lw.identify(record, chain.unknown("nes"), progress=lambda report: reports.append(report))
+    copied = pickle.loads(pickle.dumps(fit))
+    assert reports and np.array_equal(present(copied.motion).d, present(fit.motion).d)

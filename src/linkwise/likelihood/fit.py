@@ -32,7 +32,6 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.waveforms import Disturbance
 from linkwise.likelihood.untold_gains import untold_gains
 from linkwise.model.structure import Structure
-from linkwise.progress import silent
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed
@@ -124,7 +123,7 @@ class LikelihoodFit:
     untold : tuple of str
         Channels whose gains, of which nothing is known beforehand, the records do not tell.
     options : LikelihoodOptions
-        What it was asked for with, but its progress.
+        What it was asked for with.
     """
 
     values: Floats
@@ -258,8 +257,7 @@ def _fit(
     with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:  # products run on threads of our own
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        fit = _fitted(problem, records, spread, sensing, options, annealer)
-        return replace(fit, options=replace(options, progress=silent))
+        return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
 
 
 def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> SensorModel:

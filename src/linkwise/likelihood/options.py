@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -67,9 +68,13 @@ class LikelihoodOptions:
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     coloured_noise: bool = True
-    progress: Progress = silent
+    progress: Progress = field(default=silent, repr=False)
     nodes: Floats | None = None
     relaxation: float | None = None
     ceiling: float = np.inf
     steps: int = AnnealingSchedule.max_steps
     tightest: float = AnnealingSchedule.final_q
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled, with the fit that it belongs to: all but the progress, which is for this process only."""
+        return {**vars(self), "progress": silent}
