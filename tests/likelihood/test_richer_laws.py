@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -61,6 +63,43 @@ def test_a_link_that_the_model_error_hides_takes_trust_away(
     assert abs(fit.coefficient(moved).value - true) > 0.02 * abs(true)
 
 
+@pytest.mark.parametrize(("name", "moved"), [("m1", "spring1.k"), ("m2", "nes1.beta")])
+def test_a_stated_mass_that_the_model_error_hides_takes_trust_away(name: str, moved: str) -> None:
+    """One of 3 % more than it is; the records tell the ratio of the two."""
+    heavy = structure({**MASSES, name: 1.03 * MASSES[name]}, *STATED.links)
+    fit = lw.identify(record(2e7, 1.0, 66), heavy.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
+    assert [cause.kind for cause in fit.diagnosis[:2]] == ["term", "mass"]
+    assert fit.message.startswith("With d**3 in spring1 and a mass of m")
+    assert fit.message.endswith("so none is given: add what is missing, and correct what is off.")
+    true = present(STATED.coefficient(moved).value)
+    assert abs(fit.coefficient(moved).value - true) > 0.02 * true
+
+
+def test_an_offset_is_told_beside_the_term_that_hides_it() -> None:
+    exact = record(2e7, 1.0, 64)
+    values = exact.values + np.array([4e-5 * (name == "x:m2") for name in exact.channels])
+    fit = lw.identify(replace(exact, values=values, simulated=None), STATED.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
+    assert re.search(
+        r"With d\*\*3 in spring1 and an offset of 4\.\d+e-05 m in x:m2 only noise is left\.$", fit.message
+    )
+    errors = (fit.values - truth(STATED, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
+    assert np.abs(errors).max() < 2.0
+
+
+def test_a_gain_that_the_model_error_hides_takes_trust_away() -> None:
+    """Of 1 %, which makes 2 % of a cubic spring."""
+    exact = record(2e7, 1.0, 65)
+    values = exact.values * np.array([1.0 + 0.01 * (name == "x:m2") for name in exact.channels])
+    fit = lw.identify(replace(exact, values=values, simulated=None), STATED.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
+    assert [(cause.kind, cause.where) for cause in fit.diagnosis[:2]] == [
+        ("term", "spring1"),
+        ("gain", "x:m2"),
+    ]
+
+
 def test_what_was_missing_comes_first_and_is_named_once() -> None:
     causes = answer(2e7, 1.4, 63, SPRING).diagnosis
     named = [(cause.kind, cause.where, cause.term, cause.source) for cause in causes]
@@ -107,6 +146,21 @@ def test_a_damper_is_added_to_a_mode_whose_units_stay() -> None:
     richer = with_cause(named, Cause("term", "beam.mode1", 1.0, "N", 20.0, 0.1, term="v"))
     units = [(parameter.name, parameter.unit) for parameter in richer.parameters]
     assert units == [("beam.mode1.frequency", "Hz"), ("beam.mode1.added", "N s/m")]
+
+
+@pytest.mark.parametrize(
+    ("cause", "freed"),
+    [
+        (Cause("mass", "m1", 0.03, "1", 20.0, 0.01), "m1.mass"),
+        (Cause("frequency", "beam.mode1", 0.01, "1", 20.0, 0.01), "beam.mode1.frequency"),
+        (Cause("shape", "beam.tip", 0.03, "1", 20.0, 0.01, source="beam.mode2"), "beam.mode2.shape.tip"),
+    ],
+)
+def test_a_stated_value_that_is_off_becomes_unknown(cause: Cause, freed: str) -> None:
+    beam = host("beam", [3.3, 20.6], 0.01, {"tip": [3.2, -3.2]})
+    named = structure({"m1": 0.02}, link("spring", "m1-beam.tip", "k*d", k=2.0), hosts=[beam])
+    richer = with_cause(named, cause)
+    assert [parameter.name for parameter in richer.parameters] == [freed]
 
 
 def test_a_term_is_added_beside_a_state_of_its_name() -> None:

@@ -1,9 +1,9 @@
 """What laws with the likeliest missing terms say of an answer whose laws lack them.
 
-A model error hides what is smaller than itself: beside a host that lacks a cubic term, a spring that nobody stated may move
-another coefficient by ten of its standard errors and no score be significant. Laws with the likeliest term are therefore
-fitted, and with what is significant beside it, until they leave only noise. Only then do they say whether the intervals hold:
-laws that still leave more have shadows of what they lack among their scores.
+A model error hides what is smaller than itself: beside a host that lacks a cubic term, a spring that nobody stated, or a mass
+that is stated wrong, may move another coefficient by ten of its standard errors and no score be significant. Laws with the
+likeliest term are therefore fitted, and with what is significant beside it, until they leave only noise. Only then do they
+say whether the intervals hold: laws that still leave more have shadows of what they lack among their scores.
 """
 
 from __future__ import annotations
@@ -24,22 +24,32 @@ from linkwise.likelihood.judgement import Judgement
 from linkwise.likelihood.long_records import is_long
 from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.sensor_unknowns import is_admissible, with_error
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.law_programs import forces_program
 from linkwise.model.link import Link
+from linkwise.model.parameters import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.progress import part
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
-_MOST = 3  # terms and links that are added
+_MOST = 3  # terms, links and errors that are added
 _NEAR = 3.0  # standard errors within which coefficients are looked for
 _BETTER = 0.5  # of the model error: with more of it laws do not tell what is missing beside the term
 _ALIKE = 0.5  # of what the likeliest cause gains: others that may stand for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
+_TRIED = 3  # causes that are as likely
 _LEFT = 2.0  # chi-square that exact laws may leave where more is missing
+
+_FREED = {
+    "mass": "mass:{where}",
+    "frequency": "{where}.frequency",
+    "shape": f"{{source}}.{SHAPE}{{point}}",
+}
+"""What `Structure.unknown` frees where a stated value is off, by the kind of the cause."""
 
 
 def beside_richer_laws(
@@ -61,8 +71,8 @@ def beside_richer_laws(
     Returns
     -------
     Judgement
-        The same where no term explains most of what a model error stands for, and where no few terms and links leave only
-        noise. Long records are not fitted again.
+        The same where no term explains most of what a model error stands for, and where no few terms, links and errors leave
+        only noise. Long records are not fitted again.
     """
     causes = judgement.diagnosis
     if judgement.verdict is not Verdict.MODEL_ERROR_NEEDED or not causes or causes[0].kind != "term":
@@ -82,17 +92,15 @@ def beside_richer_laws(
             "The values are the best of the laws as stated.",
         )
     with_them = f"With {terms}"
-    names, values = [p.name for p in exact.structure.parameters], exact.fit.values
-    richer_values = np.array([values[names.index(parameter.name)] for parameter in structure.parameters])
-    shifts = np.where(fit.free, np.abs(richer_values - fit.values) / deviations, 0.0)
-    farthest = int(np.argmax(shifts))
-    if shifts[farthest] <= LARGEST_SHIFT:
+    shifted, shift = exact.farthest(fit, deviations)
+    if shift <= LARGEST_SHIFT:
         return replace(judgement, message=f"{judgement.message} {with_them} only noise is left.")
     refuted = _without_trust(
         judgement,
         Verdict.SYSTEMATIC_MISFIT,
-        f"{with_them} the laws leave only noise, and {structure.parameters[farthest].name} is {shifts[farthest]:.2g} of the "
-        "standard errors of this answer away, which its intervals do not include, so none is given: add what is missing.",
+        f"{with_them} the laws leave only noise, and {shifted} is {shift:.2g} of the "
+        "standard errors of this answer away, which its intervals do not include, so none is given: "
+        f"add what is missing{', and correct what is off' if any(of.is_instrument for of in exact.added) else ''}.",
     )
     others = (cause for cause in causes if not _is_among(cause, exact.added))
     return replace(refuted, diagnosis=(*exact.added, *others))
@@ -115,7 +123,7 @@ def _without_trust(judgement: Judgement, verdict: Verdict, message: str) -> Judg
 
 @dataclass(frozen=True, eq=False)
 class _RicherLaws:
-    """A `structure` with what was `added` of terms and links, and its `fit`."""
+    """A `structure` with what was `added` of terms, links and errors of stated values and sensors, and its `fit`."""
 
     added: tuple[Cause, ...]
     structure: Structure
@@ -124,6 +132,15 @@ class _RicherLaws:
     @property
     def is_interrupted(self) -> bool:
         return self.fit.status is AnnealingStatus.INTERRUPTED
+
+    def farthest(self, fit: LikelihoodFit, deviations: Floats) -> tuple[str, float]:
+        """The coefficient that differs most from those of a fit without what was added, in its `deviations` (p,)."""
+        names = fit.segments.system.parameters.names
+        values = dict(zip((p.name for p in self.structure.parameters), self.fit.values.tolist(), strict=True))
+        changes = np.abs(np.array([values[name] for name in names]) - fit.values)
+        shifts = np.where(fit.free, changes / deviations, 0.0)
+        number = int(np.argmax(shifts))
+        return names[number], float(shifts[number])
 
     def causes(self, channels: Sequence[str]) -> tuple[Cause, ...]:
         """What is significant beside them."""
@@ -135,76 +152,100 @@ class _RicherLaws:
 def _exact_laws(
     first: Cause, fit: LikelihoodFit, structure: Structure, records: Sequence[Record], deviations: Floats
 ) -> _RicherLaws | None:
-    """Laws with a `first` term, and the likeliest terms and links beside it, that leave only noise; None if none do.
+    """Laws with a `first` term, and the likeliest causes beside it, that leave only noise; None if none do.
 
-    Laws whose fit was interrupted are the last ones.
+    Of causes that are as likely, each of which makes the laws exact, that which moves a coefficient farthest: trust is not to
+    depend on which of them it is. Laws whose fit was interrupted are the last ones.
     """
-    laws, lacking = _RicherLaws((), structure, fit), _likeliest([first])
-    while len(laws.added) < _MOST and lacking is not None:
-        size = lacking.size / max(_power(lacking, laws), np.finfo(float).tiny)
-        again = _fitted(laws, with_cause(laws.structure, lacking), records, (size, deviations))
-        if again is None or (not again.is_interrupted and again.fit.model_error > _BETTER * fit.model_error):
+    laws, lacking, near = _RicherLaws((), structure, fit), _likeliest([first]), deviations
+    while len(laws.added) < _MOST and lacking:
+        exact, beside = [], []
+        for cause in lacking:
+            again = _fitted(laws, cause, records, near)
+            if again is not None and again.is_interrupted:
+                return again
+            if again is None or again.fit.model_error > _BETTER * fit.model_error:
+                continue
+            causes = again.causes(records[0].channels)
+            if causes:
+                beside.append((again, causes))
+            elif not again.fit.model_error and not again.fit.chi_square_off:
+                exact.append(again)
+        if exact:
+            return max(exact, key=lambda laws: laws.farthest(fit, deviations)[1])
+        if not beside:
             return None
-        laws = replace(again, added=(*laws.added, lacking))
-        if laws.is_interrupted:
-            return laws
-        causes = laws.causes(records[0].channels)
-        if not causes:
-            exact = not laws.fit.model_error and not laws.fit.chi_square_off
-            return laws if exact else None
-        lacking = _likeliest(causes)
-        deviations = np.sqrt(np.maximum(laws.fit.covariance.diagonal(), np.finfo(float).tiny))
+        laws, lacking = beside[0][0], _likeliest(beside[0][1])
+        near = np.sqrt(np.maximum(laws.fit.covariance.diagonal(), np.finfo(float).tiny))
     return None
 
 
-def _likeliest(causes: Sequence[Cause]) -> Cause | None:
-    """The likeliest term or link that can be added; None where what explains much more is none.
-
-    Of those that are as likely the one that moves a coefficient farthest: trust is not to depend on which of them it is.
+def _likeliest(causes: Sequence[Cause]) -> list[Cause]:
+    """The likeliest causes that can be added, that which moves a coefficient farthest first; there are several where they are
+    as likely, and none where another cause explains much more.
     """
     can_be_added = [
-        cause
-        for cause in causes
-        if cause.kind in ("term", "link")
-        and cause.term not in MEMORY_TERMS
-        and cause.gain > _ALIKE * causes[0].gain
+        cause for cause in causes if _can_be_added(cause) and cause.gain > _ALIKE * causes[0].gain
     ]
-    as_likely = (cause for cause in can_be_added if cause.gain > can_be_added[0].gain - _AS_LIKELY)
-    return max(as_likely, key=lambda cause: cause.shift, default=None)
+    as_likely = [cause for cause in can_be_added if cause.gain > can_be_added[0].gain - _AS_LIKELY]
+    return sorted(as_likely, key=lambda cause: -cause.shift)[:_TRIED]
+
+
+def _can_be_added(cause: Cause) -> bool:
+    """Whether laws can have it: a term or a link, a stated value that becomes unknown, or an error of a sensor."""
+    if cause.kind in ("term", "link"):
+        return cause.term not in MEMORY_TERMS
+    return cause.kind in _FREED or is_admissible(cause)
 
 
 def _fitted(
-    before: _RicherLaws, richer: Structure, records: Sequence[Record], start: tuple[float, Floats]
+    before: _RicherLaws, lacking: Cause, records: Sequence[Record], deviations: Floats
 ) -> _RicherLaws | None:
-    """The fit of richer laws; None where it does not converge, or leaves much more than noise.
+    """The fit of laws with what they lack; None where it does not converge, or leaves much more than noise.
 
     It starts at the values of the laws before, with their deviations (p,), and at the size of what is added. An interrupted
     one is given as it is.
     """
-    (size, deviations), names = start, [parameter.name for parameter in before.structure.parameters]
-    known = dict(zip(names, zip(before.fit.values, _NEAR * deviations, strict=True), strict=True))
-    theta, spread = np.array([known.get(p.name, (size, abs(size))) for p in richer.parameters]).T
-    options = before.fit.options
+    structure, of_sensor = before.structure, is_admissible(lacking)
+    options = with_error(before.fit.options, lacking, records[0]) if of_sensor else before.fit.options
+    if options is None:
+        return None
+    richer = structure if of_sensor else with_cause(structure, lacking)
+    names = [parameter.name for parameter in structure.parameters]
+    starts = dict(zip(names, zip(before.fit.values, _NEAR * deviations, strict=True), strict=True))
+    for parameter in richer.parameters:
+        if parameter.name not in starts:
+            starts[parameter.name] = _start(parameter.name, lacking, before)
+    theta, spread = np.array([starts[parameter.name] for parameter in richer.parameters]).T
     whole = replace(options, nodes=None, relaxation=None, steps=LikelihoodOptions.steps)
     whole = replace(whole, progress=part(options.progress, 1.0, 1.0))  # the search itself is done
     try:
         fit = likelihood_fit(records, richer, theta, spread=spread, options=whole)
     except IdentificationError:  # its motion may run to infinity
         return None
-    laws = replace(before, structure=richer, fit=fit)
+    laws = _RicherLaws((*before.added, lacking), richer, fit)
     converged = fit.status is AnnealingStatus.CONVERGED and fit.has_errors and fit.chi_square < _LEFT
     return laws if converged or laws.is_interrupted else None
 
 
+def _start(name: str, lacking: Cause, laws: _RicherLaws) -> tuple[float, float]:
+    """The value that an unknown starts at where laws get what they lack, and its standard deviation there."""
+    if lacking.kind in _FREED:
+        stated = laws.structure.coefficient(name).value or 0.0
+        return stated * (1.0 + lacking.size), abs(stated * lacking.size)
+    size = lacking.size / max(_power(lacking, laws), np.finfo(float).tiny)
+    return size, abs(size)
+
+
 def with_cause(structure: Structure, cause: Cause) -> Structure:
-    """The structure with a missing term or link, of unknown size.
+    """The structure with a missing term or link of unknown size, or with an unknown for a stated value that is off.
 
     Parameters
     ----------
     structure : Structure
         The structure.
     cause : Cause
-        A cause of the kind "term" or "link".
+        A cause of the kind "term", "link", "mass", "frequency" or "shape".
 
     Returns
     -------
@@ -212,6 +253,11 @@ def with_cause(structure: Structure, cause: Cause) -> Structure:
         The structure with it.
     """
     links = structure.links
+    if cause.kind in _FREED:
+        point = cause.where.rpartition(".")[2]
+        return structure.unknown(
+            _FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
+        )
     if cause.kind == "link":
         name = cause.where.replace("-", "_")
         while any(link.name == name for link in links):
@@ -244,11 +290,16 @@ def _with_term(link: Link, term: str) -> Link:
 
 
 def _is_among(cause: Cause, causes: Sequence[Cause]) -> bool:
-    """Whether a term or a link is one of some, whatever it gains."""
-    return any((cause.kind, cause.where, cause.term) == (of.kind, of.where, of.term) for of in causes)
+    """Whether a cause is one of some, whatever it gains."""
+    return any(
+        (cause.kind, cause.where, cause.term, cause.source) == (of.kind, of.where, of.term, of.source)
+        for of in causes
+    )
 
 
 def _in_words(added: Cause) -> str:
+    if added.is_instrument:
+        return added.description
     return f"{added.term} in {'a link ' if added.kind == 'link' else ''}{added.where}"
 
 

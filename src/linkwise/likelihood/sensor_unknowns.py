@@ -112,18 +112,15 @@ def answer_with_sensors(
         instruments = [
             cause for cause in answer.diagnosis if cause.is_instrument and cause.kind != "input noise"
         ]
-        if interrupted or not instruments or instruments[0].kind.removeprefix(_OF_FORCE) not in admitted:
+        kind = instruments[0].kind.removeprefix(_OF_FORCE) if instruments else ""
+        if interrupted or kind not in admitted:
             return answer
-        kind, channel = instruments[0].kind.removeprefix(_OF_FORCE), instruments[0].where
         if kind != "delay" and any(_rivals(instruments[0], rival) for rival in instruments[1:]):
             return answer
-        present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
-        more = late_channels(records[0], channel) if kind == "delay" else (channel,)
-        if channel in (*(() if kind == "delay" else _bases(records[0])), *present) or set(more) <= set(
-            present
-        ):
+        wider = with_error(options, instruments[0], records[0])
+        if wider is None:
             return answer
-        options = _widened(options, kind, tuple(dict.fromkeys((*present, *more))))
+        options = wider
 
 
 def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[str]) -> None:
@@ -163,7 +160,19 @@ def _rivals(first: Cause, second: Cause) -> bool:
     return second.kind in kinds and second.gain > first.gain - _ALIKE
 
 
-def _widened(options: LikelihoodOptions, kind: str, channels: tuple[str, ...]) -> LikelihoodOptions:
+def is_admissible(cause: Cause) -> bool:
+    """Whether a cause is an error of a sensor or of an applied force that can be estimated with the laws."""
+    return cause.kind.removeprefix(_OF_FORCE) in ADMISSIBLE
+
+
+def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> LikelihoodOptions | None:
+    """The options with the error of a sensor that a cause names as an unknown; None where none can be, or is one already."""
+    kind, channel = cause.kind.removeprefix(_OF_FORCE), cause.where
+    present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
+    more = late_channels(record, channel) if kind == "delay" else (channel,)
+    if channel in (*(() if kind == "delay" else _bases(record)), *present) or set(more) <= set(present):
+        return None
+    channels = tuple(dict.fromkeys((*present, *more)))
     if kind == "offset":
         return replace(options, offsets=channels)
     if kind == "gain":
