@@ -154,10 +154,11 @@ def test_a_damper_is_added_to_a_mode_whose_units_stay() -> None:
         (Cause("mass", "m1", 0.03, "1", 20.0, 0.01), "m1.mass"),
         (Cause("frequency", "beam.mode1", 0.01, "1", 20.0, 0.01), "beam.mode1.frequency"),
         (Cause("shape", "beam.tip", 0.03, "1", 20.0, 0.01, source="beam.mode2"), "beam.mode2.shape.tip"),
+        (Cause("shape", "beam.mid.z", 0.03, "1", 20.0, 0.01, source="beam.mode1"), "beam.mode1.shape.mid.z"),
     ],
 )
 def test_a_stated_value_that_is_off_becomes_unknown(cause: Cause, freed: str) -> None:
-    beam = host("beam", [3.3, 20.6], 0.01, {"tip": [3.2, -3.2]})
+    beam = host("beam", [3.3, 20.6], 0.01, {"tip": [3.2, -3.2], "mid.z": [1.1, 2.3]})
     named = structure({"m1": 0.02}, link("spring", "m1-beam.tip", "k*d", k=2.0), hosts=[beam])
     richer = with_cause(named, cause)
     assert [parameter.name for parameter in richer.parameters] == [freed]

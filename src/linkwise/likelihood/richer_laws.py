@@ -254,7 +254,7 @@ def with_cause(structure: Structure, cause: Cause) -> Structure:
     """
     links = structure.links
     if cause.kind in _FREED:
-        point = cause.where.rpartition(".")[2]
+        point = cause.where.partition(".")[2]  # after the name of its host, which has no dot
         return structure.unknown(
             _FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
         )
