@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from present import present
 from problems import truth
-from structures import NES, host, link, structure
+from structures import HARDENING, NES, host, link, structure
 
 import linkwise as lw
+from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.richer_laws import with_cause
 
 MASSES = {"m1": 1.0, "m2": 0.01}
@@ -113,6 +116,30 @@ def test_what_is_known_beforehand_of_faint_modes_counts(monkeypatch: pytest.Monk
     fit = lw.identify(record(2e7, 1.4, 63, SPRING), STATED.unknown("all"))
     assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert fit.message.endswith(" With d**3 in spring1 and d in a link m2-ground only noise is left.")
+
+
+def test_a_term_starts_at_its_size_along_the_elongation_from_the_base(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The displacement of the mass is ten times as large, and its cube a thousand times."""
+    starts: list[float] = []
+
+    def fitted(records: list[lw.Record], richer: lw.Structure, theta: Floats, **rest: Any) -> LikelihoodFit:
+        names = [parameter.name for parameter in richer.parameters]
+        starts.append(float(theta[names.index("lower.added")]))
+        return likelihood_fit(records, richer, theta, **rest)
+
+    monkeypatch.setattr("linkwise.likelihood.richer_laws.likelihood_fit", fitted)
+    upper = link("upper", "m2-m1", HARDENING, k=1500.0, k3=4e6, c=0.5)
+    lower = link("lower", "m1-base", "k*d + c*v", k=2000.0, c=1.0)
+    harder = link("lower", "m1-base", "k*d + c*v + g*d**3", k=2000.0, c=1.0, g=1e5)
+    masses = {"m1": 1.0, "m2": 0.5}
+    base = "0.004*sin(31*t) + 0.003*sin(47*t + 1) + 0.002*sin(71*t + 2) + 0.05*sin(3*t)"
+    driven = lw.simulate(structure(masses, harder, upper), base=base, duration=12.0, rate=300.0)
+    noisy = driven.with_noise(30.0, seed=5830001)
+    fit = lw.identify(noisy, structure(masses, lower, upper).unknown("all"))
+    assert fit.message.endswith("With d**3 in lower only noise is left.")
+    assert starts == [pytest.approx(1e5, rel=0.2)]  # to first order
 
 
 def test_an_interrupt_of_the_fit_with_a_term_takes_trust_away(monkeypatch: pytest.MonkeyPatch) -> None:

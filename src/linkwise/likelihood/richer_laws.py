@@ -24,11 +24,11 @@ from linkwise.likelihood.judgement import Judgement
 from linkwise.likelihood.long_records import is_long
 from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.score_test import CandidateForce, candidate_forces
 from linkwise.likelihood.sensor_unknowns import is_admissible, with_error
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
-from linkwise.model.law_programs import forces_program
 from linkwise.model.link import Link
 from linkwise.model.parameters import SHAPE
 from linkwise.model.structure import Structure
@@ -233,7 +233,7 @@ def _start(name: str, lacking: Cause, laws: _RicherLaws) -> tuple[float, float]:
     if lacking.kind in _FREED:
         stated = laws.structure.coefficient(name).value or 0.0
         return stated * (1.0 + lacking.size), abs(stated * lacking.size)
-    size = lacking.size / max(_power(lacking, laws), np.finfo(float).tiny)
+    size = lacking.size * _of_one_newton(lacking, laws)
     return size, abs(size)
 
 
@@ -303,12 +303,10 @@ def _in_words(added: Cause) -> str:
     return f"{added.term} in {'a link ' if added.kind == 'link' else ''}{added.where}"
 
 
-def _power(lacking: Cause, laws: _RicherLaws) -> float:
-    """Root mean square of a term of unit size along the fitted motion."""
-    structure, orbit = laws.structure, laws.fit.misfit.trajectories
+def _of_one_newton(lacking: Cause, laws: _RicherLaws) -> float:
+    """The coefficient of a term whose force along the fitted motion has a root mean square of 1 in its unit."""
+    structure, optimum = laws.structure, laws.fit.optimum
     ends = _ends(structure, lacking) if lacking.kind == "link" else structure.link(lacking.where).between
-    first, second = (structure.topology.row(end) for end in ends)
-    d = np.tensordot(first - second, orbit.states[:, 0], axes=(0, 1))
-    v = np.tensordot(first - second, orbit.states[:, 1], axes=(0, 1)) / laws.fit.segments.step
-    along = np.asarray(forces_program((Law.parse(lacking.term).expression,))(d, v))
-    return float(np.sqrt(np.mean(along**2)))
+    first, second = (structure.topology.index[end] for end in ends)
+    force = CandidateForce(first, second, Law.parse(lacking.term))
+    return float(candidate_forces(optimum, laws.fit.misfit, [force])[1][0])
