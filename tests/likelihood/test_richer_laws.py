@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import truth
-from structures import HARDENING, NES, host, link, structure
+from structures import HARDENING, NES, Value, host, link, structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -189,6 +189,21 @@ def test_a_stated_value_that_is_off_becomes_unknown(cause: Cause, freed: str) ->
     named = structure({"m1": 0.02}, link("spring", "m1-beam.tip", "k*d", k=2.0), hosts=[beam])
     richer = with_cause(named, cause)
     assert [parameter.name for parameter in richer.parameters] == [freed]
+
+
+@pytest.mark.parametrize("name", ["m1", "m2", "m3"])
+def test_a_mass_that_is_off_is_freed_without_those_that_are_stated_equal(name: str) -> None:
+    """As its score is that of this mass alone."""
+    springs = [
+        link(f"spring{k}", f"m{k}-{below}", "k*d", k=2.0)
+        for k, below in ((1, "ground"), (2, "m1"), (3, "m2"))
+    ]
+    first, second = (lw.Coefficient.shared(f"{mass}.mass") for mass in ("m1", "m2"))
+    equal: dict[str, Value] = {"m1": 1.5, "m2": first, "m3": second}
+    richer = with_cause(structure(equal, *springs), Cause("mass", name, 0.03, "1", 20.0, 0.01))
+    number = richer.mass_names.index(name)
+    assert [parameter.members for parameter in richer.parameters] == [((-1 - number, "mass"),)]
+    assert [mass.mass.value for mass in richer.masses if mass.name != name] == [1.5, 1.5]
 
 
 def test_a_term_is_added_beside_a_state_of_its_name() -> None:

@@ -255,9 +255,8 @@ def with_cause(structure: Structure, cause: Cause) -> Structure:
     links = structure.links
     if cause.kind in _FREED:
         point = cause.where.partition(".")[2]  # after the name of its host, which has no dot
-        return structure.unknown(
-            _FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
-        )
+        which = _FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
+        return _with_own_value(structure, cause).unknown(which)
     if cause.kind == "link":
         name = cause.where.replace("-", "_")
         while any(link.name == name for link in links):
@@ -268,6 +267,24 @@ def with_cause(structure: Structure, cause: Cause) -> Structure:
         structure,
         links=tuple(_with_term(link, cause.term) if link.name == cause.where else link for link in links),
     )
+
+
+def _with_own_value(structure: Structure, cause: Cause) -> Structure:
+    """The structure in which the mass or the frequency of a cause is equal to no other's, as its score takes it alone."""
+    name = f"{cause.where}.{cause.kind}"
+
+    def apart(coefficient: Coefficient, own: str) -> Coefficient:
+        is_shared = own == name or coefficient.same_as == name
+        return replace(coefficient, same_as=None) if coefficient.known and is_shared else coefficient
+
+    masses = (replace(mass, mass=apart(mass.mass, f"{mass.name}.mass")) for mass in structure.masses)
+    links = (
+        replace(
+            link, coefficients={key: apart(c, f"{link.name}.{key}") for key, c in link.coefficients.items()}
+        )
+        for link in structure.links
+    )
+    return replace(structure, masses=tuple(masses), links=tuple(links))
 
 
 def _ends(structure: Structure, cause: Cause) -> tuple[str, str]:
