@@ -103,6 +103,28 @@ def test_a_gain_that_the_model_error_hides_takes_trust_away() -> None:
     ]
 
 
+DAMPED = link("spring1", "m1-ground", "k*d + c*v + g*d**3 + q*(v*abs(v))", k=3e4, c=1.0, g=2e7, q=0.6)
+HEAVY = structure({**MASSES, "m2": 1.02 * MASSES["m2"]}, *STATED.links)
+
+
+@pytest.mark.parametrize(("offset", "left"), [(0.0, "only"), (1e-5, "hardly more than")])
+def test_three_errors_take_trust_away_with_or_without_a_fourth(offset: float, left: str) -> None:
+    """Damping that grows with speed, and a mass of 2 %, of which the other mass stands for most; an offset is left."""
+    damped = lw.simulate(structure(MASSES, DAMPED, SINK), release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
+    noisy = damped.with_noise(30.0, seed=5830066)
+    values = noisy.values + np.array([offset * (name == "x:m2") for name in noisy.channels])
+    fit = lw.identify(replace(noisy, values=values, simulated=None), HEAVY.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
+    assert [(cause.where, cause.term) for cause in fit.diagnosis[:3]] == [
+        ("spring1", "d**3"),
+        ("m2", ""),
+        ("spring1", "v*abs(v)"),
+    ]
+    assert f"v*abs(v) in spring1 the laws leave {left} noise, and nes1." in fit.message
+    errors = fit.values - truth(STATED, fit.given_structure)
+    assert np.abs(errors / np.sqrt(fit.covariance.diagonal())).max() > 4.0
+
+
 def test_what_was_missing_comes_first_and_is_named_once() -> None:
     causes = answer(2e7, 1.4, 63, SPRING).diagnosis
     named = [(cause.kind, cause.where, cause.term, cause.source) for cause in causes]

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
@@ -38,7 +40,6 @@ from linkwise.verdict import Verdict
 
 _MOST = 3  # terms, links and errors that are added
 _NEAR = 3.0  # standard errors within which coefficients are looked for
-_BETTER = 0.5  # of the model error: with more of it laws do not tell what is missing beside the term
 _ALIKE = 0.5  # of what the likeliest cause gains: others that may stand for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
 _TRIED = 3  # causes that are as likely
@@ -93,16 +94,19 @@ def beside_richer_laws(
         )
     with_them = f"With {terms}"
     shifted, shift = exact.farthest(fit, deviations)
+    if shift <= LARGEST_SHIFT and exact.causes:
+        return judgement
     if shift <= LARGEST_SHIFT:
         return replace(judgement, message=f"{judgement.message} {with_them} only noise is left.")
     refuted = _without_trust(
         judgement,
         Verdict.SYSTEMATIC_MISFIT,
-        f"{with_them} the laws leave only noise, and {shifted} is {shift:.2g} of the "
-        "standard errors of this answer away, which its intervals do not include, so none is given: "
+        f"{with_them} the laws leave {'hardly more than' if exact.causes else 'only'} noise, and {shifted} is "
+        f"{shift:.2g} of the standard errors of this answer away, which its intervals do not include, so none is given: "
         f"add what is missing{', and correct what is off' if any(of.is_instrument for of in exact.added) else ''}.",
     )
-    others = (cause for cause in causes if not _is_among(cause, exact.added))
+    added = set(map(_identity, exact.added))
+    others = (cause for cause in causes if _identity(cause) not in added)
     return replace(refuted, diagnosis=(*exact.added, *others))
 
 
@@ -123,61 +127,82 @@ def _without_trust(judgement: Judgement, verdict: Verdict, message: str) -> Judg
 
 @dataclass(frozen=True, eq=False)
 class _RicherLaws:
-    """A `structure` with what was `added` of terms, links and errors of stated values and sensors, and its `fit`."""
+    """A `structure` with what was `added` to it, and to what is estimated of sensors, and its `fit` to the `records`."""
 
     added: tuple[Cause, ...]
     structure: Structure
+    records: Sequence[Record]
     fit: LikelihoodFit
 
     @property
     def is_interrupted(self) -> bool:
         return self.fit.status is AnnealingStatus.INTERRUPTED
 
-    def farthest(self, fit: LikelihoodFit, deviations: Floats) -> tuple[str, float]:
-        """The coefficient that differs most from those of a fit without what was added, in its `deviations` (p,)."""
-        names = fit.segments.system.parameters.names
-        values = dict(zip((p.name for p in self.structure.parameters), self.fit.values.tolist(), strict=True))
-        changes = np.abs(np.array([values[name] for name in names]) - fit.values)
-        shifts = np.where(fit.free, changes / deviations, 0.0)
-        number = int(np.argmax(shifts))
-        return names[number], float(shifts[number])
+    @property
+    def deviations(self) -> Floats:
+        """(p,) standard errors of its own coefficients."""
+        return np.sqrt(np.maximum(self.fit.covariance.diagonal(), np.finfo(float).tiny))
 
-    def causes(self, channels: Sequence[str]) -> tuple[Cause, ...]:
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the laws leave hardly more than noise, in which causes may still be significant."""
+        return not self.fit.model_error and not self.fit.chi_square_off
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
         """What is significant beside them."""
         names = [parameter.name for parameter in self.structure.parameters]
         values = dict(zip(names, map(float, self.fit.values), strict=True))
+        channels = self.records[0].channels
         return diagnose(self.fit, self.structure.with_values(values), channels, terms=True).causes
+
+    def farthest(self, fit: LikelihoodFit, deviations: Floats) -> tuple[str, float]:
+        """The coefficient that differs most from those of a fit without what was added, in its `deviations` (p,).
+
+        What is still significant may take back what it would change coefficients by, to first order; all, if that is unknown.
+        """
+        back = max((cause.shift or np.inf for cause in self.causes), default=0.0) * self.deviations
+        names = [parameter.name for parameter in self.structure.parameters]
+        numbers = [names.index(name) for name in fit.segments.system.parameters.names]
+        changes = np.maximum(np.abs(self.fit.values[numbers] - fit.values) - back[numbers], 0.0)
+        shifts = np.where(fit.free, changes / deviations, 0.0)
+        number = int(np.argmax(shifts))
+        return names[numbers[number]], float(shifts[number])
 
 
 def _exact_laws(
     first: Cause, fit: LikelihoodFit, structure: Structure, records: Sequence[Record], deviations: Floats
 ) -> _RicherLaws | None:
-    """Laws with a `first` term, and the likeliest causes beside it, that leave only noise; None if none do.
+    """Laws with a `first` term, and the likeliest causes beside it, that leave hardly more than noise; None if none do.
 
-    Of causes that are as likely, each of which makes the laws exact, that which moves a coefficient farthest: trust is not to
-    depend on which of them it is. Laws whose fit was interrupted are the last ones.
+    Each of causes that are as likely is followed, and that counts which moves a coefficient farthest: trust is not to depend
+    on which of them it is. Laws whose fit was interrupted are the last ones.
     """
-    laws, lacking, near = _RicherLaws((), structure, fit), _likeliest([first]), deviations
-    while len(laws.added) < _MOST and lacking:
-        exact, beside = [], []
-        for cause in lacking:
-            again = _fitted(laws, cause, records, near)
+    stated = _RicherLaws((), structure, records, fit)
+    lacking, latest = [(stated, cause) for cause in _likeliest([first])], [stated]
+    while lacking and len(latest[0].added) < _MOST:
+        fits = []
+        for laws, cause in lacking:
+            again = _fitted(laws, cause, laws.deviations if laws.added else deviations)
             if again is not None and again.is_interrupted:
                 return again
-            if again is None or again.fit.model_error > _BETTER * fit.model_error:
-                continue
-            causes = again.causes(records[0].channels)
-            if causes:
-                beside.append((again, causes))
-            elif not again.fit.model_error and not again.fit.chi_square_off:
-                exact.append(again)
-        if exact:
-            return max(exact, key=lambda laws: laws.farthest(fit, deviations)[1])
-        if not beside:
-            return None
-        laws, lacking = beside[0][0], _likeliest(beside[0][1])
-        near = np.sqrt(np.maximum(laws.fit.covariance.diagonal(), np.finfo(float).tiny))
-    return None
+            fits += [] if again is None else [again]
+        if not fits:
+            break
+        latest = [laws for laws in fits if laws.leaves_noise and not laws.causes] or fits
+        lacking = _lacking(latest)
+    enough = [laws for laws in latest if laws.added and laws.leaves_noise]
+    return max(enough, key=lambda laws: laws.farthest(fit, deviations)[1], default=None)
+
+
+def _lacking(latest: Sequence[_RicherLaws]) -> list[tuple[_RicherLaws, Cause]]:
+    """What is likeliest beside each of laws that are as likely, in turn, each combination once."""
+    beside = [[(laws, cause) for cause in _likeliest(laws.causes)] for laws in latest]
+    in_turn = [pair for pairs in zip_longest(*beside) for pair in pairs if pair is not None]
+    once: dict[frozenset[tuple[str, ...]], tuple[_RicherLaws, Cause]] = {}
+    for laws, cause in in_turn:
+        once.setdefault(frozenset(map(_identity, (*laws.added, cause))), (laws, cause))
+    return list(once.values())[:_TRIED]
 
 
 def _likeliest(causes: Sequence[Cause]) -> list[Cause]:
@@ -198,19 +223,21 @@ def _can_be_added(cause: Cause) -> bool:
     return cause.kind in _FREED or is_admissible(cause)
 
 
-def _fitted(
-    before: _RicherLaws, lacking: Cause, records: Sequence[Record], deviations: Floats
-) -> _RicherLaws | None:
+def _fitted(before: _RicherLaws, lacking: Cause, deviations: Floats) -> _RicherLaws | None:
     """The fit of laws with what they lack; None where it does not converge, or leaves much more than noise.
 
     It starts at the values of the laws before, with their deviations (p,), and at the size of what is added. An interrupted
     one is given as it is.
     """
-    structure, of_sensor = before.structure, is_admissible(lacking)
-    options = with_error(before.fit.options, lacking, records[0]) if of_sensor else before.fit.options
-    if options is None:
-        return None
-    richer = structure if of_sensor else with_cause(structure, lacking)
+    structure, records, options = before.structure, before.records, before.fit.options
+    richer: Structure = structure
+    if is_admissible(lacking):
+        wider = with_error(options, lacking, records[0])
+        if wider is None:
+            return None
+        options = wider
+    else:
+        richer = with_cause(structure, lacking)
     names = [parameter.name for parameter in structure.parameters]
     starts = dict(zip(names, zip(before.fit.values, _NEAR * deviations, strict=True), strict=True))
     for parameter in richer.parameters:
@@ -223,7 +250,7 @@ def _fitted(
         fit = likelihood_fit(records, richer, theta, spread=spread, options=whole)
     except IdentificationError:  # its motion may run to infinity
         return None
-    laws = _RicherLaws((*before.added, lacking), richer, fit)
+    laws = _RicherLaws((*before.added, lacking), richer, records, fit)
     converged = fit.status is AnnealingStatus.CONVERGED and fit.has_errors and fit.chi_square < _LEFT
     return laws if converged or laws.is_interrupted else None
 
@@ -306,12 +333,9 @@ def _with_term(link: Link, term: str) -> Link:
     return replace(link, law=law, coefficients={**link.coefficients, name: Coefficient.unknown(start=0.0)})
 
 
-def _is_among(cause: Cause, causes: Sequence[Cause]) -> bool:
-    """Whether a cause is one of some, whatever it gains."""
-    return any(
-        (cause.kind, cause.where, cause.term, cause.source) == (of.kind, of.where, of.term, of.source)
-        for of in causes
-    )
+def _identity(cause: Cause) -> tuple[str, str, str, str]:
+    """What a cause is, whatever it gains."""
+    return cause.kind, cause.where, cause.term, cause.source
 
 
 def _in_words(added: Cause) -> str:
