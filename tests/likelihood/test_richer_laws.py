@@ -125,6 +125,20 @@ def test_three_errors_take_trust_away_with_or_without_a_fourth(offset: float, le
     assert np.abs(errors / np.sqrt(fit.covariance.diagonal())).max() > 4.0
 
 
+def test_crosstalk_is_told_beside_the_term_that_hides_it() -> None:
+    exact = record(2e7, 1.0, 5830066)
+    values = exact.values.copy()
+    own, other = (exact.channels.index(name) for name in ("x:m2", "x:m1"))
+    values[:, own] -= 0.05 * values[:, other]
+    fit = lw.identify(replace(exact, values=values, simulated=None), STATED.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
+    assert re.search(
+        r"With d\*\*3 in spring1 and -(4\.9|5|5\.1)\d* % of x:m1 in x:m2 only noise is left\.$", fit.message
+    )
+    errors = (fit.values - truth(STATED, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
+    assert np.abs(errors).max() < 2.0
+
+
 def test_what_was_missing_comes_first_and_is_named_once() -> None:
     causes = answer(2e7, 1.4, 63, SPRING).diagnosis
     named = [(cause.kind, cause.where, cause.term, cause.source) for cause in causes]

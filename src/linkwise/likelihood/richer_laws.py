@@ -45,6 +45,7 @@ _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
 _TRIED = 3  # causes that are as likely
 _LEFT = 2.0  # chi-square that exact laws may leave where more is missing
 
+_CROSSTALK = "crosstalk"
 _FREED = {
     "mass": "mass:{where}",
     "frequency": "{where}.frequency",
@@ -127,7 +128,10 @@ def _without_trust(judgement: Judgement, verdict: Verdict, message: str) -> Judg
 
 @dataclass(frozen=True, eq=False)
 class _RicherLaws:
-    """A `structure` with what was `added` to it, and to what is estimated of sensors, and its `fit` to the `records`."""
+    """A `structure` with what was `added` of terms, links and errors of stated values and sensors, and its `fit`.
+
+    Crosstalk was taken out of the `records`.
+    """
 
     added: tuple[Cause, ...]
     structure: Structure
@@ -220,7 +224,7 @@ def _can_be_added(cause: Cause) -> bool:
     """Whether laws can have it: a term or a link, a stated value that becomes unknown, or an error of a sensor."""
     if cause.kind in ("term", "link"):
         return cause.term not in MEMORY_TERMS
-    return cause.kind in _FREED or is_admissible(cause)
+    return cause.kind in _FREED or cause.kind == _CROSSTALK or is_admissible(cause)
 
 
 def _fitted(before: _RicherLaws, lacking: Cause, deviations: Floats) -> _RicherLaws | None:
@@ -231,7 +235,9 @@ def _fitted(before: _RicherLaws, lacking: Cause, deviations: Floats) -> _RicherL
     """
     structure, records, options = before.structure, before.records, before.fit.options
     richer: Structure = structure
-    if is_admissible(lacking):
+    if lacking.kind == _CROSSTALK:
+        records = [_without_crosstalk(record, lacking) for record in records]
+    elif is_admissible(lacking):
         wider = with_error(options, lacking, records[0])
         if wider is None:
             return None
@@ -262,6 +268,14 @@ def _start(name: str, lacking: Cause, laws: _RicherLaws) -> tuple[float, float]:
         return stated * (1.0 + lacking.size), abs(stated * lacking.size)
     size = lacking.size * _of_one_newton(lacking, laws)
     return size, abs(size)
+
+
+def _without_crosstalk(record: Record, crosstalk: Cause) -> Record:
+    """The record without the part of one channel that another one shows as well."""
+    values = record.values.copy()
+    own, source = (record.channels.index(name) for name in (crosstalk.where, crosstalk.source))
+    values[:, own] -= crosstalk.size * values[:, source]
+    return replace(record, values=values, simulated=None)
 
 
 def with_cause(structure: Structure, cause: Cause) -> Structure:
