@@ -125,6 +125,22 @@ def test_three_errors_take_trust_away_with_or_without_a_fourth(offset: float, le
     assert np.abs(errors / np.sqrt(fit.covariance.diagonal())).max() > 4.0
 
 
+def test_shadows_of_two_errors_take_trust_away() -> None:
+    """A mass and a stated stiffness of a sink are off by 4 and 3 %: a link that is not there stands for a part of both."""
+    masses = {"m1": 1.0, "m2": 0.7, "m3": 0.01}
+    upper = link("s2", "m2-m1", "k*d + c*v", k=2e4, c=0.8)
+    sink = link("nes", "m3-m2", NES, alpha=-100.0, beta=1e6, c=0.02)
+    harder = link("s1", "m1-ground", "k*d + c*v + g*d**3", k=3e4, c=1.0, g=9.99e7)
+    true = structure({**masses, "m3": 0.01039}, harder, upper, sink)
+    clean = lw.simulate(true, release={"v:m1": 0.91}, duration=5.0, rate=500.0)
+    stated = [link("s1", "m1-ground", "k*d + c*v"), link("s2", "m2-m1", "k*d + c*v")]
+    asked = structure(masses, *stated, link("nes", "m3-m2", NES, alpha=-96.8))
+    fit = lw.identify(clean.with_noise(30.0, seed=5837007), asked)
+    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
+    assert "noise, and nes.beta is" in fit.message
+    assert present(fit.coefficient("nes.beta").value) < 0.97e6
+
+
 def test_crosstalk_is_told_beside_the_term_that_hides_it() -> None:
     exact = record(2e7, 1.0, 5830066)
     values = exact.values.copy()

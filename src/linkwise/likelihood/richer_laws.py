@@ -38,7 +38,7 @@ from linkwise.progress import part
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
-_MOST = 3  # terms, links and errors that are added
+_MOST = 4  # terms, links and errors that are added
 _NEAR = 3.0  # standard errors within which coefficients are looked for
 _ALIKE = 0.5  # of what the likeliest cause gains: others that may stand for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
