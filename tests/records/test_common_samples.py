@@ -80,6 +80,29 @@ def test_a_slower_channel_is_told_once_with_its_rate() -> None:
     assert "in one of 4 rows, so that its rate is 250 Hz" in alert.message
 
 
+def test_samples_of_a_channel_at_a_lower_rate_may_be_missing() -> None:
+    present_samples = np.zeros(3000, dtype=bool)
+    present_samples[1::3] = np.random.default_rng(3).random(1000) < 0.8
+    assert sampled_every(present_samples) == 3
+
+
+@pytest.mark.parametrize("missing", [0.6, 0.7])
+def test_most_samples_may_be_missing_at_random(missing: float) -> None:
+    """Most of those that are left follow in the same distance, which is no rate: they had no noise, and no answer trust."""
+    record, chain = two_rates(1), lw.bnes_chain(2)
+    values = np.where(np.random.default_rng(4).random(record.values.shape) < missing, np.nan, record.values)
+    fewer = replace(record, values=values)
+    assert common_samples(fewer) is None
+    noise, complete = channel_noise(fewer), channel_noise(record)
+    # standard errors of 3 %, of cells that are fewer and wider; four of these
+    assert all(noise[name] == pytest.approx(complete[name], rel=0.12) for name in complete)
+    fit = lw.identify(fewer, chain.unknown("nes"))
+    assert fit.verdicts == (lw.Verdict.CONVERGED,)
+    for name in ("alpha", "beta", "c"):
+        found, true = fit.coefficient(f"nes1.{name}"), present(chain.coefficient(f"nes1.{name}").value)
+        assert abs(found.value - true) < 4.0 * present(found.standard_error)
+
+
 def test_a_slow_load_cell_does_not_thin_the_motion() -> None:
     record = two_rates(1)
     slow = np.full((len(record), 1), np.nan)

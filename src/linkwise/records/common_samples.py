@@ -11,6 +11,9 @@ from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 _MOTION = ("x", "v", "a")
+_REGULAR = (
+    0.9  # of the distances, multiples of that of most samples: a few samples more or less make no other rate
+)
 
 
 def common_samples(record: Record) -> Record | None:
@@ -43,6 +46,13 @@ def common_samples(record: Record) -> Record | None:
 
 
 def sampled_every(present: Bools) -> int:
-    """Samples from most of those that are `present` (N,) to the next one; 1 with less than two of them."""
-    places = np.flatnonzero(present)
-    return int(np.median(np.diff(places))) if len(places) > 1 else 1
+    """Samples from most of those that are `present` (N,) to the next one.
+
+    1 with less than two of them, and where the distances of many are no multiples of that, as where samples are missing at
+    random.
+    """
+    distances = np.diff(np.flatnonzero(present))
+    if not len(distances):
+        return 1
+    every = int(np.median(distances))
+    return every if np.mean(distances % every == 0) > _REGULAR else 1
