@@ -15,11 +15,12 @@ from structures import host, link, oscillator, row_of_masses, structure, torsion
 
 import linkwise as lw
 from linkwise.likelihood import diagnosis
-from linkwise.likelihood.diagnosis import TestedCauses, link_forces
+from linkwise.likelihood.diagnosis import link_forces
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.hypotheses import missing_forces
 from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
+from linkwise.likelihood.tested_causes import TestedCauses
 
 SNR, SEED = 30.0, 41
 LOST, FOUND = (

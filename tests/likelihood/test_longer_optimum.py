@@ -12,13 +12,13 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood import diagnosis
-from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit, Optimum, likelihood_fit
 from linkwise.likelihood.shooting import halved_samples
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.single_tests import SingleTests, single_tests
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.tested_causes import TestedCauses
 
 
 def in_short_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Optimum, Misfit]:

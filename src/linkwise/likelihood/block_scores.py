@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.block_information import FactoredModel, block_information
+from linkwise.likelihood.shooting.block_information import block_information
 from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit
@@ -128,20 +128,17 @@ def block_scatter(
     q: float,
     noise: float,
     free: Bools,
-    model: FactoredModel | None = None,
+    scores: BlockScores | None = None,
 ) -> BlockScatter | None:
     """How far the scatter of blocks exceeds what white noise gives them; None for too few segments.
 
-    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound; `model`, in
-    `blocks_of_scatter`, is known of the optimum.
+    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound; `scores`, in
+    `blocks_of_scatter`, are known of the optimum.
     """
     if blocks_of_scatter(segments) == 1:
         return None
-    if model is None:
+    if scores is None:
         scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
-    else:
-        of_blocks = block_information(model, q)
-        scores = None if of_blocks is None else BlockScores(*of_blocks)
     if scores is None:
         return None
     chosen, p = np.flatnonzero(free), segments.system.parameters.size

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -33,12 +32,12 @@ from linkwise.likelihood.marginal_terms import determinant_slopes
 from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shape_errors import ShapeErrors
-from linkwise.likelihood.shooting.block_information import FactoredModel
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors, common_filter, relative_to_gain
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.single_tests import SingleTests, finite_columns, single_tests
 from linkwise.likelihood.stated_masses import LARGEST, likely_masses
+from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.likelihood.tested_columns import TestedColumns
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
@@ -126,36 +125,6 @@ def _prior_conflicts(fit: LikelihoodFit, identified: Structure) -> Iterator[Caus
             gain=float(fit.prior_conflicts[number]),
             standard_error=float(segments.prior.deviation[number]),
         )
-
-
-@dataclass(frozen=True, eq=False)
-class TestedCauses:
-    """What may explain what a fit leaves, and the equations at its optimum with a column for each.
-
-    `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
-    which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share. `model` is that of the
-    optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found beside these.
-    """
-
-    __test__ = False  # no test of pytest
-
-    hypotheses: tuple[Hypothesis, ...]
-    units: Floats
-    curvature: Floats
-    slope: Floats
-    scatter: Floats
-    errors: SensorErrors
-    filtered: SensorErrors
-    model: FactoredModel | None
-    longer: tuple[Optimum, Misfit]
-
-    @cached_property
-    @np.errstate(
-        over="ignore", invalid="ignore"
-    )  # a candidate may be infinite somewhere; it is then not tested
-    def tests(self) -> SingleTests:
-        """Of each hypothesis alone."""
-        return single_tests(self.curvature, self.slope, self.scatter, len(self.slope) - len(self.hypotheses))
 
 
 @dataclass(frozen=True, eq=False)

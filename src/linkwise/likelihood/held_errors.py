@@ -15,10 +15,10 @@ import numpy as np
 
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import BETWEEN_MODES
 from linkwise.likelihood.missing_terms import MissingTerms, for_missing_terms
+from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.model.structure import Structure
 
 LARGEST_SHIFT = 3.0

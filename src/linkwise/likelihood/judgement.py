@@ -17,7 +17,7 @@ from linkwise.likelihood.cause_messages import (
     of_systematic_misfit,
     would_explain,
 )
-from linkwise.likelihood.diagnosis import TestedCauses, diagnose, likeliest_first
+from linkwise.likelihood.diagnosis import diagnose, likeliest_first
 from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
@@ -42,6 +42,7 @@ from linkwise.likelihood.model_error import lag_one_autocorrelation
 from linkwise.likelihood.nearly_exact import Doubt, doubt, share_of_term, with_small_model_error
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.stated_masses import HintedMasses, hinted_masses
+from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.likelihood.unstated_forces import unstated_forces
 from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.parameters import MASS

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.diagnosis import TestedCauses, least_gain
+from linkwise.likelihood.diagnosis import least_gain
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import (
     BETWEEN_MODES,
@@ -33,6 +33,7 @@ from linkwise.likelihood.memory_forces import MEMORY_TERMS, PRICE_OF_REACH
 from linkwise.likelihood.score_test import augmented_quadratic, candidate_forces
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.single_tests import single_tests
+from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 

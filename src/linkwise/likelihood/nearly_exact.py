@@ -19,13 +19,13 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.block_scores import BLOCKS, EQUAL, BlockScatter, block_scatter
-from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_TERM
 from linkwise.likelihood.hypotheses import BETWEEN_MODES
 from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.missing_terms import MissingTerms, for_usual_terms, usual_scores
 from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.model.host_damping import in_words
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
@@ -164,10 +164,10 @@ def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | 
         return None
     free = np.ones(len(optimum.point.border), dtype=bool)
     free[: len(fit.values)] = fit.free
-    model = tested.model if tested and tested.model and tested.model.in_blocks else None
     longer, misfit = optimum, fit.misfit
     with one_blas_thread():
-        if model is None:
+        scores = tested.block_scores if tested else None
+        if scores is None:
             longer, misfit = in_longer_segments(fit)
             if longer.segments.count < EQUAL * BLOCKS[0]:  # short ones make more equal blocks
                 longer, misfit = optimum, fit.misfit
@@ -179,6 +179,6 @@ def _scatter(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | 
             q=optimum.q,
             noise=optimum.noise,
             free=free,
-            model=model,
+            scores=scores,
         )
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter

@@ -23,7 +23,6 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.likelihood.diagnosis import TestedCauses
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.judgement import Judgement
 from linkwise.likelihood.local_optima import rise_of_profile, rises_by
@@ -34,6 +33,7 @@ from linkwise.likelihood.shooting.block_information import FactoredModel
 from linkwise.likelihood.shooting.linear_model import linear_model, precise_model
 from linkwise.likelihood.shooting.linearised_defects import pull_of_defects
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 

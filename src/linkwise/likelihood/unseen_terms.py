@@ -17,11 +17,12 @@ from linkwise.arrays import Floats
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.likelihood.damping_errors import largest_damping
-from linkwise.likelihood.diagnosis import TestedCauses, link_forces
+from linkwise.likelihood.diagnosis import link_forces
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
 from linkwise.likelihood.hypotheses import BETWEEN_MODES, which_between_modes, which_usual
 from linkwise.likelihood.stated_masses import LARGEST, beyond_white, which_stated
+from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 
