@@ -55,6 +55,10 @@ class Verdict(Enum):
         "An error of a sensor, of an applied force or of a stated mass would explain the residuals better than any missing "
         "term. Correct it, or estimate it with the other unknowns."
     )
+    COEFFICIENT_CHANGES = (
+        "A coefficient is not the same in all of the record: something slipped, loosened or warmed up. Identify the parts "
+        "before and after the change by themselves."
+    )
     COLOURED_RESIDUALS = (
         "The residuals are not white, as the noise is taken to be, so intervals would be too narrow. Check the sensors for "
         "a filter or a drift, and the laws for a missing term."

@@ -27,8 +27,8 @@ class Cause:
         point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
         applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, one that is a
         ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"``
-        whose level changes with time, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the
-        ground, or a stated value, ``"prior"``, that the records contradict.
+        whose level changes with time, a ``"change"`` of a coefficient at one moment, a missing ``"term"`` of a link, a
+        missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -37,7 +37,7 @@ class Cause:
         a filter, how many times too large values in another unit are, the corner of a high pass, the frequency of a mode that
         is lacking, the number of clipped samples, 0 for a sign and for channels that are swapped, the standard deviation of
         noise, the spectral density of an ambient force, the root mean square of what that of a coloured one departs from its
-        mean by, and the square of that of an unsteady one, the correlation of two forces.
+        mean by, and the square of that of an unsteady one, the correlation of two forces, what a coefficient changes by.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -47,8 +47,8 @@ class Cause:
     term : str
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
-        The channel that crosstalk comes from, the other one of two that are swapped or correlated, or the mode of a shape,
-        else empty.
+        The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mode of a shape, or
+        the moment of a change, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
         the power that is left in the sensors of its host that it explains.
@@ -244,6 +244,11 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
                 f"an ambient force on {cause.where} whose level changes with time{_remarked(cause)}"
             ),
             unit="1",
+        ),
+        "change": CauseKind(
+            lambda cause: (
+                f"a change of {cause.where} by {cause.size:+.3g} {cause.unit} near {cause.source}{_remarked(cause)}"
+            )
         ),
         "prior": CauseKind(_stated),
         "term": CauseKind(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from linkwise.estimates.cause import Cause
+from linkwise.likelihood.changed_coefficients import beside_changes
 from linkwise.likelihood.clipped_samples import clipped_samples
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
@@ -41,6 +42,7 @@ def judge(
     understated = with_understated_noise(judgement, fit, records)
     if understated is not None:
         return understated
+    judgement = beside_changes(judgement, fit, records)
     judgement = with_skewed_profiles(judgement, fit, with_faint_modes(fit, identified)[1])
     if not searched:
         judgement = beside_richer_laws(judgement, fit, structures[0], records)

@@ -37,7 +37,12 @@ from linkwise.verdict import Verdict
 _BURN = 0.05  # of the record
 _FEWEST, _MOST = 50, 300  # samples of the burn, unless it is given
 _SCORED = 20  # samples at least
-_REFUTING = {Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES, Verdict.SYSTEMATIC_MISFIT}
+_REFUTING = {
+    Verdict.MEASUREMENT_ERROR,
+    Verdict.UNEXPLAINED_FORCES,
+    Verdict.SYSTEMATIC_MISFIT,
+    Verdict.COEFFICIENT_CHANGES,
+}
 """Of an estimate from the record alone: the laws of the answer leave more than noise, whatever their coefficients."""
 
 _Predicted: TypeAlias = tuple[int, Prediction, tuple[Floats, Floats], dict[str, float]]
