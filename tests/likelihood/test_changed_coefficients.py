@@ -78,6 +78,15 @@ def test_a_change_between_records_is_told_with_the_record() -> None:
     assert "nes1.alpha" in fit.diagnosis[0].description
 
 
+def test_a_change_beside_a_missing_term_is_told_by_laws_with_the_term() -> None:
+    """The term gains more, and hides it: trusted before, with a wrong interval."""
+    parts = ((3.0, chain(g=2e7)), (3.0, chain(alpha=-97.0, g=2e7)))
+    fit = lw.identify(motion(*parts).with_noise(30.0, seed=80), STATED)
+    assert fit.verdicts == (lw.Verdict.COEFFICIENT_CHANGES,)
+    assert fit.message.startswith("With d**3 in spring1, one value of nes1.alpha does not explain")
+    assert [cause.kind for cause in fit.diagnosis[:2]] == ["change", "term"]
+
+
 @pytest.mark.parametrize("calibration", [{}, {"all": 0.01}])
 @pytest.mark.parametrize("seed", [74, 75, 76])
 def test_no_change_is_told_of_exact_laws(calibration: dict[str, float], seed: int) -> None:

@@ -158,7 +158,8 @@ def test_the_optimum_is_linearised_once_with_all_causes(monkeypatch: pytest.Monk
     assert assess(fit, asked.with_values(values), record.channels).verdict is lw.Verdict.CONVERGED
     (tested,) = widths
     assert tested > len(theta)
-    for duration, again in ((4.0, []), (1.5, [len(theta)])):  # too few longer segments for blocks
+    # too few longer segments for blocks: once more for changes and for scatter
+    for duration, again in ((4.0, []), (1.5, [len(theta)] * 2)):
         widths.clear()
         assert lw.identify(chain_record(2, duration=duration).with_noise(SNR, seed=900), asked).trusted
         widest = max(widths)

@@ -63,18 +63,20 @@ def beside_changes(judgement: Judgement, fit: LikelihoodFit, records: Sequence[R
         The same where no change is significant, where another cause is likelier, in records too short for blocks or so long
         that they are fitted in pieces, and with random forces or a robust loss, whose weights the scores do not have.
     """
-    if judgement.verdict not in _JUDGED or fit.random_forces or is_long(fit.segments):
+    if judgement.verdict not in _JUDGED:
         return judgement
-    if fit.chi_square > _LARGEST or not isinstance(fit.optimum.loss, Gaussian):
-        return judgement
-    change = _likeliest_change(fit, records, judgement.tested)
-    if change is None or change.gain < LIKELIER + max((of.gain for of in judgement.diagnosis), default=0.0):
-        return judgement
+    change = likeliest_change(fit, records, judgement.tested, judgement.diagnosis)
+    return judgement if change is None else with_change(judgement, change)
+
+
+def with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgement:
+    """The judgement without trust, since a coefficient changes; `beside` what laws lack, in words, if that shows it."""
+    explained = f"{beside}, one value" if beside else "One value"
     return replace(
         judgement,
         verdict=Verdict.COEFFICIENT_CHANGES,
         message=(
-            f"One value of {change.where} does not explain all of the record: {change.description} would lower -2 log "
+            f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
             f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
             "neither value, so none is given: identify the parts of the record before and after it by themselves."
         ),
@@ -83,6 +85,20 @@ def beside_changes(judgement: Judgement, fit: LikelihoodFit, records: Sequence[R
         for_blocks=None,
         for_input_noise=None,
     )
+
+
+def likeliest_change(
+    fit: LikelihoodFit, records: Sequence[Record], tested: TestedCauses | None, causes: Sequence[Cause]
+) -> Cause | None:
+    """The change of a coefficient that explains much more than all `causes`; None where none is significant, or tested."""
+    if fit.random_forces or is_long(fit.segments) or fit.chi_square > _LARGEST:
+        return None
+    if not isinstance(fit.optimum.loss, Gaussian):
+        return None
+    change = _significant_change(fit, records, tested)
+    if change is None or change.gain < LIKELIER + max((cause.gain for cause in causes), default=0.0):
+        return None
+    return change
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +135,7 @@ class _Changes:
         )
 
 
-def _likeliest_change(
+def _significant_change(
     fit: LikelihoodFit, records: Sequence[Record], tested: TestedCauses | None
 ) -> Cause | None:
     """The change of a coefficient that explains most of what is left, among those that are significant; None without any.

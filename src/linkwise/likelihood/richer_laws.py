@@ -8,7 +8,7 @@ say whether the intervals hold: laws that still leave more have shadows of what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -18,7 +18,9 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
-from linkwise.likelihood.diagnosis import diagnose
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.likelihood.changed_coefficients import likeliest_change, with_change
+from linkwise.likelihood.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
@@ -93,7 +95,11 @@ def beside_richer_laws(
             f"Interrupted: the fit with {terms}, which tells whether intervals hold, did not end, so none is given. "
             "The values are the best of the laws as stated.",
         )
-    with_them = f"With {terms}"
+    with_them, names = f"With {terms}", fit.segments.system.parameters.names
+    if exact.change is not None:
+        return _beside_change(
+            judgement, exact.change, dict(zip(names, deviations.tolist(), strict=True)), with_them
+        )
     shifted, shift = exact.farthest(fit, deviations)
     if shift <= LARGEST_SHIFT and exact.causes:
         return judgement
@@ -109,6 +115,20 @@ def beside_richer_laws(
     added = set(map(_identity, exact.added))
     others = (cause for cause in causes if _identity(cause) not in added)
     return replace(refuted, diagnosis=(*exact.added, *others))
+
+
+def _beside_change(
+    judgement: Judgement, change: Cause, deviations: Mapping[str, float], with_them: str
+) -> Judgement:
+    """The judgement where a coefficient changes in laws with what is missing, by their standard `deviations` in the answer."""
+    if change.where not in deviations:  # of a term that was added, which may be of another form
+        return judgement
+    if abs(change.size) > NORMAL_95 * deviations[change.where]:
+        return with_change(judgement, change, with_them)
+    remark = (
+        f"{with_them}, {change.description} would explain most of the rest; the intervals allow for that."
+    )
+    return replace(judgement, message=f"{judgement.message} {remark}")
 
 
 def _deviations(judgement: Judgement, fit: LikelihoodFit, structure: Structure) -> Floats:
@@ -153,12 +173,22 @@ class _RicherLaws:
         return not self.fit.model_error and not self.fit.chi_square_off
 
     @cached_property
-    def causes(self) -> tuple[Cause, ...]:
-        """What is significant beside them."""
+    def diagnosis(self) -> Diagnosis:
+        """What is significant beside them, and all that was tested."""
         names = [parameter.name for parameter in self.structure.parameters]
         values = dict(zip(names, map(float, self.fit.values), strict=True))
         channels = self.records[0].channels
-        return diagnose(self.fit, self.structure.with_values(values), channels, terms=True).causes
+        return diagnose(self.fit, self.structure.with_values(values), channels, terms=True)
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """What is significant beside them."""
+        return self.diagnosis.causes
+
+    @cached_property
+    def change(self) -> Cause | None:
+        """A change of a coefficient that explains much more than these causes, if there is one."""
+        return likeliest_change(self.fit, self.records, self.diagnosis.tested, self.causes)
 
     def farthest(self, fit: LikelihoodFit, deviations: Floats) -> tuple[str, float]:
         """The coefficient that differs most from those of a fit without what was added, in its `deviations` (p,).
@@ -180,7 +210,7 @@ def _exact_laws(
     """Laws with a `first` term, and the likeliest causes beside it, that leave hardly more than noise; None if none do.
 
     Each of causes that are as likely is followed, and that counts which moves a coefficient farthest: trust is not to depend
-    on which of them it is. Laws whose fit was interrupted are the last ones.
+    on which of them it is. Laws whose fit was interrupted, or beside which a coefficient changes, are the last ones.
     """
     stated = _RicherLaws((), structure, records, fit)
     lacking, latest = [(stated, cause) for cause in _likeliest([first])], [stated]
@@ -189,6 +219,8 @@ def _exact_laws(
         for laws, cause in lacking:
             again = _fitted(laws, cause, laws.deviations if laws.added else deviations)
             if again is not None and again.is_interrupted:
+                return again
+            if again is not None and again.change is not None:
                 return again
             fits += [] if again is None else [again]
         if not fits:
