@@ -22,6 +22,7 @@ from linkwise.cli.options import (
     number,
     pairs,
 )
+from linkwise.cli.structure_file import read_told
 from linkwise.lazy import lazy_module
 
 if TYPE_CHECKING:
@@ -220,7 +221,7 @@ def _answer(
     over = repetition.axes()
     if structure.is_dir() and not over:
         return lw.absorption_intervals(lw.read_posterior(structure), **repetition.drawing(), **keywords)
-    subject = lw.read_structure(structure / "structure.toml" if structure.is_dir() else structure)
+    subject = read_told(structure / "structure.toml" if structure.is_dir() else structure)
     if over:
         return lw.absorption_map(subject, over, workers=repetition.workers, **keywords)
     return lw.absorb(subject, **keywords)

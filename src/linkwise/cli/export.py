@@ -9,7 +9,7 @@ import click
 
 import linkwise as lw
 from linkwise.atomic import to_json
-from linkwise.cli.console import tell
+from linkwise.cli.console import UNTRUSTED, tell
 from linkwise.cli.listed_help import listing
 from linkwise.cli.options import FILE
 from linkwise.lazy import lazy_module
@@ -26,10 +26,11 @@ else:
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON and nothing else.")
-def export(answer: Path, files: tuple[Path, ...], as_json: bool) -> None:
+def export(answer: Path, files: tuple[Path, ...], as_json: bool) -> int:
     """Write an answer for other programs, each FILE in the format of its suffix.
 
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number.
+    What is written of an answer that is not to be trusted says so, and the exit code is 3.
 
     \b
       FORMATS
@@ -51,3 +52,4 @@ def export(answer: Path, files: tuple[Path, ...], as_json: bool) -> None:
             click.echo(f"written to {file}")
     if as_json:
         click.echo(to_json({"files": [str(file) for file in files]}))
+    return UNTRUSTED if content.warning else 0

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import linkwise as lw
 from linkwise.cli.console import tell
+from linkwise.stated_trust import untrusted_remark
 
 
 def read_told(path: Path) -> lw.Structure:
-    """The structure of a file; notes on its hosts go to standard error."""
+    """The structure of a file; notes on it and its hosts go to standard error."""
     subject = lw.read_structure(path)
+    if remark := untrusted_remark(path):
+        tell(f"note: {path}: {remark}")
     tell_of_hosts(subject.hosts)
     return subject
 

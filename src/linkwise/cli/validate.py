@@ -62,6 +62,8 @@ def validate(
     source.refuse_unknown_errors()
     process = drawing_beside(output, "linkwise.report.validation_folder:VALIDATION_FOLDER", VALIDATION)
     subject = answers.ValidatedAnswer.of(answer)
+    if subject.warning and not answer.is_dir():  # that of a folder is a finding
+        tell(f"note: {answer}: {subject.warning}")
     for remark in source.masses_beside(subject.structure):
         tell(f"note: {remark}")
     with progress("reading") as step:

@@ -34,13 +34,17 @@ class ExportedCoefficient:
 
 @dataclass(frozen=True, eq=False)
 class ExportedAnswer:
-    """A structure of numbers, with the covariance (p, p) of those coefficients that were identified, by `names`."""
+    """A structure of numbers, with the covariance (p, p) of those coefficients that were identified, by `names`.
+
+    `note` is what there is to know of it, of which `warning` says that it is not to be trusted.
+    """
 
     structure: Structure
     names: tuple[str, ...]
     covariance: Floats
     note: str
     version: str
+    warning: str = ""
 
     @classmethod
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ExportedAnswer:
@@ -49,7 +53,9 @@ class ExportedAnswer:
         posterior = given.posterior
         names = posterior.names if posterior is not None else ()
         covariance = posterior.covariance if posterior is not None else np.zeros((0, 0))
-        notes = [] if posterior is not None else ["It has no standard errors, since the answer gives none."]
+        notes = [given.warning] if given.warning else []
+        if posterior is None:
+            notes.append("It has no standard errors, since the answer gives none.")
         if any(host.damping for host in given.structure.hosts):
             notes.append("An end HOST.-modeN moves as minus mode N of the host: damping between modes.")
         if rotations := given.structure.rotations:
@@ -58,7 +64,7 @@ class ExportedAnswer:
                 "moments in N m."
             )
         note = " ".join(notes)
-        return cls(given.structure, names, covariance, note, version("linkwise"))
+        return cls(given.structure, names, covariance, note, version("linkwise"), given.warning)
 
     @property
     def links(self) -> tuple[Link, ...]:

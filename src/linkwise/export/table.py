@@ -46,12 +46,19 @@ def _rows(answer: ExportedAnswer) -> list[list[Any]]:
     return rows
 
 
+def _table(answer: ExportedAnswer) -> list[list[Any]]:
+    """The header and the rows; where the answer is not trusted all of them say so, since rows are sorted and copied."""
+    table = [list(_HEADER), *_rows(answer)]
+    if not answer.warning:
+        return table
+    return [[*row, answer.warning if number else "note"] for number, row in enumerate(table)]
+
+
 def write_csv(answer: ExportedAnswer, path: Path, name: str) -> None:
     """Write the coefficients as CSV; `name` is not needed in it."""
     with path.open("w", encoding="utf-8-sig", newline="") as file:
         lines = csv.writer(file, lineterminator="\n")
-        lines.writerow(_HEADER)
-        for row in _rows(answer):
+        for row in _table(answer):
             lines.writerow(["" if cell is None else csv_cell(cell) for cell in row])
 
 
@@ -66,7 +73,7 @@ def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:
             "pip install 'linkwise[files]'; or export a .csv file"
         )
     book = import_module("openpyxl").Workbook()
-    _fill(book.active, "coefficients", [list(_HEADER), *_rows(answer)])
+    _fill(book.active, "coefficients", _table(answer))
     covariance = [[name, *row] for name, row in zip(answer.names, answer.covariance.tolist(), strict=True)]
     _fill(book.create_sheet(), "covariance", [["", *answer.names], *covariance])
     book.save(path)

@@ -80,7 +80,7 @@ _COLUMNS = {"identifiable": "told", "unambiguous": "reliable"}
 def _write_data(reported: Reported[Discovery], folder: Path) -> None:
     """The candidates, and what is written of an estimate."""
     _write_terms(reported.result, folder / "terms.csv")
-    write_numbers(reported.result.estimate, folder, trusted=reported.result.trusted)
+    write_numbers(reported.result.estimate, folder, reported.result.verdicts)
 
 
 def _with_aligned_truth(discovery: Discovery) -> Discovery:

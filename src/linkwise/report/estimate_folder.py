@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_curve import GRID
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.model.structure import Structure
-from linkwise.model.toml_file import write_structure
+from linkwise.model.toml_file import format_structure
 from linkwise.progress import Progress, silent
 from linkwise.report.estimate_json import result_of
 from linkwise.report.estimate_page import estimate_figures, estimate_page
 from linkwise.report.result_folder import ResultFolder
+from linkwise.stated_trust import untrusted_comment
+from linkwise.verdict import Verdict, is_trusted, status_of
 
 
 @checked
@@ -68,9 +71,13 @@ def write_result(
     return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 
 
-def write_numbers(estimate: Estimate, folder: Path, *, trusted: bool) -> None:
+def write_numbers(estimate: Estimate, folder: Path, verdicts: Collection[Verdict]) -> None:
     """Write structure, forces of links and, of an answer to be trusted, the covariance into an empty `folder`."""
-    write_structure(estimate.structure, folder / "structure.toml")
+    trusted = is_trusted(verdicts)
+    comment = "" if trusted else untrusted_comment(status_of(verdicts))
+    (folder / "structure.toml").write_text(
+        comment + format_structure(estimate.structure), encoding="utf-8", newline="\n"
+    )
     for estimated_link in estimate.links:
         _write_force(estimate, estimated_link.link.name, folder / f"force_{estimated_link.link.name}.csv")
     if trusted and estimate.intervals:
@@ -86,7 +93,7 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
 
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
     document=result_of,
-    data=lambda reported, folder: write_numbers(reported.result, folder, trusted=reported.result.trusted),
+    data=lambda reported, folder: write_numbers(reported.result, folder, reported.result.verdicts),
     figures=estimate_figures,
     page=estimate_page,
 )

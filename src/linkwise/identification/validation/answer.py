@@ -14,6 +14,7 @@ from linkwise.estimates.sensor_error import SensorErrorEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
+from linkwise.stated_trust import not_trusted, untrusted_remark
 
 _STRUCTURE = "structure.toml"
 
@@ -22,7 +23,8 @@ _STRUCTURE = "structure.toml"
 class ValidatedAnswer:
     """A structure of numbers, with what is known of the errors of its coefficients, its laws and the sensors.
 
-    That is the distribution of the coefficients if known, the model error, errors of sensors, and remarks on these.
+    That is the distribution of the coefficients if known, the model error, errors of sensors, and remarks on these; and a
+    warning where the answer is not to be trusted.
     """
 
     structure: Structure
@@ -30,6 +32,7 @@ class ValidatedAnswer:
     model_error: float = 0.0
     remarks: tuple[str, ...] = ()
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+    warning: str = ""
 
     @classmethod
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ValidatedAnswer:
@@ -43,7 +46,8 @@ class ValidatedAnswer:
             if answer.trusted and answer.intervals:
                 return cls(answer.structure, Posterior.of(answer), error, (), answer.sensor_errors)
             why = answer.status if not answer.trusted else f"{answer.method} gives no intervals"
-            return cls(answer.structure, None, error, (_exact(why),), answer.sensor_errors)
+            warning = "" if answer.trusted else not_trusted(why)
+            return cls(answer.structure, None, error, (_exact(why),), answer.sensor_errors, warning)
         return cls(_numbers(answer))
 
 
@@ -65,7 +69,7 @@ def _numbers(structure: Structure, file: str | Path = "") -> Structure:
 def _read(path: Path) -> ValidatedAnswer:
     """A result folder of identify or discover, or a structure file."""
     if not path.is_dir():
-        return ValidatedAnswer(_numbers(read_structure(path), path))
+        return ValidatedAnswer(_numbers(read_structure(path), path), warning=untrusted_remark(path))
     file = path / _STRUCTURE
     if not file.exists():
         raise StructureError(
@@ -77,17 +81,18 @@ def _read(path: Path) -> ValidatedAnswer:
     if (path / COVARIANCE).exists():
         return ValidatedAnswer(structure, read_posterior(path), stated.model_error, (), stated.sensor_errors)
     return ValidatedAnswer(
-        structure, None, stated.model_error, (_exact(stated.status),), stated.sensor_errors
+        structure, None, stated.model_error, (_exact(stated.status),), stated.sensor_errors, stated.warning
     )
 
 
 @dataclass(frozen=True)
 class _ResultFile:
-    """What a result file states: its status, the model error of one that is trusted, and errors of sensors."""
+    """What a result file states: its status, the model error of one that is trusted, errors of sensors, and a warning."""
 
     status: str
     model_error: float = 0.0
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+    warning: str = ""
 
     @classmethod
     def of(cls, path: Path) -> _ResultFile:
@@ -99,4 +104,5 @@ class _ResultFile:
             of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return cls(f"no covariance is beside {_STRUCTURE}")
-        return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors)
+        warning = "" if result.get("trusted") else not_trusted(status)
+        return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors, warning)

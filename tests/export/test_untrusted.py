@@ -1,0 +1,92 @@
+"""What is written and computed of an answer that is not to be trusted says so, in every file and where its file goes."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import openpyxl
+import pytest
+import scipy.io
+from structures import oscillator
+
+import linkwise as lw
+from linkwise.cli import run
+
+SENTENCE = (
+    "The answer is NOT to be trusted (forces unexplained), and neither is what follows from its numbers."
+)
+
+
+def hardening() -> lw.Record:
+    """A mass on a hardening spring, 40 dB above the noise."""
+    true = oscillator("k*d + k3*d**3 + c*v", k=400.0, k3=4e6, c=1.0)
+    record = lw.simulate(true, release={"x:m1": 0.02}, duration=4.0, rate=500.0)
+    return record.with_noise(40.0, seed=5840010)
+
+
+@pytest.fixture(scope="module")
+def fit() -> lw.Estimate:
+    """A law that lacks the cubic term, fitted."""
+    asked = oscillator("k*d + c*v", k=lw.Coefficient.unknown(), c=lw.Coefficient.unknown())
+    found = lw.identify(hardening(), asked)
+    assert found.status == "forces unexplained"
+    return found
+
+
+@pytest.fixture(scope="module")
+def answer(fit: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its folder."""
+    return lw.write_result(fit, tmp_path_factory.mktemp("untrusted") / "answer")
+
+
+def test_every_export_of_the_folder_says_so(
+    answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {suffix: tmp_path / f"forces{suffix}" for suffix in (".py", ".m", ".mat", ".csv", ".xlsx")}
+    assert run(["export", str(answer), *map(str, files.values())]) == 3
+    assert f"note: {SENTENCE}" in capsys.readouterr().err
+    for suffix in (".py", ".m"):
+        assert SENTENCE in files[suffix].read_text()
+    assert SENTENCE in str(scipy.io.loadmat(files[".mat"], simplify_cells=True)["note"])
+    rows = list(csv.DictReader(files[".csv"].read_text(encoding="utf-8-sig").splitlines()))
+    assert [row["note"] for row in rows] == [SENTENCE] * 3
+    sheet = openpyxl.load_workbook(files[".xlsx"])["coefficients"]
+    assert [row[-1].value for row in sheet.iter_rows()] == ["note", *[SENTENCE] * 3]
+
+
+def test_the_estimate_itself_is_exported_with_the_warning(fit: lw.Estimate, tmp_path: Path) -> None:
+    assert SENTENCE in lw.export_answer(fit, tmp_path / "forces.py").read_text()
+
+
+def test_a_trusted_structure_is_exported_without_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lw.write_structure(lw.bnes_chain(2), tmp_path / "chain.toml")
+    assert run(["export", str(tmp_path / "chain.toml"), str(tmp_path / "numbers.csv")]) == 0
+    assert "trusted" not in capsys.readouterr().err + (tmp_path / "numbers.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["absorb", "FILE", "--duration", "1", "--release", "v:m1=1", "--sink", "link", "--without", "locked"],
+        ["limit", "FILE", "--duration", "1", "--rate", "500", "--release", "v:m1=1", "--noise", "40"],
+        ["simulate", "FILE", "--duration", "1", "--rate", "500", "--release", "v:m1=1", "-o", "run.csv"],
+        ["export", "FILE", "forces.py"],
+        ["validate", "given.csv", "FILE"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_commands_on_its_structure_file_say_so_wherever_the_file_went(
+    command: list[str],
+    answer: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lw.write_record(hardening(), "given.csv")
+    Path("moved.toml").write_text((answer / "structure.toml").read_text())
+    run([argument.replace("FILE", "moved.toml") for argument in command])
+    assert SENTENCE in capsys.readouterr().err
