@@ -77,7 +77,7 @@ def test_excitation_sensors_noise_and_segment_reach_it(
 def test_prints_a_table(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["limit", str(chain), *PLAN, "--noise", "20"]) == 0
     out = capsys.readouterr().out
-    assert "251 samples each of x:m1, x:m2 at 500 Hz, in segments of 0.25 s with free starts" in out
+    assert "251 samples each of x:m1, x:m2 at 500 Hz, in one segment with a\nfree start" in out
     titles = ["coefficient", "value", "std. error", "relative", "detectable", "unit"]
     assert all(title in out for title in titles)
     assert "nes1.alpha" in out and "N/m^3" in out and "expected NMSE" in out and "nes1 barrier" in out
@@ -106,6 +106,7 @@ def test_says_what_sensors_cannot_tell(tmp_path: Path, capsys: pytest.CaptureFix
         (["--noise", "20", "--unknown", "nes9"], 2, '"nes9" is not a link'),
         (["--noise", "20", "--sensors", "x:m9"], 2, "unknown mass 'm9'"),
         (["--noise", "20", "--segment", "0"], 2, "0.0 is not in the range x>0"),
+        (["--noise", "20", "--segment", "6", "--duration", "6"], 1, "On the command line: --segment S."),
     ],
 )
 def test_what_cannot_be_planned_is_one_paragraph(

@@ -20,6 +20,7 @@ FLAGS = {
     "period": "--period S",
     "mark_missing": "--mark-missing clipped,spikes",
     "burn": "--burn S",
+    "segment": "--segment S",
     "ambient": "--ambient MASS",
     "sinks": "--sink LINK",
     "without": "--without removed|locked",

@@ -42,7 +42,8 @@ from linkwise.cli.structure_file import read_told
     "--segment",
     metavar="S",
     type=POSITIVE,
-    help="Length in s of the segments of the bound, each with a free initial state (default 0.25).",
+    help="Length in s of the segments of the bound, each with a free initial state (default: the whole record, or the "
+    "longest whose sensitivities are resolved where the motion is chaotic).",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
 def limit(
@@ -57,9 +58,10 @@ def limit(
 ) -> int:
     """Compute how well a planned test of STRUCTURE can determine its coefficients, before anything is measured.
 
-    STRUCTURE holds the expected values. The result holds the smallest standard errors that any method can reach with segments
-    of the record whose initial states are free (Cramer-Rao bound), and the smallest coefficients and forces that 95 of 100
-    such tests would distinguish from zero. Exit code 3 means that the test does not determine every unknown.
+    STRUCTURE holds the expected values. The result holds the smallest standard errors that any method can reach (Cramer-Rao
+    bound), and the smallest coefficients and forces that 95 of 100 such tests would distinguish from zero. Where the motion
+    is chaotic, the bound is that of segments of the record whose initial states are free, and a fit that links them comes out
+    several times better. Exit code 3 means that the test does not determine every unknown.
 
     \b
     Examples:

@@ -12,7 +12,8 @@ from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.identification.limit.result import Limit, true_path
-from linkwise.likelihood.fisher_information import fisher_information
+from linkwise.identification.limit.segment_length import as_asked, longest_resolved
+from linkwise.likelihood.fisher_information import Precision, fisher_information
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales
 from linkwise.likelihood.shooting.system import System
@@ -25,7 +26,6 @@ from linkwise.records.record import Record
 from linkwise.records.synthetic_noise import LARGEST_RATIO
 from linkwise.simulation.simulate import ExcitationKeywords, simulate
 
-SEGMENT = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
 _LARGEST_PHASE = 0.25  # rad of the fastest motion in one step of the sensitivities
 _MOST_STEPS = 64  # of the sensitivities between two samples
 _SHORTEST = 8  # steps of a piece between two impulses that is used
@@ -41,7 +41,7 @@ def limit(
     noise: float | Mapping[str, float],
     unknown: Sequence[str] = (),
     sensors: Iterable[str] = ("x",),
-    segment: float = SEGMENT,
+    segment: float | None = None,
     progress: Progress = silent,
     **excitation: Unpack[ExcitationKeywords],
 ) -> Limit:
@@ -60,8 +60,9 @@ def limit(
         unknowns of the structure, or every coefficient of its links if there are none.
     sensors : iterable of str
         What is measured: kinds ("x", "v", "a") or channels ("x:m1").
-    segment : float
-        Length in s of the segments, each with a free start, that the bound is computed for.
+    segment : float, optional
+        Length in s of the segments, each with a free start, that the bound is computed for. By default the whole record, or
+        the longest of its halves, quarters and so on over which the sensitivities of chaotic motion are resolved.
     progress : Progress
         Called with a `ProgressReport` at every step.
     **excitation
@@ -96,8 +97,10 @@ def limit(
         true, duration=duration, rate=rate, sensors=sensors, progress=part(progress, 0.0, 0.2), **excitation
     )
     sigma = _noise(record, noise)
-    samples = _segment_samples(segment, record)
-    _require_values(record, samples, segment, System.of(true).dimension)
+    states = System.of(true).dimension
+    least = states // max(1, len(record.responses)) + 1
+    samples = len(record) if segment is None else _segment_samples(segment, record)
+    _require_values(record, samples, states)
     refinement = _refinement(record, true)
     fine = record
     if refinement > 1:
@@ -120,22 +123,36 @@ def limit(
         )
     progress(ProgressReport(0.5, "sensitivities"))
     system = System.of(unknown_structure, lag=LAG * record.step)
-    segments = cut_segments(pieces, unknown_structure, system, samples=samples * refinement, refine=1)
-    names = [f"{true.links[index].name}.{state}" for index, state in segments.system.states]
-    point = Iterate(_nodes(pieces, samples * refinement, names), values, np.zeros(0))
-    units = np.where(values == 0.0, 1.0, np.abs(values))
-    information = fisher_information(
-        segments, point, Scales(np.array(list(sigma.values())), _units(record, names), units)
-    ).with_prior(np.array([parameter.sigma for parameter in unknown_structure.parameters]))
-    return Limit(
-        true,
-        unknown_structure.parameters,
-        values,
-        information.precision,
-        sigma,
-        record,
-        segment,
+    names = [f"{true.links[index].name}.{state}" for index, state in system.states]
+    scales = Scales(
+        np.array(list(sigma.values())), _units(record, names), np.where(values == 0.0, 1.0, np.abs(values))
     )
+
+    def bound(count: int) -> Precision | None:
+        return _precision(pieces, unknown_structure, system, values, scales, count * refinement)
+
+    if segment is None:
+        precision, samples = longest_resolved(record, least, refinement, bound)
+    else:
+        precision = as_asked(record, samples, least, bound)
+    length = samples * record.step if segment is None else segment
+    return Limit(true, unknown_structure.parameters, values, precision, sigma, record, length)
+
+
+def _precision(
+    pieces: list[Record], unknown: Structure, system: System, values: Floats, scales: Scales, samples: int
+) -> Precision | None:
+    """The covariance at the bound with segments of so many samples of the refined `pieces`, each with a free start.
+
+    None where sensitivities grow beyond all numbers.
+    """
+    names = [f"{unknown.links[index].name}.{state}" for index, state in system.states]
+    segments = cut_segments(pieces, unknown, system, samples=samples, refine=1)
+    point = Iterate(_nodes(pieces, samples, names), values, np.zeros(0))
+    prior = np.array([parameter.sigma for parameter in unknown.parameters])
+    with np.errstate(over="ignore", invalid="ignore"):
+        information = fisher_information(segments, point, scales).with_prior(prior)
+    return information.precision if np.isfinite(information.fisher).all() else None
 
 
 def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
@@ -186,13 +203,13 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
     }
 
 
-def _require_values(record: Record, samples: int, segment: float, states: int) -> None:
-    """Raise IdentificationError if a segment (s) of so many samples holds no more values than states at its start."""
+def _require_values(record: Record, samples: int, states: int) -> None:
+    """Raise IdentificationError if a segment of so many samples holds no more values than states at its start."""
     channels = len(record.responses)
     if samples * channels > states:
         return
     whole = samples == len(record)
-    piece = f"a test of {record.duration:g} s" if whole else f"a segment of {segment:g} s"
+    piece = f"a test of {record.duration:g} s" if whole else f"a segment of {samples * record.step:g} s"
     raise IdentificationError(
         f"{piece} is too short: it holds {samples * channels} values of {channels} channels, no more than the {states} states "
         f"at its start, and nothing would be left for the laws; sample faster or take "

@@ -73,8 +73,8 @@ class LinkLimit:
 class Limit(JudgedView):
     """The smallest standard errors that a planned test allows, of p unknowns; printed, a table.
 
-    The bound holds for estimates that look at segments of the record, each with a free start and all with the same laws; a
-    fit that links segments may come out somewhat below.
+    The bound holds for estimates that look at segments of the record, each with a free start and all with the same laws. Of
+    one segment it is that of the whole record; a fit that links shorter ones comes out below, in chaotic motion several times.
 
     Attributes
     ----------

@@ -19,10 +19,9 @@ _MOST_NAMES = 6  # of channels that are listed in full
 def limit_text(limit: Limit) -> str:
     """The whole result as text."""
     head = (
-        f"{limit.structure.name or 'structure'}: the best accuracy that this test allows\n"
+        f"{limit.structure.name or 'structure'}: the accuracy that this test allows\n"
         f"{limit.verdicts[0].value}\n"
-        f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, in segments of "
-        f"{limit.segment:g} s with free starts;\na fit that links segments may come out somewhat better."
+        f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, {_segments(limit)}"
     )
     noise: Rows = [
         ("noise", "deviation"),
@@ -42,6 +41,16 @@ def limit_text(limit: Limit) -> str:
     if limit.findings:
         blocks.append("\n".join(f"! {finding}" for finding in limit.findings))
     return "\n\n".join(blocks)
+
+
+def _segments(limit: Limit) -> str:
+    """What a free start of each segment leaves of the record, in words."""
+    if limit.segment * limit.record.rate >= len(limit.record) - 0.5:
+        return "in one segment with a\nfree start, as a fit of the whole record has it."
+    return (
+        f"in segments of {limit.segment:g} s with free starts;\na fit that links segments, as identify does, comes out "
+        "better, in chaotic motion several times."
+    )
 
 
 def _table(rows: Rows) -> str:
