@@ -108,6 +108,9 @@ def test_json_is_all_that_is_printed(chain: Path, capsys: pytest.CaptureFixture[
         (["--impulse", "m1=0.3@soon"], "--impulse: 'soon' is not a number"),
         (["--force", "m1=sinus(t)"], "sinus"),
         (["--force", "m9=sin(t)"], "m9"),
+        (["--force", "m1=missing.csv:F"], "linkwise: missing.csv: there is no such file"),
+        (["--force", "m1=missing.csv"], "linkwise: missing.csv: there is no such file"),
+        (["--base", "missing.mat"], "linkwise: missing.mat: there is no such file"),
         (["--sensors", "x,w"], "w"),
         (["--seed", "-1"], "-1 is not in the range"),
         (["--rate", "0"], "0.0 is not in the range x>0"),
@@ -121,6 +124,20 @@ def test_wrong_usage_is_one_paragraph(
     err = capsys.readouterr().err
     assert message in err and err.startswith("linkwise: ") and "Traceback" not in err
     assert not output.exists()
+
+
+@pytest.mark.parametrize(("option", "missing"), [("--force", "force:m1"), ("--base", "x:base")])
+def test_a_file_without_the_channel_of_the_drive_is_named(
+    chain: Path, option: str, missing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = chain.parent / "drive.csv"
+    file.write_text("time,x:m1,x:m2\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(50)))
+    value = f"m1={file}" if option == "--force" else str(file)
+    assert run(["simulate", str(chain), *GRID, option, value, "-o", str(chain.parent / "run.csv")]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(
+        f"linkwise: {file}: has no channel {missing}, but x:m1, x:m2; name the column of it"
+    )
 
 
 def test_an_unknown_suffix_is_refused(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import linkwise as lw
 from linkwise.cli.options import POSITIVE, file_and_column, grouped, is_file, number, pairs, split
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise import files
+else:
+    files = lazy_module("linkwise.files")
 
 
 @dataclass(frozen=True)
@@ -48,9 +54,27 @@ def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
     """An expression of t, or samples: `FILE` with that channel, or `FILE:COLUMN`."""
     path, column = file_and_column(text)
     if path is None and not is_file(Path(text)):
+        if file := _meant_file(text):
+            lw.read_record(file)  # which says that it is not there, and what is
         return lw.TimeFunction(text)
     record = lw.read_record(path or text, channels={channel: column} if path is not None else {})
+    _require(record, channel, path or Path(text))
     return lw.Sampled(record.start, record.rate, record.channel(channel))
+
+
+def _meant_file(text: str) -> str:
+    """The file that was meant by a text that names none there is: no expression has a colon, or ends as a file does."""
+    file, colon, _ = text.partition(":")
+    return file if colon or Path(file).suffix.lower() in files.FORMATS else ""
+
+
+def _require(record: lw.Record, channel: str, file: Path) -> None:
+    """Raise RecordError where the record of a drive lacks its channel."""
+    if channel not in record.channels:
+        raise lw.RecordError(
+            f"has no channel {channel}, but {', '.join(record.channels)}; name the column of it, as in {file}:COLUMN",
+            file,
+        )
 
 
 def _base_motion(text: str) -> lw.TimeFunction | lw.Sampled:
@@ -60,6 +84,7 @@ def _base_motion(text: str) -> lw.TimeFunction | lw.Sampled:
     record = lw.read_record(text)
     kinds = [kind for kind in "xva" if f"{kind}:base" in record.channels]
     name = f"{kinds[0] if kinds else 'x'}:base"
+    _require(record, name, Path(text))
     signal = lw.Sampled(record.start, record.rate, record.channel(name))
     for _ in range("xva".index(name[0])):
         signal = lw.Sampled(signal.start, signal.rate, signal.integral(record.time))
