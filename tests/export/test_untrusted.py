@@ -67,6 +67,16 @@ def test_a_trusted_structure_is_exported_without_warning(
     assert "trusted" not in capsys.readouterr().err + (tmp_path / "numbers.csv").read_text()
 
 
+def test_a_folder_of_a_method_without_intervals_says_which_methods_give_them(tmp_path: Path) -> None:
+    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
+    asked = lw.bnes_chain(2).unknown("nes")
+    fit = lw.identify(record.with_noise(40.0, seed=5840103), asked, method="sindy")
+    assert lw.Verdict.NO_INTERVALS in fit.verdicts and fit.trusted
+    folder = lw.write_result(fit, tmp_path / "answer")
+    with pytest.raises(lw.RecordError, match='the method gives none; identify with method "ml" or "weak"'):
+        lw.read_posterior(folder)
+
+
 @pytest.mark.parametrize(
     "command",
     [

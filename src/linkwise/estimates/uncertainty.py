@@ -321,15 +321,20 @@ def _entry(path: Path, number: int, line: list[str]) -> tuple[str, str, float, f
 
 def _missing(folder: Path) -> str:
     """Why there is no covariance in a folder, and what to do."""
-    status = ""
     try:
         result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         status = str(result["status"])
-    except (OSError, ValueError, KeyError, TypeError):
+        without_intervals = Verdict.NO_INTERVALS.name in list(result.get("verdicts", ()))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return "there is no such file, and no result of identify either; give a structure file or a folder that identify wrote"
     if status != Verdict.CONVERGED.status:
         return (
             f"there is no covariance, since the estimate is not to be trusted ({status}); identify again, or give its "
+            "structure.toml"
+        )
+    if without_intervals:
+        return (
+            'there is no covariance, since the method gives none; identify with method "ml" or "weak", or give its '
             "structure.toml"
         )
     return (
