@@ -138,6 +138,10 @@ def host(
     context = click.get_current_context()
     if output is not None and any(output.resolve() == file.resolve() for file in files):
         raise click.UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
+    if output is not None and output.exists() and not _holds_hosts_alone(output):
+        raise click.UsageError(
+            f"-o {output} is there already and holds more than hosts, which would be lost; choose another."
+        )
     if modes is None:
         _refuse(context, _OF_RECORDS, "{} is for records of a test: give --modes with it.")
     title = options["name"] or files[0].stem
@@ -157,6 +161,7 @@ def host(
         new_host = lw.Host(title, lw.read_modes(files[0])).known_to_within(**sigmas)
     else:
         new_host = _reduced(files, title, options).known_to_within(**sigmas)
+    _tell_of_damping(new_host)
     directions = dict(map(_point, options["points"]))
     new_host = rotations.with_units(new_host, pairs(options["units"], "--unit", "tip_r=rad"), directions)
     text = lw.format_structure(lw.Structure(title, (), (), (new_host,)))
@@ -175,6 +180,25 @@ def host(
     else:
         _tell_doubts(estimate)
     return exit_code(estimate.verdicts)
+
+
+def _holds_hosts_alone(path: Path) -> bool:
+    """Whether a file is what this command writes, without links and masses that were added."""
+    try:
+        return set(tomllib.loads(path.read_text(encoding="utf-8-sig"))) <= {"name", "host"}
+    except (OSError, ValueError):
+        return False
+
+
+def _tell_of_damping(new_host: lw.Host) -> None:
+    """Say that a mode does not oscillate, as where a ratio was given in per cent."""
+    for number, mode in enumerate(new_host.modes, start=1):
+        if mode.damping.value is not None and mode.damping.value >= 1.0:
+            tell(
+                f"note: mode {number} does not oscillate: its damping ratio is {mode.damping.value:g}, of which 1 is "
+                f"critical; {mode.damping.value:g} % is {mode.damping.value / 100.0:g}"
+            )
+            return
 
 
 def _refuse(context: click.Context, options: Sequence[str], message: str) -> None:
