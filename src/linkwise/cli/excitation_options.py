@@ -116,7 +116,8 @@ drive_options = grouped(
     click.option(
         "--base",
         metavar="MOTION",
-        help="Base displacement in m: an expression of t, FILE:COLUMN, or a FILE with x:base, v:base or a:base.",
+        help="Base displacement in m: an expression of t, FILE:COLUMN, or a FILE with x:base, or with v:base or a:base, which "
+        "are integrated from rest.",
     ),
 )
 
