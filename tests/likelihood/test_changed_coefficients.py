@@ -33,11 +33,11 @@ STATED = structure(
 @cache
 def motion(*parts: tuple[float, lw.Structure]) -> lw.Record:
     """Displacements without noise while one structure turns into another, each for some seconds."""
-    release, pieces = {"v:m1": 1.0}, []
+    release, pieces = {"v:m1": 1.0}, list[np.ndarray]()
     for duration, subject in parts:
         piece = lw.simulate(subject, release=release, duration=duration, rate=1000.0, sensors=SENSORS)
         release = dict(zip(piece.channels, piece.values[-1].tolist(), strict=True))
-        pieces.append(piece.values[bool(pieces) :, :2])
+        pieces.append(piece.values[:, :2] if not pieces else piece.values[1:, :2])
     return lw.Record(0.0, 1000.0, SENSORS[:2], np.concatenate(pieces))
 
 
