@@ -17,7 +17,7 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.richer_laws import with_cause
+from linkwise.likelihood.structures_with_causes import with_cause
 
 MASSES = {"m1": 1.0, "m2": 0.01}
 SINK = link("nes1", "m2-m1", NES, alpha=-100.0, beta=1e6, c=0.02)

@@ -31,10 +31,8 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.score_test import CandidateForce, candidate_forces
 from linkwise.likelihood.sensor_unknowns import is_admissible, with_error
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.model.coefficient import Coefficient
+from linkwise.likelihood.structures_with_causes import FREED, ends_of, with_cause
 from linkwise.model.law import Law
-from linkwise.model.link import Link
-from linkwise.model.parameters import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.progress import part
 from linkwise.records.record import Record
@@ -48,12 +46,6 @@ _TRIED = 3  # causes that are as likely
 _LEFT = 2.0  # chi-square that exact laws may leave where more is missing
 
 _CROSSTALK = "crosstalk"
-_FREED = {
-    "mass": "mass:{where}",
-    "frequency": "{where}.frequency",
-    "shape": f"{{source}}.{SHAPE}{{point}}",
-}
-"""What `Structure.unknown` frees where a stated value is off, by the kind of the cause."""
 
 
 def beside_richer_laws(
@@ -256,7 +248,7 @@ def _can_be_added(cause: Cause) -> bool:
     """Whether laws can have it: a term or a link, a stated value that becomes unknown, or an error of a sensor."""
     if cause.kind in ("term", "link"):
         return cause.term not in MEMORY_TERMS
-    return cause.kind in _FREED or cause.kind == _CROSSTALK or is_admissible(cause)
+    return cause.kind in FREED or cause.kind == _CROSSTALK or is_admissible(cause)
 
 
 def _fitted(before: _RicherLaws, lacking: Cause, deviations: Floats) -> _RicherLaws | None:
@@ -295,7 +287,7 @@ def _fitted(before: _RicherLaws, lacking: Cause, deviations: Floats) -> _RicherL
 
 def _start(name: str, lacking: Cause, laws: _RicherLaws) -> tuple[float, float]:
     """The value that an unknown starts at where laws get what they lack, and its standard deviation there."""
-    if lacking.kind in _FREED:
+    if lacking.kind in FREED:
         stated = laws.structure.coefficient(name).value or 0.0
         return stated * (1.0 + lacking.size), abs(stated * lacking.size)
     size = lacking.size * _of_one_newton(lacking, laws)
@@ -308,75 +300,6 @@ def _without_crosstalk(record: Record, crosstalk: Cause) -> Record:
     own, source = (record.channels.index(name) for name in (crosstalk.where, crosstalk.source))
     values[:, own] -= crosstalk.size * values[:, source]
     return replace(record, values=values, simulated=None)
-
-
-def with_cause(structure: Structure, cause: Cause) -> Structure:
-    """The structure with a missing term or link of unknown size, or with an unknown for a stated value that is off.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-    cause : Cause
-        A cause of the kind "term", "link", "mass", "frequency" or "shape".
-
-    Returns
-    -------
-    Structure
-        The structure with it.
-    """
-    links = structure.links
-    if cause.kind in _FREED:
-        point = cause.where.partition(".")[2]  # after the name of its host, which has no dot
-        which = _FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
-        return _with_own_value(structure, cause).unknown(which)
-    if cause.kind == "link":
-        name = cause.where.replace("-", "_")
-        while any(link.name == name for link in links):
-            name += "_"
-        law, coefficients = Law.parse(f"size*({cause.term})"), {"size": Coefficient.unknown(start=0.0)}
-        return replace(structure, links=(*links, Link(name, _ends(structure, cause), law, coefficients)))
-    return replace(
-        structure,
-        links=tuple(_with_term(link, cause.term) if link.name == cause.where else link for link in links),
-    )
-
-
-def _with_own_value(structure: Structure, cause: Cause) -> Structure:
-    """The structure in which the mass or the frequency of a cause is equal to no other's, as its score takes it alone."""
-    name = f"{cause.where}.{cause.kind}"
-
-    def apart(coefficient: Coefficient, own: str) -> Coefficient:
-        is_shared = own == name or coefficient.same_as == name
-        return replace(coefficient, same_as=None) if coefficient.known and is_shared else coefficient
-
-    masses = (replace(mass, mass=apart(mass.mass, f"{mass.name}.mass")) for mass in structure.masses)
-    links = (
-        replace(
-            link, coefficients={key: apart(c, f"{link.name}.{key}") for key, c in link.coefficients.items()}
-        )
-        for link in structure.links
-    )
-    return replace(structure, masses=tuple(masses), links=tuple(links))
-
-
-def _ends(structure: Structure, cause: Cause) -> tuple[str, str]:
-    """The two ends of a missing link, which a cause has in one word."""
-    places = list(structure.topology.index)
-    return next(
-        (first, second) for first in places for second in places if f"{first}-{second}" == cause.where
-    )
-
-
-def _with_term(link: Link, term: str) -> Link:
-    name = "added"
-    while name in link.coefficients or name in link.states:
-        name += "_"
-    declared = dict(link.law.declared)
-    if declared:  # as of a mode, whose law has numbers with units
-        declared |= Law.parse(f"{name}*({term})").units
-    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states, units=declared)
-    return replace(link, law=law, coefficients={**link.coefficients, name: Coefficient.unknown(start=0.0)})
 
 
 def _identity(cause: Cause) -> tuple[str, str, str, str]:
@@ -393,7 +316,7 @@ def _in_words(added: Cause) -> str:
 def _of_one_newton(lacking: Cause, laws: _RicherLaws) -> float:
     """The coefficient of a term whose force along the fitted motion has a root mean square of 1 in its unit."""
     structure, optimum = laws.structure, laws.fit.optimum
-    ends = _ends(structure, lacking) if lacking.kind == "link" else structure.link(lacking.where).between
+    ends = ends_of(structure, lacking) if lacking.kind == "link" else structure.link(lacking.where).between
     first, second = (structure.topology.index[end] for end in ends)
     force = CandidateForce(first, second, Law.parse(lacking.term))
     return float(candidate_forces(optimum, laws.fit.misfit, [force])[1][0])
