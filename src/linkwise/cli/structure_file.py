@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import linkwise as lw
 from linkwise.cli.console import tell
-from linkwise.stated_trust import untrusted_remark
+from linkwise.lazy import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.estimates import stated_trust
+else:
+    stated_trust = lazy_module("linkwise.estimates.stated_trust")
 
 
 def read_told(path: Path) -> lw.Structure:
     """The structure of a file; notes on it and its hosts go to standard error."""
     subject = lw.read_structure(path)
-    if remark := untrusted_remark(path):
+    if remark := stated_trust.untrusted_remark(path):
         tell(f"note: {path}: {remark}")
     tell_of_hosts(subject.hosts)
     return subject

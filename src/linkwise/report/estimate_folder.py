@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.argument_types import checked
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_curve import GRID
+from linkwise.estimates.stated_trust import untrusted_comment
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import format_structure
@@ -17,7 +18,6 @@ from linkwise.progress import Progress, silent
 from linkwise.report.estimate_json import result_of
 from linkwise.report.estimate_page import estimate_figures, estimate_page
 from linkwise.report.result_folder import ResultFolder
-from linkwise.stated_trust import untrusted_comment
 from linkwise.verdict import Verdict, is_trusted, status_of
 
 

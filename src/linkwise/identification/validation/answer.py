@@ -11,10 +11,10 @@ from linkwise.atomic import RESULT
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.sensor_error import SensorErrorEstimate
+from linkwise.estimates.stated_trust import not_trusted, untrusted_remark
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
-from linkwise.stated_trust import not_trusted, untrusted_remark
 
 _STRUCTURE = "structure.toml"
 
