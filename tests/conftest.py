@@ -15,7 +15,6 @@ from copied_process import processes_are_copies
 from hypothesis import settings
 from judged import masses
 from paper_rows import paper_rows, paper_study, stored
-from places import Places, adding
 from problems import chain_record
 
 import linkwise as lw
@@ -129,10 +128,3 @@ def paper_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def discovered() -> lw.Discovery:
     """The paper's two-mass chain, discovered from three simulated seconds at 30 dB."""
     return lw.discover(chain_record(2, duration=3.0).with_noise(30.0, seed=1001), masses(lw.bnes_chain(2)))
-
-
-@pytest.fixture
-def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Places]:
-    """What a test adds to linkwise from outside, counted."""
-    with adding(tmp_path, monkeypatch) as counted:
-        yield counted
