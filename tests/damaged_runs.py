@@ -19,7 +19,7 @@ from typing import IO, Protocol
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.atomic import check_result_folder
+from linkwise.output import check_result_folder
 
 ABSENT, MIXED = "absent", "mixed"
 _COMMAND = "import sys; from linkwise.__main__ import main; main()"

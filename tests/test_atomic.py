@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from linkwise.atomic import atomic_file, atomic_folder, check_result_folder, to_json
 from linkwise.errors import OutputError
+from linkwise.output import atomic_file, atomic_folder, check_result_folder, to_json
 
 
 def write_result(folder: Path, **files: str) -> None:

@@ -19,7 +19,7 @@ from tapped_beam import tapped
 from test_public_types import public, returned
 
 import linkwise as lw
-from linkwise.atomic import to_json
+from linkwise.output import to_json
 from linkwise.verdict import is_trusted
 
 NO_ANSWERS = {  # what public functions give that is not an answer of its own, and why

@@ -12,7 +12,7 @@ import pytest
 from present import some
 
 import linkwise as lw
-from linkwise.lazy import listed_names
+from linkwise.registry import listed_names
 
 HEAVY = {"numpy", "scipy", "heyoka", "h5py", "matplotlib", "plotly", "jinja2", "pint"}
 LOADED = "; import sys; print(*{name.partition('.')[0] for name in sys.modules})"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from linkwise.errors import LinkwiseError
-from linkwise.expression.dimension import KILOGRAM, METRE, NEWTON, NONE, SECOND
+from linkwise.expression.dimensions import KILOGRAM, METRE, NEWTON, NONE, SECOND
 from linkwise.units import factor_to_si, to_si
 
 

@@ -19,7 +19,7 @@ from sphinx.errors import ExtensionError
 from sphinx.pycode import ModuleAnalyzer
 
 import linkwise as lw
-from linkwise.lazy import listed_names
+from linkwise.registry import listed_names
 
 PACKAGES = {
     "model": "Structures, laws and excitations",

@@ -11,7 +11,7 @@ from operator import attrgetter
 
 from linkwise import plot as plot
 from linkwise.deprecation import Deprecated
-from linkwise.lazy import lazy_names
+from linkwise.registry import lazy_names
 
 __version__ = "0.2.0"
 

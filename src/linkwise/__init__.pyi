@@ -1,4 +1,4 @@
-"""The public names of linkwise, one a line; `__init__.py` reads the module of each from here (`linkwise.lazy`)."""
+"""The public names of linkwise, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
 from linkwise import plot as plot
 from linkwise.absorption.absorb import absorb as absorb

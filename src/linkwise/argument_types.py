@@ -28,8 +28,8 @@ from typing import (
     is_typeddict,
 )
 
+from linkwise.display import near_miss, shortened
 from linkwise.errors import ArgumentTypeError
-from linkwise.text import near_miss, shortened
 
 P = ParamSpec("P")
 R = TypeVar("R")

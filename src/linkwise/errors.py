@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from linkwise.text import shortened
+from linkwise.display import shortened
 
 _SHOWN = 72  # characters of a law that are quoted around the position of an error
 

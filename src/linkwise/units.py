@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError
-from linkwise.lazy import lazy_module
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     import pint

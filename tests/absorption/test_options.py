@@ -8,7 +8,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.absorption.options import AbsorptionKeywords
-from linkwise.atomic import to_json
+from linkwise.output import to_json
 from linkwise.simulation.simulate import ExcitationKeywords
 
 RELEASE = {"v:m1": 1.0}

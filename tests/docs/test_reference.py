@@ -35,4 +35,4 @@ def test_every_public_name_has_a_page_of_its_own(reference: ModuleType) -> None:
 
 def test_a_public_constant_without_a_docstring_is_refused(reference: ModuleType) -> None:
     with pytest.raises(Exception, match='the public constant "NUMBER" has no docstring'):
-        reference.comment("NUMBER", "linkwise.text")
+        reference.comment("NUMBER", "linkwise.display")

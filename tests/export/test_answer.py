@@ -20,7 +20,7 @@ from structures import CANTILEVER, CANTILEVER_SHAPES, host, link, structure, tor
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.estimates.uncertainty import write_covariance
-from linkwise.expression.functions import writable_functions
+from linkwise.expression.tree import writable_functions
 
 LAWS = {
     "cubic": ("alpha*d + beta*d**3 + c*v", {"alpha": -100.0, "beta": 1e6, "c": 0.02}),

@@ -35,7 +35,7 @@ from linkwise.expression import (
     to_text,
     walk,
 )
-from linkwise.expression.functions import writable_functions
+from linkwise.expression.tree import writable_functions
 
 NAMES = ("d", "v", "k", "g")
 D, V, K = Symbol("d"), Symbol("v"), Symbol("k")

@@ -17,7 +17,7 @@ from linkwise.expression import (
     kink_and_branch,
     parse,
 )
-from linkwise.expression.functions import writable_functions
+from linkwise.expression.tree import writable_functions
 
 X, Y = Symbol("x"), Symbol("y")
 POINTS = {"x": np.array([0.3, 0.7, 1.9]), "y": np.array([0.5, 0.6, 2.5])}  # in every domain, at no kink

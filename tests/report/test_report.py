@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.display import format_value
 from linkwise.report.estimate_page import estimate_page
 from linkwise.report.section import Reported
-from linkwise.text import format_value
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

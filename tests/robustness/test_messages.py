@@ -12,7 +12,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.text import LONGEST, shortened
+from linkwise.display import LONGEST, shortened
 
 SCREEN = 4000
 LONG = "n" * 200_000

@@ -14,15 +14,15 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.atomic import FullDiskError, atomic_file, atomic_folder, check_result_folder
 from linkwise.cli import run
 from linkwise.errors import OutputError
+from linkwise.output import FullDiskError, atomic_file, atomic_folder, check_result_folder
 
 NAMES = [f"file{k}.txt" for k in range(6)]
 WRITER = """
 import json, sys
 from pathlib import Path
-from linkwise.atomic import atomic_folder
+from linkwise.output import atomic_folder
 
 def write(folder, text):
     with atomic_folder(folder) as own:

@@ -11,7 +11,7 @@ import pytest
 from present import some
 
 import linkwise as lw
-from linkwise.text import csv_cell, from_csv_cell
+from linkwise.display import csv_cell, from_csv_cell
 
 NAMES = {  # a name holds none of [ ] : = / and the backslash
     "script": 'x")+document.write("mine")+("',

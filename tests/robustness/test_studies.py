@@ -13,8 +13,8 @@ from here import studies_here
 from small_study import small
 
 import linkwise as lw
-from linkwise.atomic import FullDiskError
 from linkwise.cli import run
+from linkwise.output import FullDiskError
 from linkwise.study.row import FAILED, WORKER_DIED, Row
 from linkwise.study.store import open_store
 

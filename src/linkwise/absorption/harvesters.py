@@ -11,8 +11,7 @@ import scipy
 
 from linkwise.errors import LawError, SimulationError, StructureError
 from linkwise.expression import Expression, Program, parse, symbols, to_text
-from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON
-from linkwise.expression.inference import UnitConflict, infer
+from linkwise.expression.dimensions import METRE, METRE_PER_SECOND, NEWTON, UnitConflict, infer
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.link_state import unit_dimension

@@ -18,12 +18,11 @@ from linkwise.absorption.variants import Variants
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.display import JudgedView, as_text
 from linkwise.errors import LinkwiseError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.html import JudgedView
 from linkwise.progress import Progress, part, silent
-from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
 COVERED = 0.95

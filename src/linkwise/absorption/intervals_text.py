@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from linkwise.absorption.intervals import AbsorptionIntervals, QuantityInterval
 from linkwise.absorption.sweep_text import value_text
-from linkwise.text import align_columns, as_text
+from linkwise.display import align_columns, as_text
 
 Rows = list[tuple[str, ...]]
 

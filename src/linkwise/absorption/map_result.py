@@ -12,10 +12,9 @@ from linkwise.absorption.result import closure_verdict
 from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.display import JudgedView, as_text
 from linkwise.errors import LinkwiseError
-from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
-from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
 _EQUAL_RATIOS = 1e-6  # relative differences of ratios below it are rounding

@@ -21,9 +21,8 @@ from linkwise.absorption.result_parts import (
 from linkwise.absorption.vibration import comparable
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.html import JudgedView
+from linkwise.display import JudgedView, as_text
 from linkwise.records.channel_units import unit_in
-from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
 CLOSURE = 1e-6  # of the energy supplied: an energy balance with a larger error is not to be trusted

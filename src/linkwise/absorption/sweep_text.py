@@ -7,7 +7,7 @@ import numpy as np
 from linkwise.absorption.map_result import AbsorptionMap, SweepAxis
 from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.text import percent
-from linkwise.text import align_columns, as_text, paragraph, remark_lines
+from linkwise.display import align_columns, as_text, paragraph, remark_lines
 
 Rows = list[tuple[str, ...]]
 

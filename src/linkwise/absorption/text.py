@@ -5,7 +5,7 @@ from __future__ import annotations
 from linkwise.absorption.harvesters import damping_unit
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.result_parts import AbsorptionRun, MassChange, SinkResult
-from linkwise.text import align_columns, as_text, paragraph, remark_lines
+from linkwise.display import align_columns, as_text, paragraph, remark_lines
 
 Rows = list[tuple[str, ...]]
 

@@ -172,7 +172,7 @@ def rest_points(
 
 
 def _of_link(link: Link, lo: float | None, hi: float | None) -> tuple[RestPoint, ...]:
-    link.values  # noqa: B018  # raises StructureError for a coefficient without a value
+    link.values  # raises StructureError for a coefficient without a value  # noqa: B018
     try:
         return rest_points(partial(link.force, states=link.zero_states), link.stiffness, lo, hi)
     except StructureError as error:

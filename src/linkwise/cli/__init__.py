@@ -16,10 +16,10 @@ from typing import cast
 import click
 
 from linkwise import __version__
-from linkwise.atomic import is_disk_fault
 from linkwise.cli.console import fail
 from linkwise.cli.flags import with_flags
 from linkwise.errors import LinkwiseError
+from linkwise.output import is_disk_fault
 from linkwise.registry import Registry
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130

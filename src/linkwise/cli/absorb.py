@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.atomic import ABSORPTION, to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.flags import unstarted_is_usage
@@ -23,7 +22,8 @@ from linkwise.cli.options import (
     pairs,
 )
 from linkwise.cli.structure_file import read_told
-from linkwise.lazy import lazy_module
+from linkwise.output import ABSORPTION, to_json
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.report import absorption_folder as folders

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from linkwise.atomic import RESULT, check_result_folder
+from linkwise.display import shortened
 from linkwise.errors import OutputError
-from linkwise.lazy import lazy_module
+from linkwise.output import RESULT, check_result_folder
 from linkwise.progress import Progress, silent
+from linkwise.registry import lazy_module
 from linkwise.report.drawing_process import DrawingProcess, drawing_process
-from linkwise.text import shortened
 from linkwise.verdict import Verdict, is_trusted
 
 if TYPE_CHECKING:

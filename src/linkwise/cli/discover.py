@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.listed_help import listing
 from linkwise.cli.options import (
@@ -26,7 +25,8 @@ from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.cli.sensor_options import refuse_foreign_calibration, sensor_options
 from linkwise.cli.structure_file import tell_of_hosts
-from linkwise.lazy import lazy_module
+from linkwise.output import to_json
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.discovery import term_families as families

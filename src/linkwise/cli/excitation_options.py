@@ -10,7 +10,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.options import POSITIVE, file_and_column, grouped, is_file, number, pairs, split
-from linkwise.lazy import lazy_module
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise import files

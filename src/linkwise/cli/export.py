@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
 from linkwise.cli.console import UNTRUSTED, tell
 from linkwise.cli.listed_help import listing
 from linkwise.cli.options import FILE
-from linkwise.lazy import lazy_module
+from linkwise.output import to_json
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.export import answer as exports

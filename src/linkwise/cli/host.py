@@ -13,11 +13,11 @@ import click
 from click.core import ParameterSource
 
 import linkwise as lw
-from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE, grouped, pairs
 from linkwise.cli.reading_options import READING, ReadingOptions
-from linkwise.lazy import lazy_module
+from linkwise.output import atomic_file, to_json
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.model import rotations

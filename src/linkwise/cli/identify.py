@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.disturbance_options import DISTURBANCE_OPTIONS, refuse_foreign_disturbances
 from linkwise.cli.options import (
@@ -27,7 +26,8 @@ from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.cli.sensor_options import refuse_foreign_calibration, sensor_options
 from linkwise.cli.structure_file import read_told
 from linkwise.identification.methods import METHODS
-from linkwise.lazy import lazy_module
+from linkwise.output import to_json
+from linkwise.registry import lazy_module
 from linkwise.sindy.regression import REGRESSORS
 
 if TYPE_CHECKING:

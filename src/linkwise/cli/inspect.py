@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Self
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
 from linkwise.cli.console import deliver, drawing_beside, progress, tell
 from linkwise.cli.flags import FLAGS
 from linkwise.cli.options import FILE, folder_option, grouped
 from linkwise.cli.reading_options import READING, ReadingOptions
-from linkwise.lazy import lazy_module
+from linkwise.output import to_json
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise import files

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
 from linkwise.cli.console import exit_code, progress
 from linkwise.cli.excitation_options import (
     ExcitationOptions,
@@ -18,6 +17,7 @@ from linkwise.cli.excitation_options import (
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE, POSITIVE, number, pairs
 from linkwise.cli.structure_file import read_told
+from linkwise.output import to_json
 
 
 @click.command()

@@ -9,8 +9,8 @@ import click
 
 import linkwise as lw
 from linkwise.cli.options import split
-from linkwise.lazy import lazy_module
 from linkwise.records.channel import Channel
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.likelihood import random_forces

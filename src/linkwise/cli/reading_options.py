@@ -12,7 +12,7 @@ import click
 import linkwise as lw
 from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs
-from linkwise.lazy import lazy_module
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.model import rotations

@@ -9,7 +9,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.options import comma_separated, pairs
-from linkwise.lazy import lazy_module
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.likelihood import sensor_priors as priors

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
 from linkwise.cli.console import progress, tell
 from linkwise.cli.excitation_options import (
     ExcitationOptions,
@@ -19,7 +18,8 @@ from linkwise.cli.excitation_options import (
 from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import FILE
 from linkwise.cli.structure_file import read_told
-from linkwise.lazy import lazy_module
+from linkwise.output import to_json
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise import files

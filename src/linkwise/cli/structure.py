@@ -10,10 +10,10 @@ from typing import Any
 import click
 
 import linkwise as lw
-from linkwise.atomic import atomic_file, to_json
 from linkwise.cli.console import tell
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
+from linkwise.output import atomic_file, to_json
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
 SHOWN = 4  # stable equilibria

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import linkwise as lw
 from linkwise.cli.console import tell
-from linkwise.lazy import lazy_module
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.estimates import stated_trust

@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise.atomic import to_json
 from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FOLDER
+from linkwise.output import to_json
 
 UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at all
 

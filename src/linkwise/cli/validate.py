@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 import linkwise as lw
-from linkwise.atomic import VALIDATION, to_json
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
 from linkwise.cli.options import POSITIVE, folder_option, json_option
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.lazy import lazy_module
+from linkwise.output import VALIDATION, to_json
+from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.identification.validation import answer as answers

@@ -18,11 +18,10 @@ from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import ModelAverage
 from linkwise.discovery.other_models import PathPoint, RunnerUp
 from linkwise.discovery.terms import Term
+from linkwise.display import JudgedView, as_text
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.estimate import Estimate
-from linkwise.html import JudgedView
 from linkwise.model.structure import Structure
-from linkwise.text import as_text
 from linkwise.verdict import Decision, Verdict
 
 #: Rise of the criterion, on the scale of -2 log likelihood, that makes a decision certain: the odds are exp(5) to 1 or better,

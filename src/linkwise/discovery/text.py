@@ -7,8 +7,7 @@ from math import inf, isfinite, isnan
 
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
-from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
-from linkwise.text import (
+from linkwise.display import (
     align_columns,
     as_text,
     format_chi_square,
@@ -18,6 +17,7 @@ from linkwise.text import (
     paragraph,
     remark_lines,
 )
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.verdict import Decision
 
 Rows = list[tuple[str, ...]]

@@ -14,6 +14,7 @@ from scipy.sparse import csc_array
 from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.display import JudgedView, as_text
 from linkwise.errors import StructureError
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.document import coefficient_document, link_document, mode_document
@@ -25,7 +26,6 @@ from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.estimates.sensor_error import SensorErrorEstimate
 from linkwise.estimates.unseen_term import UnseenTerm
-from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.unanswered import EstimatedError, unanswered_alerts
 from linkwise.model.host_damping import is_between_modes
@@ -34,7 +34,6 @@ from linkwise.model.parameters import Parameter, is_shape
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
-from linkwise.text import as_text
 from linkwise.verdict import Verdict, is_trusted, status_of
 
 _ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the square of it is zero

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
-from linkwise.text import (
+from linkwise.display import (
     align_columns,
     as_text,
     format_chi_square,
@@ -16,6 +14,8 @@ from linkwise.text import (
     paragraph,
     remark_lines,
 )
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 
 _MANY = 12  # channels or links that are shown
 _RATES = 3  # states of a link whose rates are printed; the result folder has all

@@ -12,12 +12,12 @@ import numpy as np
 
 from linkwise.argument_types import checked, checked_class
 from linkwise.arrays import Floats
-from linkwise.atomic import RESULT
+from linkwise.display import csv_cell, from_csv_cell
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
-from linkwise.text import csv_cell, from_csv_cell
+from linkwise.output import RESULT
 from linkwise.verdict import Verdict
 
 COVARIANCE = "covariance.csv"

@@ -11,7 +11,6 @@ import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.atomic import atomic_file
 from linkwise.errors import OutputError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
@@ -19,6 +18,7 @@ from linkwise.export.formats import EXPORTS
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
+from linkwise.output import atomic_file
 
 
 @dataclass(frozen=True)

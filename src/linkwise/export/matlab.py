@@ -9,9 +9,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import OutputError
 from linkwise.export.answer import ExportedAnswer
 from linkwise.export.names import identifiers
-from linkwise.expression.code import MATLAB, to_code
-from linkwise.expression.functions import FUNCTIONS
-from linkwise.expression.tree import to_text
+from linkwise.expression.tree import FUNCTIONS, MATLAB, to_code, to_text
 from linkwise.model.link import Link
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")

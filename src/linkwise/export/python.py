@@ -8,8 +8,7 @@ from pathlib import Path
 
 from linkwise.export.answer import ExportedAnswer
 from linkwise.export.names import identifiers
-from linkwise.expression.code import NUMPY, to_code
-from linkwise.expression.tree import to_text
+from linkwise.expression.tree import NUMPY, to_code, to_text
 from linkwise.model.link import Link
 
 _RESERVED = ("d", "v", "np", *keyword.kwlist, *keyword.softkwlist, *dir(builtins))

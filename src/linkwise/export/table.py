@@ -8,12 +8,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from linkwise.display import csv_cell
 from linkwise.errors import OutputError
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.export.answer import ExportedAnswer
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.model.parameters import SHAPE_UNITS
-from linkwise.text import csv_cell
 
 _HEADER = ("of", "coefficient", "value", "unit", "standard error", "lower", "upper", "law")
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from linkwise.expression.calculus import antiderivative, differentiate, kink_and_branch, kinks, polynomial
-from linkwise.expression.functions import FUNCTIONS, LawFunction
 from linkwise.expression.parser import parse, parse_with_positions
 from linkwise.expression.program import Operation, Program
 from linkwise.expression.tree import (
+    FUNCTIONS,
     Call,
     Expression,
+    LawFunction,
     Number,
     Power,
     Product,

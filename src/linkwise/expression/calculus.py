@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 
-from linkwise.expression.functions import FUNCTIONS
 from linkwise.expression.parser import parse_rule
 from linkwise.expression.tree import (
+    FUNCTIONS,
     MINUS_ONE,
     ONE,
     ZERO,

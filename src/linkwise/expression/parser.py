@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 
 from linkwise.errors import LawError
-from linkwise.expression.functions import FUNCTIONS, writable_functions
 from linkwise.expression.tree import (
+    FUNCTIONS,
     MINUS_ONE,
     Expression,
     Number,
@@ -21,6 +21,7 @@ from linkwise.expression.tree import (
     call,
     multiply,
     power,
+    writable_functions,
 )
 
 MAX_DEPTH = 50  # levels of brackets, calls, signs and powers; far below the limit of Python's recursion

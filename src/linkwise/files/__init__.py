@@ -12,13 +12,13 @@ from pathlib import Path
 from types import ModuleType
 
 from linkwise.argument_types import checked
-from linkwise.atomic import FullDiskError, atomic_file, check_file, is_disk_fault
 from linkwise.errors import OutputError, RecordError
 from linkwise.files.assemble import ReadOptions, to_record
 from linkwise.files.first_mapping import first_mapping
 from linkwise.files.isolated import read_here, read_isolated
 from linkwise.files.mapping import RecordMapping, read_mapping
 from linkwise.files.table import Table
+from linkwise.output import FullDiskError, atomic_file, check_file, is_disk_fault
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from linkwise.argument_types import checked
+from linkwise.display import JudgedView, as_text
 from linkwise.errors import RecordError
-from linkwise.html import JudgedView
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.records.record import Record
-from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from linkwise.display import align_columns, as_text, remark_lines
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.result import ChannelSummary, Inspection, labels
-from linkwise.text import align_columns, as_text, remark_lines
 
 HEAD = (
     "channel", "samples", "missing", "minimum", "maximum", "rms", "noise", "SNR dB", "bits", "up to Hz", "per period", "unit",

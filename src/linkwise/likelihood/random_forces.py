@@ -15,6 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.random_force import RandomForceEstimate
 from linkwise.expression import symbols
@@ -27,7 +28,6 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord, framed
-from linkwise.text import near_miss
 
 ALL = "all"
 _INPUT = "force:"

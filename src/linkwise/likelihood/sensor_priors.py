@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.sensor_unknowns import ALL, by_channel, late_channels
 from linkwise.records.channel import FORCE
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
-from linkwise.text import near_miss
 
 
 def errors_to_find(

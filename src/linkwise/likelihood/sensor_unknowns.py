@@ -10,6 +10,7 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
+from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
 from linkwise.likelihood.options import LikelihoodOptions
@@ -18,7 +19,6 @@ from linkwise.records.channel import FORCE, Channel
 from linkwise.records.interpolation import BAND_LIMITED
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
-from linkwise.text import near_miss
 
 ALL = "all"
 _LATE = ("x", "v", "a")  # kinds of sensors with a delay that can be estimated

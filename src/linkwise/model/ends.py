@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.host_damping import is_between_modes
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.names import quoted
-from linkwise.text import near_miss
 
 
 def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence[Link]) -> None:

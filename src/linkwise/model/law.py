@@ -28,7 +28,7 @@ from linkwise.expression import (
     substitute,
     symbols,
 )
-from linkwise.expression.quadrature import integral_from_zero
+from linkwise.expression.program import integral_from_zero
 from linkwise.model.law_dimensions import law_dimensions
 from linkwise.model.law_programs import force_program, partials_program, potential_programs, rates_program
 from linkwise.model.law_text import VARIABLES, checked_expression

@@ -6,8 +6,17 @@ from collections.abc import Mapping, Sequence
 
 from linkwise.errors import LawError
 from linkwise.expression import Expression, parse_with_positions
-from linkwise.expression.dimension import METRE, METRE_PER_SECOND, NEWTON, NONE, RADIAN, SECOND, Dimension
-from linkwise.expression.inference import UnitConflict, infer
+from linkwise.expression.dimensions import (
+    METRE,
+    METRE_PER_SECOND,
+    NEWTON,
+    NONE,
+    RADIAN,
+    SECOND,
+    Dimension,
+    UnitConflict,
+    infer,
+)
 from linkwise.model.law_text import VARIABLES
 from linkwise.model.link_state import StateRate
 

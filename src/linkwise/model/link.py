@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 
 from linkwise.argument_types import check_type, checked, checked_class
 from linkwise.arrays import Floats
+from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law
 from linkwise.model.link_state import LinkState, as_link_states
-from linkwise.text import near_miss
 
 ANGLE, LENGTH = "rad", "m"
 """Units of displacements: of what turns about an axis, and of what moves along a line."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from linkwise.argument_types import checked_class
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.expression import FUNCTIONS, Expression
-from linkwise.expression.dimension import NAMED, NONE, Dimension
+from linkwise.expression.dimensions import NAMED, NONE, Dimension
 from linkwise.units import base_exponents
 
 _NAME = re.compile(r"[A-Za-z]\w*")

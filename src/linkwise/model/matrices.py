@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from linkwise.argument_types import checked, checked_class
+from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.host_reduction import proportional_damping, reduce_matrices
 from linkwise.model.link import ANGLE
@@ -23,7 +24,6 @@ from linkwise.model.matrix_files.file_matrix import FileMatrix
 from linkwise.model.reduced_host import HostReduction
 from linkwise.model.rotations import with_units
 from linkwise.model.row_weights import require_direction, row_weights, turns_throughout
-from linkwise.text import near_miss
 
 _USUAL = {
     "mass": ("M", "mass", "MAAX", "MAA"),

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
+from linkwise.display import near_miss
 from linkwise.errors import StructureError
-from linkwise.text import near_miss
 
 
 def matching(names: Iterable[str], typed: str) -> list[str]:

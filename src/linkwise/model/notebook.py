@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from linkwise.html import as_html, text_html
+from linkwise.display import align_columns, as_html, text_html
 from linkwise.model.structure import Structure
-from linkwise.text import align_columns
 
 _MOST = 40  # masses or links that are shown
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
@@ -17,7 +18,6 @@ from linkwise.model.law import Law
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.named_laws import named_law_of
 from linkwise.model.names import matching, quoted
-from linkwise.text import near_miss
 
 MASS = "mass"
 SHAPE = "shape."

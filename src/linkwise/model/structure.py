@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
+from linkwise.display import NotebookView, near_miss
 from linkwise.errors import StructureError
-from linkwise.html import NotebookView
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.ends import check_ends
 from linkwise.model.host import Host, counted, with_modes
@@ -37,7 +37,6 @@ from linkwise.model.parameters import (
 )
 from linkwise.model.rotations import in_units_of_ends, rotations_of
 from linkwise.model.topology import LinkShape, Topology
-from linkwise.text import near_miss
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 

@@ -18,7 +18,6 @@ from typing import Any
 import msgspec
 
 from linkwise.argument_types import checked
-from linkwise.atomic import atomic_file
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
@@ -29,6 +28,7 @@ from linkwise.model.structure import Structure
 from linkwise.model.toml_host import HostTable, host_of
 from linkwise.model.toml_link import LinkTable, coefficient_of, link_of
 from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
+from linkwise.output import atomic_file
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}

@@ -15,8 +15,9 @@ from typing import Any
 
 import msgspec
 
+from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, StructureError
-from linkwise.expression.dimension import Dimension
+from linkwise.expression.dimensions import Dimension
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.law_dimensions import law_dimensions
@@ -25,7 +26,6 @@ from linkwise.model.link_state import LinkState, unit_dimension
 from linkwise.model.named_law import NamedLaw
 from linkwise.model.named_laws import is_law_name, named_law
 from linkwise.model.toml_tables import decode
-from linkwise.text import near_miss
 from linkwise.units import to_si
 
 _WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*[^\W\d].*")

@@ -8,8 +8,8 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
+from linkwise.display import near_miss
 from linkwise.errors import RecordError, StructureError, StudyError
-from linkwise.text import near_miss
 
 Table = TypeVar("Table", bound=msgspec.Struct)
 LARGEST = 50_000_000  # bytes: 300 000 masses; a pipe or a device may have no end

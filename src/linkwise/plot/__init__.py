@@ -7,7 +7,7 @@ them.
 
 from __future__ import annotations
 
-from linkwise.lazy import lazy_names
+from linkwise.registry import lazy_names
 
 __all__, __getattr__ = lazy_names(__name__, f"{__file__}i")
 

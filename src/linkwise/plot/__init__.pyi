@@ -1,4 +1,4 @@
-"""The public figures, one a line; `__init__.py` reads the module of each from here (`linkwise.lazy`)."""
+"""The public figures, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
 from linkwise.plot.absorption_crossings import crossings as crossings
 from linkwise.plot.absorption_crossings import crossings_figure as crossings_figure

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
+from linkwise.display import near_miss
 from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.mean_residuals import MeanResiduals
@@ -15,7 +16,6 @@ from linkwise.inspection.spectrum import Spectrogram
 from linkwise.plot.downsample import envelope
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL, scale
 from linkwise.plot.style import axes_for, literal, log_scale, sheet
-from linkwise.text import near_miss
 
 _MOST = 4  # channels that still can be read on one page
 _SHARED = 2  # first columns, with the same axis for all channels

@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from linkwise.argument_types import checked
+from linkwise.display import near_miss
 from linkwise.errors import RecordError
 from linkwise.identification.validation.result import Validation
 from linkwise.plot.palette import IDENTIFIED, MEASURED, WELL, scale
 from linkwise.plot.style import axes_for, legend_below, literal, log_scale, sheet
-from linkwise.text import near_miss
 
 _MOST = 4  # links or channels that still can be read on one page
 

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
+from linkwise.display import NotebookView
 from linkwise.errors import RecordError
-from linkwise.html import NotebookView
 from linkwise.records.channel import Channel
 from linkwise.records.channel_attributes import OF_CHANNELS
 from linkwise.records.checks import check_clipped, check_names, check_values

@@ -10,13 +10,13 @@ from math import inf, isfinite
 from typing import Any, NamedTuple
 
 from linkwise.argument_types import checked_class
+from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.records.angular_units import si_unit, unit_behind
 from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel
 from linkwise.records.delays import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, size_in_unit
-from linkwise.text import near_miss
 from linkwise.units import to_si
 
 _NO_CALIBRATION = 0.2  # relative: a number from here on was meant as a percentage

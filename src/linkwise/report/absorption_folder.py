@@ -12,9 +12,10 @@ from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map_result import AbsorptionMap
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.atomic import ABSORPTION
 from linkwise.deprecation import Deprecated, deprecated_keyword
+from linkwise.display import csv_cell
 from linkwise.model.toml_file import write_structure
+from linkwise.output import ABSORPTION
 from linkwise.progress import Progress, silent
 from linkwise.report.absorption_json import absorption_of
 from linkwise.report.absorption_page import (
@@ -26,7 +27,6 @@ from linkwise.report.absorption_page import (
 )
 from linkwise.report.result_folder import ResultFolder
 from linkwise.report.section import Reported, sections_of
-from linkwise.text import csv_cell
 
 
 @deprecated_keyword("answer", Deprecated("result", since="0.2.0", until="0.4.0"))

@@ -11,6 +11,7 @@ from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.discovery.result import Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth
+from linkwise.display import csv_cell
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.report.discovery_json import discovery_of
@@ -18,7 +19,6 @@ from linkwise.report.discovery_page import discovery_figures, discovery_page
 from linkwise.report.estimate_folder import write_numbers
 from linkwise.report.result_folder import ResultFolder
 from linkwise.report.section import Reported
-from linkwise.text import csv_cell
 
 
 @deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))

@@ -19,7 +19,7 @@ from importlib import import_module
 from threading import Lock, Thread
 from typing import IO, TYPE_CHECKING, Any
 
-from linkwise.lazy import lazy_module
+from linkwise.registry import lazy_module
 from linkwise.runtime import processors
 
 if TYPE_CHECKING:

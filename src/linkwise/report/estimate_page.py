@@ -11,6 +11,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from linkwise import plot
+from linkwise.display import format_chi_square, format_error, format_value
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.force_loop import has_loop
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
@@ -21,7 +22,6 @@ from linkwise.plot.titles import force_title
 from linkwise.registry import Registry
 from linkwise.report.section import Build, Reported, Section, sections_of
 from linkwise.report.templates import TEMPLATES
-from linkwise.text import format_chi_square, format_error, format_value
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,8 +9,8 @@ from typing import Any, Generic, TypeVar
 
 from markupsafe import Markup
 
-from linkwise.atomic import RESULT, atomic_folder, check_result_folder, to_json
 from linkwise.model.structure import Structure
+from linkwise.output import RESULT, atomic_folder, check_result_folder, to_json
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.report.drawing_process import DrawingProcess, Picture
 from linkwise.report.section import Reported, Section, drawings, write_figures

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from markupsafe import Markup
 
-from linkwise.lazy import lazy_module
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.registry import lazy_module
 from linkwise.report.drawing_process import DrawingProcess, Picture
 
 if TYPE_CHECKING:

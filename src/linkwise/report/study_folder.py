@@ -10,7 +10,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from linkwise.argument_types import checked
-from linkwise.atomic import atomic_file
+from linkwise.display import csv_cell
+from linkwise.output import atomic_file
 from linkwise.paper.table_2 import Table2
 from linkwise.plot import save
 from linkwise.progress import Progress, ProgressReport, silent
@@ -18,7 +19,6 @@ from linkwise.report.section import embedded
 from linkwise.report.study_figures import STUDY_FIGURES
 from linkwise.report.study_page import Illustration, StudyReport, study_page
 from linkwise.study.store import read_rows, stored_study
-from linkwise.text import csv_cell
 
 _FIGURES = "figures"
 

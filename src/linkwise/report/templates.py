@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from linkwise.text import format_duration, format_error
+from linkwise.display import format_duration, format_error
 
 TEMPLATES = Environment(
     loader=PackageLoader("linkwise", "report"),

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from linkwise.argument_types import checked
-from linkwise.atomic import VALIDATION
 from linkwise.files import write_record
 from linkwise.identification.validation.result import Validation
 from linkwise.model.toml_file import write_structure
+from linkwise.output import VALIDATION
 from linkwise.progress import Progress, silent
 from linkwise.report.result_folder import ResultFolder
 from linkwise.report.section import Reported, sections_of

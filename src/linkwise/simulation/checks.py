@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
+from linkwise.display import near_miss
 from linkwise.errors import SimulationError
 from linkwise.model.excitation import Excitation
 from linkwise.model.input_signal import Sampled
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.runtime import available_memory
-from linkwise.text import near_miss
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
 _SHOWN = 12  # masses listed in a message

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 
 from linkwise.argument_types import checked_class
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.display import near_miss
 from linkwise.errors import StudyError
 from linkwise.study.method import StudyMethod
 from linkwise.study.row import Case
 from linkwise.study.subject import Subject
-from linkwise.text import near_miss
 
 _Entry = TypeVar("_Entry", Subject, StudyMethod)
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from linkwise.argument_types import checked
-from linkwise.atomic import atomic_file
+from linkwise.display import csv_cell
+from linkwise.output import atomic_file
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows
 from linkwise.study.summary import cell_record, study_summary
-from linkwise.text import csv_cell
 
 ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
 

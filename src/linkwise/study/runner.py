@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 
+from linkwise.display import format_duration
 from linkwise.errors import StudyError
 from linkwise.progress import Progress, ProgressReport
 from linkwise.study.definition import Study
@@ -15,7 +16,6 @@ from linkwise.study.row import WORKER_DIED, Case
 from linkwise.study.store import Store
 from linkwise.study.timing import Timing, next_batch
 from linkwise.study.worker import CaseBatch, CaseResult, failed_row
-from linkwise.text import format_duration
 
 _MOST_DEATHS = 3  # of workers that run a case, after which the case is the reason
 _BATCHES_LEFT = 4  # per slot; with fewer left, batches are made smaller

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from linkwise.argument_types import checked
-from linkwise.atomic import FullDiskError
 from linkwise.errors import StudyError
+from linkwise.output import FullDiskError
 from linkwise.study.definition import Study
 from linkwise.study.row import REPEATED, Case, Row
 from linkwise.study.toml_file import build_study

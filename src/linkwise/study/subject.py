@@ -12,6 +12,7 @@ import numpy as np
 
 from linkwise.argument_types import checked_class
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, SimulationError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
@@ -23,7 +24,6 @@ from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.simulation.checks import check_link, check_state
 from linkwise.simulation.simulate import simulate
-from linkwise.text import near_miss
 
 _ALL = ("x", "v", "a")
 _KINDS = (*_ALL, "f", "state")

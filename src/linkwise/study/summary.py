@@ -9,10 +9,9 @@ from typing import Any
 
 from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.html import JudgedView
+from linkwise.display import JudgedView, align_columns
 from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.store import read_rows, stored_study
-from linkwise.text import align_columns
 from linkwise.verdict import Verdict
 
 _TERMS = ("exact", "wrong, trusted", "extra, trusted")

@@ -12,6 +12,7 @@ import msgspec
 
 from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, deprecated_keyword
+from linkwise.display import near_miss
 from linkwise.errors import IdentificationError, LawError, LinkwiseError, StudyError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
@@ -22,7 +23,6 @@ from linkwise.registry import Registry
 from linkwise.study.definition import Study
 from linkwise.study.method import MethodTable, StudyMethod
 from linkwise.study.subject import Subject
-from linkwise.text import near_miss
 
 _SOURCES = ("bnes", "file", "toml")
 

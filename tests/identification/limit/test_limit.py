@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from structures import link, oscillator, structure
 
 import linkwise as lw
-from linkwise.atomic import to_json
+from linkwise.output import to_json
 
 RELEASE = {"v:m1": 1.0}
 SHORT: dict[str, Any] = {

@@ -12,16 +12,15 @@ from numpy.typing import ArrayLike
 
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
+from linkwise.display import JudgedView, as_text
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
-from linkwise.html import JudgedView
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.likelihood.prescribed.state_path import LinkPath
 from linkwise.model.link import Link
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
 # standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)

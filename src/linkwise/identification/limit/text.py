@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from linkwise.display import align_columns, as_text, format_value
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
 from linkwise.identification.limit.result import DETECTION, Limit, LinkLimit
 from linkwise.records.channel_units import channel_unit
-from linkwise.text import align_columns, as_text, format_value
 
 Rows = list[tuple[str, ...]]
 

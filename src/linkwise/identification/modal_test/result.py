@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from linkwise.html import JudgedView
+from linkwise.display import JudgedView, as_text
 from linkwise.model.host import Host
-from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
 

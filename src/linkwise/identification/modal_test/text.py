@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from linkwise.identification.modal_test.result import HostEstimate
-from linkwise.text import (
+from linkwise.display import (
     align_columns,
     as_text,
     format_duration,
@@ -12,6 +11,7 @@ from linkwise.text import (
     paragraph,
     remark_lines,
 )
+from linkwise.identification.modal_test.result import HostEstimate
 
 _POINTS = 6  # whose shapes are printed
 _SHOWN = 3.0  # standard errors from which damping between modes is printed

@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from linkwise.atomic import RESULT
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.sensor_error import SensorErrorEstimate
@@ -15,6 +14,7 @@ from linkwise.estimates.stated_trust import not_trusted, untrusted_remark
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.model.structure import Structure
 from linkwise.model.toml_file import read_structure
+from linkwise.output import RESULT
 
 _STRUCTURE = "structure.toml"
 

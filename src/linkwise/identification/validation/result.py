@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.html import JudgedView
+from linkwise.display import JudgedView, as_text
 from linkwise.inspection.alert import Alert
 from linkwise.inspection.unanswered import unanswered_alerts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.text import as_text
 from linkwise.verdict import Verdict, status_of
 
 _SHOWN = 25.0  # % of the mean square: a prediction that leaves no more than half the motion shows it

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from linkwise.display import align_columns, as_text, format_error, format_value, paragraph, remark_lines
 from linkwise.identification.validation.result import Validation
-from linkwise.text import align_columns, as_text, format_error, format_value, paragraph, remark_lines
 
 CHANNEL_HEAD = ("channel", "RMSE", "allowed", "one step", "noise", "NMSE, %", "fit, %", "unit")
 COEFFICIENT_HEAD = ("coefficient", "answer", "this record", "apart", "unit")

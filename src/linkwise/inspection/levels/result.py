@@ -9,14 +9,13 @@ import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
-from linkwise.html import JudgedView
+from linkwise.display import JudgedView, as_text
 from linkwise.inspection.levels.acceleration_surface import AccelerationSurface
 from linkwise.inspection.levels.bridged_gaps import BridgedGaps
 from linkwise.inspection.levels.distortion import Distortion
 from linkwise.inspection.levels.response_function import ResponseFunction
 from linkwise.inspection.levels.ring_down import RingDown
 from linkwise.inspection.levels.significance import DAMPING, FREQUENCY, differ
-from linkwise.text import as_text
 from linkwise.verdict import Verdict
 
 OF_BANDWIDTH, OF_DAMPING = 0.1, 0.05

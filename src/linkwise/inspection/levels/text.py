@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from linkwise.display import align_columns, as_text, format_error, format_value, paragraph
 from linkwise.inspection.levels.bridged_gaps import BridgedGaps
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.inspection.levels.ring_down import RingDown
-from linkwise.text import align_columns, as_text, format_error, format_value, paragraph
 
 _ROWS = 5  # of a ring-down
 

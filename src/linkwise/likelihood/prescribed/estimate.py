@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.cause import Cause
 from linkwise.estimates.estimate import Estimate
@@ -29,7 +30,6 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.text import near_miss
 
 
 def rig_estimate(

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.records.record import Record
-from linkwise.text import near_miss
 
 PIECES, MOST_PIECES = 8, 64
 """Pieces of a drift in each record, and the most that may be asked for: more would follow the motion itself."""
