@@ -94,10 +94,10 @@ def started_anew(code: str, arguments: list[str], home: Path, environment: dict[
 
 _LOADED = [
     "linkwise.cli.identify",
-    "linkwise.report.estimate_folder",
+    "linkwise.report.estimate",
     "linkwise.weak.estimate",
-    "linkwise.plot.link_force",
-    "linkwise.plot.time_histories",
+    "linkwise.plot.links",
+    "linkwise.plot.records",
     "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg",
 ]

@@ -12,9 +12,8 @@ from typing import Self, final
 
 import pytest
 
-from linkwise.study.executor import Executor, FailureKind
+from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, run_batch
 from linkwise.study.row import Case, Row
-from linkwise.study.worker import CaseBatch, CaseResult, run_batch
 
 
 class Died(Exception):
@@ -79,5 +78,5 @@ class Here(Executor):
 def studies_here() -> Iterator[None]:
     """In its block, studies that ask for processes of this machine are run in this one, which need not start."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("linkwise.study.run.ProcessExecutor", Here)
+        patch.setattr("linkwise.study.runner.ProcessExecutor", Here)
         yield

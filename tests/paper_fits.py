@@ -13,7 +13,7 @@ from present import present, some
 from problems import chain_fit, chain_record
 
 import linkwise as lw
-from linkwise.identification.limit.limit import limit
+from linkwise.identification.limit import limit
 
 FIRST = 1000  # seed
 LARGEST_NMSE = {

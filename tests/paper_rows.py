@@ -7,11 +7,10 @@ from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 
-from linkwise.paper.published import TABLE_2
-from linkwise.study.definition import Study
+from linkwise.paper.tables import TABLE_2
+from linkwise.study.definition import Study, read_study
 from linkwise.study.row import Case, Row
 from linkwise.study.store import open_store
-from linkwise.study.toml_file import read_study
 
 CYCLES = 3
 SPREAD = (0.5, 1.0, 2.0)  # of the errors of the three cycles

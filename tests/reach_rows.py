@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from linkwise.study.cells import StudyTable
-from linkwise.study.definition import Study
+from linkwise.study.definition import Study, parse_study
 from linkwise.study.row import Case, Row
 from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.toml_file import parse_study
+from linkwise.study.summary import StudyTable
 
 TEXT = """
 name = "small reach"

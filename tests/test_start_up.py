@@ -32,18 +32,10 @@ def test_start_loads_nothing_heavy(code: str) -> None:
     assert HEAVY & set(result.stdout.split()) == set()
 
 
-def test_result_folders_load_nothing_that_draws() -> None:
-    """Figures may be drawn by another process."""
-    folders = ("estimate", "discovery", "absorption")
-    result = run("; ".join(f"import linkwise.report.{name}_folder" for name in folders) + LOADED)
-    assert result.returncode == 0, result.stderr
-    assert {"linkwise", "jinja2"} <= set(result.stdout.split()) and "matplotlib" not in result.stdout.split()
-
-
 QUESTIONS = """
 import sys
 import linkwise as lw
-import linkwise.study.worker
+import linkwise.study.executor
 chain = lw.bnes_chain(2)
 record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0).with_noise(30.0, seed=1)
 lw.identify(record, chain.unknown("nes"))
@@ -106,4 +98,4 @@ def test_no_module_bears_the_name_of_a_public_function_of_its_package() -> None:
     modules = {path.stem for path in Path(lw.__file__).parent.iterdir()}
     assert "errors" in modules and modules & set(lw.__all__) == {"plot"}  # which is that module
     figures = {path.stem for path in Path(lw.plot.__file__).parent.iterdir()}
-    assert "level_responses" in figures and figures & set(lw.plot.__all__) == set()
+    assert "graphs" in figures and figures & set(lw.plot.__all__) == set()

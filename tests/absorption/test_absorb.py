@@ -13,9 +13,9 @@ from problems import chain_record
 from structures import bodies, link, structure, torsion_chain, with_links
 
 import linkwise as lw
-from linkwise.absorption.decay import Decay
+from linkwise.absorption.comparison import without_sinks
+from linkwise.absorption.motion import Decay
 from linkwise.absorption.sinks import find_sinks
-from linkwise.absorption.without_sinks import without_sinks
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Structure
 

@@ -11,9 +11,9 @@ from present import some
 from structures import equal_sinks, link, structure
 
 import linkwise as lw
-from linkwise.absorption import sweep
-from linkwise.absorption.barriers import barriers
-from linkwise.plot.absorption_map import map_figure
+from linkwise.absorption import map
+from linkwise.absorption.wells import barriers
+from linkwise.plot.absorptions import map_figure
 
 SHORT: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "settle": 0.5}
 RELEASE = {"v:m1": 1.0}
@@ -223,7 +223,7 @@ def test_what_no_run_reached_has_no_bar_of_numbers() -> None:
 
 
 def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweep, "available_memory", lambda: 24 * 10**9)
+    monkeypatch.setattr(map, "available_memory", lambda: 24 * 10**9)
     alphas, betas = np.linspace(-200.0, -20.0, 100_000), np.linspace(1e5, 2e6, 100_000)
     over = {"nes1.alpha": alphas, "nes1.beta": betas}
     with pytest.raises(
@@ -245,5 +245,5 @@ def test_the_memory_of_a_sweep_is_what_it_takes(masses: int) -> None:
         lw.absorption_map(chain, {"nes1.alpha": values}, **trial)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    predicted = sweep.map_bytes(160, masses)
+    predicted = map.map_bytes(160, masses)
     assert predicted / 2 < peaks[1] - peaks[0] < predicted

@@ -6,7 +6,7 @@ import pytest
 from structures import link
 
 import linkwise as lw
-from linkwise.analysis.law_kind import law_kind
+from linkwise.analysis.wells import law_kind
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import click
 import pytest
 
 from linkwise.cli import linkwise, run
-from linkwise.cli.flags import FLAGS, with_flags
+from linkwise.cli.options import FLAGS, with_flags
 from linkwise.errors import RecordError
 
 

@@ -20,7 +20,7 @@ from linkwise.discovery.model_average import model_average
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import ranked_moves
-from linkwise.plot.palette import MEASURED
+from linkwise.plot.style import MEASURED
 
 RATE, DURATION = 200.0, 8.0
 REACH = np.linspace(-0.03, 0.03, 7)  # m, which the motion reaches

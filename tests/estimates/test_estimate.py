@@ -13,8 +13,8 @@ from problems import chain_record
 from structures import NES, link
 
 import linkwise as lw
+from linkwise.estimates.causes import NoiseEstimate
 from linkwise.estimates.link_estimate import LinkEstimate
-from linkwise.estimates.noise_estimate import NoiseEstimate
 from linkwise.output import to_json
 
 ALPHA, BETA, MOVING = -100.0, 1e6, 0.0099

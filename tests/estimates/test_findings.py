@@ -10,8 +10,7 @@ from problems import chain_record
 from structures import link, structure
 
 import linkwise as lw
-from linkwise.estimates.energy_supply import supplied_power
-from linkwise.estimates.findings import bound_findings, link_findings
+from linkwise.estimates.findings import bound_findings, link_findings, supplied_power
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 
 TIME = np.arange(400) / 1000.0

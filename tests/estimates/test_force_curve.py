@@ -9,7 +9,7 @@ import pytest
 from structures import named, structure
 
 import linkwise as lw
-from linkwise.estimates.force_curve import force_curve
+from linkwise.estimates.curves import force_curve
 
 
 @pytest.fixture

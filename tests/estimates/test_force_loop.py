@@ -9,7 +9,7 @@ from rigs import BOUC_WEN, hysteretic, measured, rig, run
 from structures import hysteretic_oscillator
 
 import linkwise as lw
-from linkwise.estimates.force_loop import force_loop, has_loop
+from linkwise.estimates.curves import force_loop, has_loop
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from linkwise.estimates.mean_residuals import MeanResiduals
+from linkwise.estimates.curves import MeanResiduals
 
 
 def test_noise_leaves_the_band_in_one_part_of_twenty() -> None:

@@ -10,8 +10,8 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.display import format_chi_square, format_error, format_value
-from linkwise.estimates.link_motion import LinkMotion
-from linkwise.estimates.noise_estimate import NoiseEstimate
+from linkwise.estimates.causes import NoiseEstimate
+from linkwise.estimates.link_estimate import LinkMotion
 
 GOOD = """\
 bistable chain of 2 masses: weak, converged, can be trusted

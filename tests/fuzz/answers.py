@@ -14,7 +14,7 @@ import linkwise as lw
 from fuzz.case import Case, Kind
 from fuzz.damage import damaged_bytes, damaged_text
 from fuzz.record_files import sound_record
-from linkwise.report.estimate_folder import write_numbers
+from linkwise.report.estimate import write_numbers
 
 _COMMANDS = (
     ("export", "answer", "o.py", "o.m", "o.csv", "o.mat"),

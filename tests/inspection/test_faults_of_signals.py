@@ -12,7 +12,7 @@ from record_faults import Fault, chain, faulty, forced, kinds
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.inspection.record_signals import RecordSignals
+from linkwise.inspection.channel_signal import RecordSignals
 
 
 def ring_down(snr_db: float, seed: int = 1) -> lw.Record:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.inspection.spectrum import Coherence, Spectrogram
+from linkwise.inspection.channel_signal import Coherence, Spectrogram
 
 
 def test_missing_samples_are_bridged_by_straight_lines() -> None:

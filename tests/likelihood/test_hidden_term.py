@@ -9,7 +9,7 @@ from typing import cast
 import pytest
 
 import linkwise as lw
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_closer import HiddenTerm
 from linkwise.likelihood.judgement import _with_hidden_term

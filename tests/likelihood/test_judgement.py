@@ -16,11 +16,11 @@ from random_force import random_force
 from structures import link, oscillator, row_of_masses, with_links
 
 import linkwise as lw
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.held_errors import decisive, not_held
 from linkwise.likelihood.missing_terms import MissingTerms
 from linkwise.likelihood.whiteness import is_coloured, whiteness_text
-from linkwise.signals.outliers import has_outliers, outliers_exceed_noise
+from linkwise.signals.noise import has_outliers, outliers_exceed_noise
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
 

@@ -15,7 +15,7 @@ from structures import HARDENING, NES, Value, host, link, structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.structures_with_causes import with_cause
 

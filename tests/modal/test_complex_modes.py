@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from linkwise.arrays import Floats
-from linkwise.modal.complex_modes import ComplexModes
+from linkwise.modal.oscillators import ComplexModes
 
 FREQUENCIES, RATIOS = np.array([3.0, 3.2, 11.0]), np.array([0.02, 0.03, 0.01])
 PAIRS, BETWEEN = ((0, 1), (1, 2)), np.array([0.3, -0.5])

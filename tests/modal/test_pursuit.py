@@ -9,8 +9,7 @@ from tapped_beam import DAMPING, shaken, tapped
 
 import linkwise as lw
 from linkwise.modal.measured import ModalMeasurement
-from linkwise.modal.projection import Projection
-from linkwise.modal.pursuit import doubled_mode, pursued_modes, shadow_mode
+from linkwise.modal.pursuit import Projection, doubled_mode, pursued_modes, shadow_mode
 from linkwise.progress import silent
 
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from linkwise.errors import ArgumentTypeError, LawError, SimulationError
-from linkwise.model import input_signal
-from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.input_signal import Sampled, TimeFunction
+from linkwise.model import excitation
+from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
 
 FREQUENCY = 7.0
 
@@ -158,7 +157,7 @@ def test_inputs_of_the_same_samples_share_nothing_that_can_be_changed(
     values, time = np.sin(0.3 * np.arange(200)), np.linspace(0.0, 1.9, 40)
     first, second = Sampled(0.0, 100.0, values, order), Sampled(0.0, 100.0, values, order)
     first.pieces.edges[:] = first.pieces.coefficients[:] = 0.0
-    monkeypatch.setattr(input_signal, "_KEPT", 0)
+    monkeypatch.setattr(excitation, "_KEPT", 0)
     alone = Sampled(0.0, 100.0, values, order)
     for derivative in (0, 1, 2):
         assert np.array_equal(second.derivative(time, derivative), alone.derivative(time, derivative))

@@ -16,7 +16,7 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.structure import Link, Mass, Structure
-from linkwise.model.toml_file import format_structure, parse_structure, read_structure, write_structure
+from linkwise.model.structure_file import format_structure, parse_structure, read_structure, write_structure
 
 EXAMPLE = """\
 name = "two-mass bistable chain"

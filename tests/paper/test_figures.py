@@ -16,14 +16,12 @@ from present import present, some
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.paper import figures_2_to_5
-from linkwise.paper.figures_6_7 import figure_6, figure_7
-from linkwise.paper.figures_8_9 import figure_8, figure_9
-from linkwise.paper.published import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2
-from linkwise.paper.subset import PaperStudy
+from linkwise.paper import figures
+from linkwise.paper.figures import figure_6, figure_7, figure_8, figure_9
+from linkwise.paper.tables import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2, PaperStudy
 from linkwise.plot import save
-from linkwise.plot.study_accuracy import accuracy_figure
-from linkwise.report.study_page import StudyReport
+from linkwise.plot.studies import accuracy_figure
+from linkwise.report.study import StudyReport
 
 SHOWN = 0.8  # s that every curve must follow the reference
 FACTOR = {"m": 1.0, "mm": 1e-3}
@@ -57,7 +55,7 @@ def worst_departure(figure: Figure, file: Path) -> float:
     return worst
 
 
-@pytest.mark.parametrize(("masses", "figure"), [(2, figures_2_to_5.figure_2), (8, figures_2_to_5.figure_4)])
+@pytest.mark.parametrize(("masses", "figure"), [(2, figures.figure_2), (8, figures.figure_4)])
 def test_every_curve_is_the_reference_for_as_long_as_it_can_be_told(
     masses: int, figure: Callable[[], Figure], shared_reference: Path
 ) -> None:
@@ -73,7 +71,7 @@ def test_the_reference_would_tell_another_curve(shared_reference: Path) -> None:
 
 
 def test_past_the_horizon_a_curve_is_marked_as_one_of_many() -> None:
-    figure = figures_2_to_5.figure_4()
+    figure = figures.figure_4()
     record = chain_record(8)
     horizon = present(record.simulated).horizon
     assert len(figure.axes) == 8 and "one of many" in figure.get_suptitle()
@@ -86,14 +84,14 @@ def test_past_the_horizon_a_curve_is_marked_as_one_of_many() -> None:
 
 
 def test_a_predictable_chain_is_not_marked() -> None:
-    figure = figures_2_to_5.figure_2()
+    figure = figures.figure_2()
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["a  primary mass m1", "b  sink m2"]
     assert figure.get_suptitle() == "" and figure.legends == []
 
 
 def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
     """Neighbours start 1e-12 apart, a thousand times more than rounding, so they part a little earlier."""
-    motion = figures_2_to_5.chain_motion(8)
+    motion = figures.chain_motion(8)
     spread = (motion.greatest - motion.least).max(axis=1) / np.abs(motion.record.values).max()
     time = motion.record.time
     assert spread[time < 0.5 * present(motion.horizon)].max() < 1e-3
@@ -104,7 +102,7 @@ def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
 
 @pytest.mark.parametrize(
     ("figure", "masses"),
-    [(figures_2_to_5.figure_3, ["m1"]), (figures_2_to_5.figure_5, ["m1", "m3", "m5", "m7"])],
+    [(figures.figure_3, ["m1"]), (figures.figure_5, ["m1", "m3", "m5", "m7"])],
 )
 def test_primary_masses_are_shown_with_and_without_sinks(
     figure: Callable[[], Figure], masses: list[str]
@@ -119,13 +117,13 @@ def test_primary_masses_are_shown_with_and_without_sinks(
 
 def test_the_bare_primary_mass_decays_as_a_linear_oscillator() -> None:
     """Fig. 3: x = v0/w exp(-ct/2m) sin(wt), w^2 = k/m - (c/2m)^2."""
-    time, bare = curve(figures_2_to_5.figure_3().axes[0], "without sinks")
+    time, bare = curve(figures.figure_3().axes[0], "without sinks")
     w = np.sqrt(30000.0 - 0.25)
     np.testing.assert_allclose(bare, np.exp(-0.5 * time) * np.sin(w * time) / w, atol=1e-12)
 
 
 def test_figures_are_written_as_png_and_svg(tmp_path: Path) -> None:
-    png, svg = save(figures_2_to_5.figure_3(), tmp_path / "figure_3")
+    png, svg = save(figures.figure_3(), tmp_path / "figure_3")
     assert png.read_bytes()[:4] == b"\x89PNG" and "<svg" in svg.read_text()
     assert svg.stat().st_size < 500_000
 

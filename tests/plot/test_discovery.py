@@ -19,8 +19,8 @@ from structures import link, with_links
 import linkwise as lw
 from linkwise.discovery.text import runner_up_changes, runner_up_rows, term_rows
 from linkwise.plot import evidence_figure, graph_figure, path_figure, save
-from linkwise.plot.graph_layout import crossings, node_positions
-from linkwise.plot.palette import MEASURED
+from linkwise.plot.graphs import crossings, node_positions
+from linkwise.plot.style import MEASURED
 
 
 def in_doubt(discovery: lw.Discovery, name: str, **changes: Any) -> lw.Discovery:

@@ -10,8 +10,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.plot import force_figure, histories_figure, save
-from linkwise.plot.downsample import envelope, scattered
-from linkwise.plot.palette import scale
+from linkwise.plot.style import envelope, scale, scattered
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import linkwise as lw
-from linkwise.estimates.force_curve import force_curve
+from linkwise.estimates.curves import force_curve
 from linkwise.plot.interactive import interactive_html, to_plotly
 
 

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgba
 from reach_rows import EXACT, reach_maps
 
 import linkwise as lw
-from linkwise.plot.palette import WELL
+from linkwise.plot.style import WELL
 
 
 def numbers(axes: Axes, color: str) -> dict[tuple[int, int], int]:

@@ -11,8 +11,8 @@ from present import present
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.records.common_samples import common_samples, sampled_every
-from linkwise.signals.channel_noise import channel_noise
+from linkwise.records.joining import common_samples, sampled_every
+from linkwise.signals.noise import channel_noise
 
 
 def two_rates(every: int, first: int = 0) -> lw.Record:

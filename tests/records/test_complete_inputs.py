@@ -12,7 +12,7 @@ from rigs import hysteretic, measured, run
 from structures import beam_of_one_mode, link, oscillator
 
 import linkwise as lw
-from linkwise.records.checks import require_complete
+from linkwise.records.channel import require_complete
 
 FORCE = {"m1": "30*sin(50*t) + 40*sin(31*t + 1)"}
 SPRING = link("spring", "beam.tip-ground", "k*d", k=500.0)

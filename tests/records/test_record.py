@@ -15,8 +15,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import ArgumentTypeError, RecordError
 from linkwise.model.chains import bnes_chain
 from linkwise.records.channel import Channel
-from linkwise.records.decimation import ATTENUATION, PASSBAND, lowpass
 from linkwise.records.record import Record
+from linkwise.records.timeline import ATTENUATION, PASSBAND, lowpass
 from linkwise.records.truth import EnergyBalance, SimulationTruth
 
 N = 400

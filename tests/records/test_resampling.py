@@ -7,7 +7,7 @@ import pytest
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.records.resampling import resample_evenly
+from linkwise.records.timeline import resample_evenly
 
 RATE = 200.0
 

@@ -18,7 +18,7 @@ import pytest
 from copied_process import processes_are_copies
 
 from linkwise.report.drawing_process import DrawingProcess, drawing_process
-from linkwise.report.result_folder import ResultFolder
+from linkwise.report.page import ResultFolder
 
 NAMES = {"first", "second", "third", "fourth", "fifth", "sixth"}
 FEW = {"first", "second"}
@@ -26,8 +26,8 @@ FOLDER = """
 import os, signal, sys
 from functools import partial
 from linkwise.plot.style import sheet
-from linkwise.report.result_folder import ResultFolder
-from linkwise.report.section import Section
+from linkwise.report.page import ResultFolder
+from linkwise.report.page import Section
 
 SECOND = "pytest" not in sys.modules
 {on_import}
@@ -198,7 +198,7 @@ def test_a_figure_that_cannot_be_drawn_is_an_error_of_the_first_process(
 
 def test_there_is_no_second_process_where_drawing_is_loaded_already() -> None:
     assert "matplotlib.figure" in sys.modules
-    with drawing_process("linkwise.report.estimate_folder:ESTIMATE_FOLDER") as process:
+    with drawing_process("linkwise.report.estimate:ESTIMATE_FOLDER") as process:
         assert process is None
 
 

@@ -13,8 +13,8 @@ import pytest
 
 import linkwise as lw
 from linkwise.display import format_value
-from linkwise.report.estimate_page import estimate_page
-from linkwise.report.section import Reported
+from linkwise.report.estimate import estimate_page
+from linkwise.report.page import Reported
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

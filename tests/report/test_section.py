@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 import linkwise as lw
 import linkwise.paper
 from linkwise.registry import Registry
-from linkwise.report import absorption_page, discovery_page, estimate_page
-from linkwise.report import section as report_section
-from linkwise.report.section import Build, Reported, Section, figure_section, sections_of, write_figures
+from linkwise.report import absorption, discovery, estimate
+from linkwise.report import page as report_page
+from linkwise.report.page import Build, Reported, Section, figure_section, sections_of, write_figures
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -73,16 +73,14 @@ def check(
 def test_a_figure_of_an_estimate_is_a_function_and_a_line(
     section: Build[Any], fitted: lw.Estimate, tmp_path: Path
 ) -> None:
-    check(
-        estimate_page.SECTIONS, section, lambda folder: lw.write_result(fitted, folder), tmp_path, "Estimate"
-    )
+    check(estimate.SECTIONS, section, lambda folder: lw.write_result(fitted, folder), tmp_path, "Estimate")
 
 
 def test_a_figure_of_a_discovery_is_a_function_and_a_line(
     section: Build[Any], discovered: lw.Discovery, tmp_path: Path
 ) -> None:
     check(
-        discovery_page.SECTIONS,
+        discovery.SECTIONS,
         section,
         lambda folder: lw.write_discovery(discovered, folder),
         tmp_path,
@@ -93,7 +91,7 @@ def test_a_figure_of_a_discovery_is_a_function_and_a_line(
 def test_a_figure_of_an_absorption_is_a_function_and_a_line(section: Build[Any], tmp_path: Path) -> None:
     absorbed = lw.absorb(lw.bnes_chain(2), duration=0.5, rate=500.0, release={"v:m1": 1.0})
     check(
-        absorption_page.SECTIONS,
+        absorption.SECTIONS,
         section,
         lambda folder: lw.write_absorption(absorbed, folder),
         tmp_path,
@@ -111,7 +109,7 @@ def test_a_figure_of_every_link_is_a_function_and_a_line(fitted: lw.Estimate, tm
     def again(reported: Reported[lw.Estimate], link: str) -> Callable[[], Figure]:
         return lambda: lw.plot.force_figure(reported.result, link)
 
-    with estimate_page.LINK_FIGURES.temporarily("again", again):
+    with estimate.LINK_FIGURES.temporarily("again", again):
         folder = lw.write_result(fitted, tmp_path / "answer")
     page = (folder / "report.html").read_text(encoding="utf-8")
     for link in ("nes1", "spring1"):
@@ -140,7 +138,7 @@ def test_figures_are_drawn_once_and_still_ones_are_pictures(fitted: lw.Estimate,
 
 def test_every_figure_of_a_page_is_public() -> None:
     """Those of the paper put public pictures together, too; a surface is drawn by Python alone, shapes by `structure show`."""
-    report, paper = (Path(str(module.__file__)).parent for module in (report_section, linkwise.paper))
+    report, paper = (Path(str(module.__file__)).parent for module in (report_page, linkwise.paper))
     nodes = [
         node
         for path in (*report.glob("*.py"), *paper.glob("*.py"))

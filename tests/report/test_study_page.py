@@ -17,12 +17,10 @@ from reach_rows import TEXT, reach_rows, reach_study
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.errors import StudyError
-from linkwise.paper.published import TABLE_2
-from linkwise.paper.table_2 import Table2, explanation
-from linkwise.report.study_figures import STUDY_FIGURES
-from linkwise.report.study_page import StudyReport, percent, study_page
+from linkwise.paper.tables import TABLE_2, Table2, explanation
+from linkwise.report.study import STUDY_FIGURES, StudyReport, percent, study_page
+from linkwise.study.definition import parse_study, read_study
 from linkwise.study.row import FAILED, Case, Row
-from linkwise.study.toml_file import parse_study, read_study
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

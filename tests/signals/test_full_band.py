@@ -7,8 +7,7 @@ from duffing_ring import SIZE, VALUES, ring
 from scipy.signal import firwin, lfilter
 
 import linkwise as lw
-from linkwise.signals.full_band import noise_beside_motion
-from linkwise.signals.noise import noise_sigma
+from linkwise.signals.noise import noise_beside_motion, noise_sigma
 
 
 def test_motion_up_to_half_the_sampling_rate_is_not_taken_for_noise() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from linkwise.signals.integrate import DRIFT_FREQUENCY, drift_frequency, integral
+from linkwise.signals.states import DRIFT_FREQUENCY, drift_frequency, integral
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 100, 101])

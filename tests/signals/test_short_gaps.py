@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.signals.short_gaps import short_gaps_bridged
+from linkwise.signals.gaps import short_gaps_bridged
 
 RATE = 100.0
 TIME = np.arange(200) / RATE

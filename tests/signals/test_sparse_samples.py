@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import linkwise as lw
-from linkwise.signals.sparse_samples import denser, highest_frequency, is_sparse
+from linkwise.signals.gaps import denser, highest_frequency, is_sparse
 
 TONES = ((3.0, 0.4), (7.1, 1.9), (11.3, 0.2))  # Hz, and phases
 

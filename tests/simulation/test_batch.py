@@ -8,11 +8,10 @@ from present import some
 from structures import link, oscillator, structure
 
 import linkwise as lw
-from linkwise.absorption.crossings import crossings, distinct
+from linkwise.absorption.wells import crossings, distinct
 from linkwise.model.excitation import Excitation
-from linkwise.simulation.batch import LANES, BatchResult, can_batch, run_batch
-from linkwise.simulation.motion import SimulatedMotion
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.batch import LANES, BatchResult, SimulatedMotion, can_batch, run_batch
+from linkwise.simulation.run import RunSchedule
 
 TIMES = np.arange(501) / 1000.0
 RELEASE = Excitation.of(release={"v:m1": 1.0})

@@ -8,11 +8,9 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.model.excitation import Excitation
-from linkwise.simulation.branches import branches_hold
-from linkwise.simulation.integrator.compiled import compiled_system
-from linkwise.simulation.integrator.interface import Placement
-from linkwise.simulation.integrator.shape import SCALE
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.integrator.formulas import SCALE, Placement
+from linkwise.simulation.integrator.taylor import compiled_system
+from linkwise.simulation.run import RunSchedule, branches_hold
 
 FRICTION = oscillator(
     "k*d + g*max(d - e, 0) + g*min(d + e, 0) + f*tanh(v/s) + c*v*abs(v)",

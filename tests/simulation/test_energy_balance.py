@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from linkwise.model.chains import bnes_chain
-from linkwise.simulation.energy_balance import kinetic_energy, potential_energy
+from linkwise.simulation.energy import kinetic_energy, potential_energy
 
 
 def test_kinetic_and_potential_energy_of_the_chain() -> None:

@@ -14,14 +14,12 @@ from structures import oscillator
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.input_signal import Sampled, TimeFunction
+from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
 from linkwise.model.structure import Structure
 from linkwise.progress import ProgressReport
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance
-from linkwise.simulation.run import RunOptions, integrate
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.run import RunOptions, RunSchedule, integrate
 from linkwise.simulation.simulate import simulate
 
 OMEGA, ZETA = 10.0, 0.05

@@ -16,13 +16,10 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.structure import Structure
 from linkwise.signals.states import States
 from linkwise.sindy import library
-from linkwise.sindy.library import link_columns, local_equations, monomial_equations
-from linkwise.sindy.monomials import Monomials
-from linkwise.sindy.regression.l1 import L1
-from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.library import Monomials, link_columns, local_equations, monomial_equations
 from linkwise.sindy.regression.linear_system import fit_bytes
 from linkwise.sindy.regression.regressor import Regressor
-from linkwise.sindy.regression.stlsq import Stlsq
+from linkwise.sindy.regression.regressors import L1, LeastSquares, Stlsq
 
 COUNT = 400
 SAME = 1e-9  # same numerics: rounding times the condition number of the columns

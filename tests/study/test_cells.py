@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.study.cells import StudyTable
-from linkwise.study.definition import Study
+from linkwise.study.definition import Study, parse_study
 from linkwise.study.row import FAILED, Case, Row
-from linkwise.study.toml_file import parse_study
+from linkwise.study.summary import StudyTable
 
 TEXT = """
 snr_db = [20, 40]

@@ -14,9 +14,9 @@ from reach_rows import reach_rows, reach_study
 from small_study import DIVERGING, small
 
 import linkwise as lw
-from linkwise.study import export
+from linkwise.study import summary
+from linkwise.study.executor import CaseBatch, run_batch
 from linkwise.study.store import open_store
-from linkwise.study.worker import CaseBatch, run_batch
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_parquet_holds_the_same(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     lw.export_study(folder)
     table = parquet.read_table(folder / "rows.parquet").to_pylist()
-    assert table == [export.row_record(row) for row in lw.read_rows(folder)]
+    assert table == [summary.row_record(row) for row in lw.read_rows(folder)]
     assert any(line["nmse"] is None for line in table) and any(
         isinstance(line["nmse"], float) for line in table
     )
@@ -61,7 +61,7 @@ def test_parquet_holds_the_same(folder: Path) -> None:
 
 def test_without_the_library_there_is_no_parquet(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "rows.parquet").unlink(missing_ok=True)
-    monkeypatch.setattr(export, "find_spec", lambda name: None)
+    monkeypatch.setattr(summary, "find_spec", lambda name: None)
     assert [path.name for path in lw.export_study(folder)] == ["rows.csv", "summary.csv"]
     assert not (folder / "rows.parquet").exists()
 

@@ -11,13 +11,16 @@ import pytest
 from structures import link, named, structure, torsion_chain
 
 import linkwise as lw
-from linkwise.study.method_discover import DiscoveryMethod
-from linkwise.study.method_pysindy import PySindyMethod
-from linkwise.study.method_sindy import Library, SindyMethod
+from linkwise.study.definition import parse_study
+from linkwise.study.methods import (
+    DiscoveryMethod,
+    Library,
+    PySindyMethod,
+    SindyMethod,
+    TermJudgement,
+    true_monomials,
+)
 from linkwise.study.subject import Subject
-from linkwise.study.term_judgement import TermJudgement
-from linkwise.study.toml_file import parse_study
-from linkwise.study.true_monomials import true_monomials
 
 CHAIN = lw.bnes_chain(2)
 HEAD = """

@@ -15,12 +15,20 @@ from small_study import DIVERGING, small
 
 import linkwise as lw
 from linkwise.progress import silent
-from linkwise.study.executor import Executor, FailureKind, ProcessExecutor
+from linkwise.study.executor import (
+    CaseBatch,
+    CaseResult,
+    Executor,
+    FailureKind,
+    ProcessExecutor,
+    Timing,
+    failed_row,
+    next_batch,
+    run_batch,
+)
 from linkwise.study.row import Case
 from linkwise.study.runner import StudyProgress, run
 from linkwise.study.store import open_store
-from linkwise.study.timing import Timing, next_batch
-from linkwise.study.worker import CaseBatch, CaseResult, failed_row, run_batch
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +252,7 @@ def test_batches_last_as_long_as_they_should() -> None:
 
 def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 10.0, 10.0, 20.0])
-    monkeypatch.setattr("linkwise.study.timing.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("linkwise.study.executor.perf_counter", lambda: next(clock))
     cases = [Case("a", 20.0, method, seed) for method in ("fast", "slow") for seed in range(3)]
     timing = Timing([], cases, {"a": 2})
     assert timing.left is None

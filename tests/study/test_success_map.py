@@ -11,10 +11,10 @@ from paper_rows import stored
 from reach_rows import EXACT, linear_answer, reach_rows, reach_study
 
 import linkwise as lw
-from linkwise.study.cells import StudyTable
+from linkwise.study.definition import parse_study
 from linkwise.study.row import FAILED, Row
 from linkwise.study.success_map import maps_of
-from linkwise.study.toml_file import parse_study
+from linkwise.study.summary import StudyTable
 
 
 def test_the_maps_count_what_the_rows_say(tmp_path: Path) -> None:

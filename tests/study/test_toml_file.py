@@ -13,7 +13,7 @@ from present import present, some
 from small_study import TEXT, small
 
 import linkwise as lw
-from linkwise.study.toml_file import build_study, parse_study
+from linkwise.study.definition import build_study, parse_study
 
 STRUCTURE = '[[structure]]\nbnes = 2\nduration = 1.0\nrate = 500.0\nrelease = { "v:m1" = 1.0 }\n'
 METHOD = '[[method]]\nkind = "weak"\n'

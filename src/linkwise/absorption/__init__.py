@@ -1,5 +1,3 @@
 """What sinks do for a structure: how it goes on without them, where energy goes, how often they cross wells."""
 
-from linkwise.absorption import intervals_text as intervals_text
-from linkwise.absorption import sweep_text as sweep_text
 from linkwise.absorption import text as text

@@ -9,21 +9,18 @@ import numpy as np
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
+from linkwise.absorption.motion import Vibration
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
-from linkwise.absorption.potentials import Potentials
-from linkwise.absorption.rest_positions import rest_positions
-from linkwise.absorption.result import Absorption
-from linkwise.absorption.result_parts import AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
-from linkwise.absorption.runs import Runs, single_run
-from linkwise.absorption.vibration import Vibration
+from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
+from linkwise.absorption.wells import Potentials, Runs, rest_positions, single_run
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.simulation.motion import SimulatedMotion
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.batch import SimulatedMotion
+from linkwise.simulation.run import RunSchedule
 
 
 @checked

@@ -1,8 +1,14 @@
-"""A comparison of a structure with and without its sinks under the same excitation, ready to be run."""
+"""A comparison of a structure with and without its sinks under the same excitation, ready to be run.
+
+The structure without its sinks, and the excitation that is left for it.
+
+Removed: the masses of the sinks and all links to them are taken away, as in the paper's Figs. 3 and 5. Locked: each sink is
+held rigid at its initial elongation, so that its mass moves with its host.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,17 +17,195 @@ import numpy as np
 from linkwise.absorption.harvesters import SUFFIX, delivered_powers, with_harvesters
 from linkwise.absorption.options import AbsorptionOptions
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
-from linkwise.absorption.without_sinks import WithoutSinks, without_sinks
 from linkwise.analysis.modes import natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
-from linkwise.expression import Expression
-from linkwise.model.excitation import Excitation
-from linkwise.model.memory_support import require_rest_at_zero
-from linkwise.model.rig_support import refuse_rig
-from linkwise.model.structure import Structure
-from linkwise.simulation.checks import check_excitation, output_times
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.expression import Expression, Number, Symbol, add, substitute, to_text
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.excitation import Excitation, Impulse, InputSignal, TimeFunction
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND, Link, Mass, require_rest_at_zero
+from linkwise.model.structure import Structure, refuse_rig
+from linkwise.simulation.run import RunSchedule, check_excitation, output_times
+
+
+@dataclass(frozen=True, eq=False)
+class WithoutSinks:
+    """A structure without its sinks and the excitation that is left for it."""
+
+    structure: Structure
+    excitation: Excitation
+
+
+def without_sinks(
+    structure: Structure, sinks: Sequence[Sink], excitation: Excitation, removal: str
+) -> WithoutSinks:
+    """The structure with its sinks "removed" or "locked".
+
+    Excitation of a sink's mass is dropped with a removed sink, and acts on the host of a locked one; a release then keeps the
+    momentum of both. Raises StructureError if no valid structure is left, SimulationError if no excitation is left.
+    """
+    baseline = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
+    left = baseline.excitation
+    if not (any(left.release.values()) or left.impulses or left.drives):
+        problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with; "
+        if removal == "removed":
+            raise SimulationError(
+                f"{problem}excite a primary mass, or compare with the sinks locked", arguments=("without",)
+            )
+        raise SimulationError(f"{problem}give a release, an impulse, a force or a motion of the base")
+    return baseline
+
+
+def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
+    removed = {sink.mass for sink in sinks if sink.mass is not None}
+    names = {sink.link for sink in sinks}
+    gone = [link for link in structure.links if link.name in names or removed & set(link.between)]
+    states = {f"{link.name}.{state}" for link in gone for state in link.law.states}
+    links = tuple(link for link in structure.links if link not in gone)
+    masses = tuple(mass for mass in structure.masses if mass.name not in removed)
+    left = _structure(structure, masses, links, "removed")
+    return WithoutSinks(
+        left,
+        Excitation(
+            {
+                name: value
+                for name, value in excitation.release.items()
+                if name.partition(":")[2] not in removed | states
+            },
+            tuple(impulse for impulse in excitation.impulses if impulse.mass not in removed),
+            {mass: force for mass, force in excitation.forces.items() if mass not in removed},
+            excitation.base if left.base_incidence.any() else None,
+        ),
+    )
+
+
+def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
+    hosted = next((sink for sink in sinks if {sink.host, sink.mass} & set(structure.points)), None)
+    if hosted is not None:
+        raise StructureError(
+            f"the sink is linked to the point {hosted.host}: locked, it would change the modes of the host; compare with the "
+            "sinks removed",
+            f'link "{hosted.link}"',
+            arguments=("without",),
+        )
+    fixed = next((sink for sink in sinks if sink.mass is None or sink.host in (GROUND, BASE)), None)
+    if fixed is not None:
+        raise StructureError(
+            f"the sink is linked to the {fixed.host}: locked, it would hold its mass still; compare with the sinks removed",
+            f'link "{fixed.link}"',
+            arguments=("without",),
+        )
+    host = {sink.mass: sink.host for sink in sinks if sink.mass is not None}
+    root = {name: _root(name, host) for name in structure.mass_names}
+    x = {name: excitation.release.get(f"x:{name}", 0.0) for name in structure.mass_names}
+    offset = {name: x[name] - x[root[name]] for name in root}  # from its root, as long as it is locked
+    kilograms = dict(zip(structure.mass_names, structure.mass_values.tolist(), strict=True))
+    joined = {
+        name: sum(kilograms[rider] for rider in root if root[rider] == name)
+        for name in structure.mass_names
+        if name not in host
+    }
+    masses = tuple(
+        mass
+        if joined[mass.name] == kilograms[mass.name]
+        else replace(mass, mass=Coefficient.number(joined[mass.name]))
+        for mass in structure.masses
+        if mass.name in joined
+    )
+    links = tuple(moved for link in structure.links if (moved := _reattached(link, root, offset)) is not None)
+    left = _structure(structure, masses, links, "locked")
+    impulses = tuple(
+        Impulse(root[impulse.mass], impulse.momentum, impulse.time) for impulse in excitation.impulses
+    )
+    release = {f"x:{name}": x[name] for name in joined if x[name]}
+    release |= _joint_velocities(excitation.release, root, kilograms, joined)
+    return WithoutSinks(
+        left, Excitation(release, impulses, _combined_forces(excitation.forces, root), excitation.base)
+    )
+
+
+def _root(name: str, host: Mapping[str, str]) -> str:
+    """The mass that a mass ends up locked to, over a chain of sinks."""
+    path = [name]
+    while path[-1] in host:
+        path.append(host[path[-1]])
+        if path[-1] in path[:-1]:
+            raise StructureError(
+                f"the sinks carry one another in a circle ({', '.join(path)}); name fewer sinks"
+            )
+    return path[-1]
+
+
+def _joint_velocities(
+    release: Mapping[str, float],
+    root: Mapping[str, str],
+    kilograms: Mapping[str, float],
+    joined: Mapping[str, float],
+) -> dict[str, float]:
+    """The velocities of masses locked together that keep their momentum, as channels of a release."""
+    velocities = {}
+    for name, total in joined.items():
+        riders = [rider for rider in root if root[rider] == name]
+        velocity = sum(kilograms[rider] * release.get(f"v:{rider}", 0.0) for rider in riders) / total
+        if velocity:
+            velocities[f"v:{name}"] = velocity
+    return velocities
+
+
+def _reattached(link: Link, root: Mapping[str, str], offset: Mapping[str, float]) -> Link | None:
+    """A link with its ends on the masses that are left; None if both ends are now one mass."""
+    first, second = (root.get(end, end) for end in link.between)
+    if first == second:
+        return None
+    shift = offset.get(link.between[0], 0.0) - offset.get(link.between[1], 0.0)
+    law = link.law
+    if shift:
+        law = Law.parse(to_text(substitute(law.expression, {"d": add(Symbol("d"), Number(shift))})))
+    return replace(link, between=(first, second), law=law)
+
+
+def _combined_forces(forces: Mapping[str, InputSignal], root: Mapping[str, str]) -> dict[str, InputSignal]:
+    """The forces on the masses that are left; forces on one mass are added."""
+    combined: dict[str, InputSignal] = {}
+    for mass, force in forces.items():
+        target = root[mass]
+        if target not in combined:
+            combined[target] = force
+            continue
+        present = combined[target]
+        if not (isinstance(present, TimeFunction) and isinstance(force, TimeFunction)):
+            raise SimulationError(
+                f"a sampled force and another force act on {target} and a sink locked to it, and cannot be added; add them "
+                "yourself, or compare with the sinks removed",
+                mass=target,
+                arguments=("without",),
+            )
+        combined[target] = TimeFunction(f"({present.text}) + ({force.text})")
+    return combined
+
+
+def _structure(
+    structure: Structure, masses: tuple[Mass, ...], links: tuple[Link, ...], removal: str
+) -> Structure:
+    """The structure of some masses and links; coefficients that were shared keep their values."""
+    independent = tuple(
+        replace(
+            link,
+            coefficients={
+                name: replace(coefficient, same_as=None) for name, coefficient in link.coefficients.items()
+            },
+        )
+        for link in links
+    )
+    bodies = tuple(replace(mass, mass=replace(mass.mass, same_as=None)) for mass in masses)
+    try:
+        return Structure(f"{structure.name}, sinks {removal}", bodies, independent, structure.hosts)
+    except StructureError as error:
+        raise StructureError(
+            f"no valid structure is left with the sinks {removal}: {error.message}", error.where
+        ) from None
+
 
 _SAMPLES_PER_PERIOD = 20  # of the fastest mode, by default: cubics between them are right to 3e-5
 _LEAST_SAMPLES = 1000  # by default

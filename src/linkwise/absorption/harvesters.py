@@ -12,12 +12,11 @@ import scipy
 from linkwise.errors import LawError, SimulationError, StructureError
 from linkwise.expression import Expression, Program, parse, symbols, to_text
 from linkwise.expression.dimensions import METRE, METRE_PER_SECOND, NEWTON, UnitConflict, infer
-from linkwise.model.law import Law
+from linkwise.model.law import Law, unit_dimension
 from linkwise.model.link import Link
-from linkwise.model.link_state import unit_dimension
 from linkwise.model.structure import Structure
-from linkwise.simulation.link_forces import LinkForces
-from linkwise.simulation.motion import SimulatedMotion
+from linkwise.simulation.batch import SimulatedMotion
+from linkwise.simulation.energy import LinkForces
 
 SUFFIX = "-harvester"
 

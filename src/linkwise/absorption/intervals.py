@@ -9,12 +9,10 @@ import numpy as np
 
 from linkwise.absorption.absorb import compare
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.ensemble import Ensemble, run_ensemble
+from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
-from linkwise.absorption.quantities import AbsorptionQuantity
 from linkwise.absorption.result import Absorption, closure_verdict
-from linkwise.absorption.variants import Variants
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute

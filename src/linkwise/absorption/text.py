@@ -1,10 +1,19 @@
-"""The result of `absorb` as rows of text, for print and for the page."""
+"""The result of `absorb` as rows of text, for print and for the page.
+
+The result of `absorption_intervals` as rows of text, for print and for the page.
+
+The result of `absorption_map` as rows of text, for print and for the page.
+"""
 
 from __future__ import annotations
 
+import numpy as np
+
+from linkwise.absorption.ensemble import AbsorptionQuantity
 from linkwise.absorption.harvesters import damping_unit
-from linkwise.absorption.result import Absorption
-from linkwise.absorption.result_parts import AbsorptionRun, MassChange, SinkResult
+from linkwise.absorption.intervals import AbsorptionIntervals, QuantityInterval
+from linkwise.absorption.map import AbsorptionMap, SweepAxis
+from linkwise.absorption.result import Absorption, AbsorptionRun, MassChange, SinkResult
 from linkwise.display import align_columns, as_text, paragraph, remark_lines
 
 Rows = list[tuple[str, ...]]
@@ -140,3 +149,90 @@ def _table(rows: Rows, contents: str) -> str:
     hidden = len(rows) - len(shown)
     lines = align_columns(shown)
     return "\n".join([*lines, *([f"  ... and {hidden} more {contents}"] if hidden else [])])
+
+
+@as_text.register
+def map_text(map_: AbsorptionMap) -> str:
+    """The map in a few lines: the grid, and where each quantity is best."""
+    rows: Rows = [(*row, "") for row in map_rows(map_)]
+    headline = paragraph(" ".join(map_headline(map_)))
+    return "\n\n".join([headline, "\n".join(align_columns(rows)), *map(remark_lines, map_.findings)])
+
+
+def map_headline(map_: AbsorptionMap) -> tuple[str, ...]:
+    """The grid and the comparison, in sentences."""
+    ranges = " and ".join(map(_axis_range, map_.axes))
+    diverged = int(np.sum(~map_.completed))
+    ended = f"{diverged} diverged" if diverged else "all came to their end"
+    return (
+        f"{map_.completed.size} runs of {map_.duration:g} s over {ranges}: {ended}.",
+        f"Reductions compare with the sinks {map_.removal}.",
+    )
+
+
+def _axis_range(axis: SweepAxis) -> str:
+    unit = "" if axis.unit in ("", "?") else f" {axis.unit}"
+    return f"{axis.name} from {axis.values[0]:g} to {axis.values[-1]:g}{unit}"
+
+
+def map_rows(map_: AbsorptionMap) -> Rows:
+    """Least and largest value of each quantity, and the parameters at which it is best."""
+    rows: Rows = [("quantity", "least", "largest", "without value", "best at")]
+    for quantity in map_.quantities:
+        if quantity.name == "closure":
+            continue
+        grid = map_[quantity.name]
+        finite = grid[np.isfinite(grid)]
+        ends = (
+            [value_text(quantity, float(end)) for end in (finite.min(), finite.max())]
+            if finite.size
+            else ["-", "-"]
+        )
+        best = map_.best(quantity.name)
+        point = "-" if best is None else ", ".join(f"{name} = {value:.4g}" for name, value in best.items())
+        rows.append((quantity.title, *ends, f"{grid.size - finite.size}", point))
+    return rows
+
+
+def value_text(quantity: AbsorptionQuantity, value: float) -> str:
+    """A value with its unit; parts of 1 in %."""
+    if quantity.name.startswith("crossings"):
+        return f"{value:.4g}"
+    return percent(value) if not quantity.unit else f"{value:.4g} {quantity.unit}"
+
+
+@as_text.register
+def intervals_text(intervals: AbsorptionIntervals) -> str:
+    """The whole result as text."""
+    rows: Rows = [(*row, "") for row in interval_rows(intervals)]
+    table = "\n".join([interval_headline(intervals), *align_columns(rows)])
+    return f"{intervals.absorption}\n\n{table}"
+
+
+def interval_headline(intervals: AbsorptionIntervals) -> str:
+    """What the intervals are, in a sentence."""
+    diverged = f", of which {intervals.diverged} diverged" if intervals.diverged else ""
+    return f"95 % of {intervals.draws} draws of the identified structure (seed {intervals.seed}){diverged} lie within:"
+
+
+def interval_rows(intervals: AbsorptionIntervals) -> Rows:
+    """Each quantity at the identified values, and its interval."""
+    return [
+        ("quantity", "identified", "95 % interval"),
+        *(
+            (interval.quantity.title, _text(interval, interval.value), _interval_range(interval))
+            for interval in intervals.quantities
+        ),
+    ]
+
+
+def _interval_range(interval: QuantityInterval) -> str:
+    if interval.lower is None:
+        return _text(interval, None)
+    return f"{_text(interval, interval.lower)} to {_text(interval, interval.upper)}"
+
+
+def _text(interval: QuantityInterval, value: float | None) -> str:
+    if value is None:
+        return "never" if interval.quantity.name.startswith("settled") else "-"
+    return value_text(interval.quantity, value)

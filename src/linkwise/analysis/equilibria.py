@@ -22,10 +22,8 @@ from linkwise.analysis.wells import RestPoint, rest_points
 from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
-from linkwise.model.link import Link
-from linkwise.model.memory_support import require_rest_at_zero
-from linkwise.model.rig_support import refuse_rig
-from linkwise.model.structure import Structure
+from linkwise.model.link import Link, require_rest_at_zero
+from linkwise.model.structure import Structure, refuse_rig
 from linkwise.model.topology import Weights
 
 _LIMIT = 4096  # default for the most start points or equilibria

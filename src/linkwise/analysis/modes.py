@@ -17,10 +17,8 @@ from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Program, differentiate
-from linkwise.model.link import Link
-from linkwise.model.memory_support import require_rest_at_zero
-from linkwise.model.rig_support import refuse_rig
-from linkwise.model.structure import Structure
+from linkwise.model.link import Link, require_rest_at_zero
+from linkwise.model.structure import Structure, refuse_rig
 from linkwise.records.channel_units import unit_in
 
 _ZERO = 1e-14  # times the number of masses, at least ten: squared frequencies below this fraction of the largest count as 0

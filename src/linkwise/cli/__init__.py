@@ -17,7 +17,7 @@ import click
 
 from linkwise import __version__
 from linkwise.cli.console import fail
-from linkwise.cli.flags import with_flags
+from linkwise.cli.options import with_flags
 from linkwise.errors import LinkwiseError
 from linkwise.output import is_disk_fault
 from linkwise.registry import Registry

@@ -11,7 +11,6 @@ import click
 import linkwise as lw
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
-from linkwise.cli.flags import unstarted_is_usage
 from linkwise.cli.options import (
     POSITIVE,
     folder_option,
@@ -20,15 +19,16 @@ from linkwise.cli.options import (
     keyword_group,
     number,
     pairs,
+    read_told,
+    unstarted_is_usage,
 )
-from linkwise.cli.structure_file import read_told
 from linkwise.output import ABSORPTION, to_json
 from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
-    from linkwise.report import absorption_folder as folders
+    from linkwise.report import absorption as folders
 else:
-    folders = lazy_module("linkwise.report.absorption_folder")  # figures are for those who want a folder
+    folders = lazy_module("linkwise.report.absorption")  # figures are for those who want a folder
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
 MOST = 100_000  # values of a swept parameter
@@ -198,7 +198,7 @@ def absorb(
     """
     repetition.check(structure.is_dir())
     kind = "MAP_FOLDER" if repetition.sweep else "ABSORPTION_FOLDER"
-    process = drawing_beside(output, f"linkwise.report.absorption_folder:{kind}", ABSORPTION)
+    process = drawing_beside(output, f"linkwise.report.absorption:{kind}", ABSORPTION)
     keywords = {**options, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         result = _answer(structure, repetition, {**keywords, "progress": step})

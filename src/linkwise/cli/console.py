@@ -1,16 +1,22 @@
-"""How commands talk: results on standard output, everything else on standard error, a bar on a terminal only."""
+"""How commands talk: results on standard output, everything else on standard error, a bar on a terminal only.
+
+A bar on a terminal for work that may take long.
+"""
 
 from __future__ import annotations
 
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.console import Console
+from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBars
 
 from linkwise.display import shortened
 from linkwise.errors import OutputError
@@ -21,9 +27,9 @@ from linkwise.report.drawing_process import DrawingProcess, drawing_process
 from linkwise.verdict import Verdict, is_trusted
 
 if TYPE_CHECKING:
-    from linkwise.cli import progress_bar as bar
+    from linkwise.cli import console as bar
 else:
-    bar = lazy_module("linkwise.cli.progress_bar")  # rich is for terminals
+    bar = lazy_module("linkwise.cli.console")  # rich is for terminals
 
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
@@ -114,3 +120,17 @@ def progress(title: str) -> AbstractContextManager[Progress]:
     Nothing is written where standard error is no terminal.
     """
     return bar.progress_bar(title) if sys.stderr.isatty() else nullcontext(silent)
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Progress]:
+    """A bar on standard error; yields what the keyword `progress` of all long work takes.
+
+    Until the first call the bar only shows that there is life.
+    """
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with ProgressBars(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(title, total=None)
+        yield lambda report: bars.update(
+            task, total=1.0, completed=report.fraction, description=report.activity
+        )

@@ -10,33 +10,32 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
-from linkwise.cli.listed_help import listing
+from linkwise.cli.estimation_options import random_force_options, refuse_foreign_calibration, sensor_options
 from linkwise.cli.options import (
     FILE,
     folder_option,
     grouped,
     json_option,
     keyword_group,
+    listing,
     pairs,
     quantity,
+    tell_of_hosts,
     truth_option,
 )
-from linkwise.cli.random_force_options import random_force_options
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.cli.sensor_options import refuse_foreign_calibration, sensor_options
-from linkwise.cli.structure_file import tell_of_hosts
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.discovery import term_families as families
-    from linkwise.model import memory_support, rotations
-    from linkwise.report import discovery_folder as folders
+    from linkwise.model import link, rotations
+    from linkwise.report import discovery as folders
 else:
     families = lazy_module("linkwise.discovery.term_families")
-    memory_support = lazy_module("linkwise.model.memory_support")
+    link = lazy_module("linkwise.model.link")
     rotations = lazy_module("linkwise.model.rotations")
-    folders = lazy_module("linkwise.report.discovery_folder")  # figures are for those who want a folder
+    folders = lazy_module("linkwise.report.discovery")  # figures are for those who want a folder
 
 EXAMPLE = "m1=1.0"
 
@@ -187,7 +186,7 @@ def discover(
       linkwise discover wind.csv --mass m1=1.0 --mass m2=0.5 --ambient all
     """
     masses, options = prior.masses(source.record_mapping()), prior.options(errors)
-    process = drawing_beside(output, "linkwise.report.discovery_folder:DISCOVERY_FOLDER")
+    process = drawing_beside(output, "linkwise.report.discovery:DISCOVERY_FOLDER")
     names = tuple(masses) if isinstance(masses, dict) else masses.places
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
@@ -235,7 +234,7 @@ def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:
 def _true(path: Path, names: tuple[str, ...]) -> lw.Structure:
     """The true structure; refused before the work where it has other masses or says nothing of a coefficient."""
     structure = lw.read_structure(path)
-    memory_support.refuse_memory(structure.links, memory_support.COMPARISON)
+    link.refuse_memory(structure.links, link.COMPARISON)
     unknown = [parameter.name for parameter in structure.parameters]
     if unknown:
         raise lw.StructureError(

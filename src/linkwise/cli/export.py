@@ -9,8 +9,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import UNTRUSTED, tell
-from linkwise.cli.listed_help import listing
-from linkwise.cli.options import FILE
+from linkwise.cli.options import FILE, listing
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 

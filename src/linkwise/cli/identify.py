@@ -10,7 +10,14 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
-from linkwise.cli.disturbance_options import DISTURBANCE_OPTIONS, refuse_foreign_disturbances
+from linkwise.cli.estimation_options import (
+    DISTURBANCE_OPTIONS,
+    random_force_options,
+    refuse_foreign_calibration,
+    refuse_foreign_disturbances,
+    refuse_foreign_forces,
+    sensor_options,
+)
 from linkwise.cli.options import (
     FILE,
     RegisteredChoice,
@@ -19,23 +26,21 @@ from linkwise.cli.options import (
     json_option,
     keyword_group,
     option_name,
+    read_told,
     truth_option,
 )
-from linkwise.cli.random_force_options import random_force_options, refuse_foreign_forces
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.cli.sensor_options import refuse_foreign_calibration, sensor_options
-from linkwise.cli.structure_file import read_told
 from linkwise.identification.methods import METHODS
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 from linkwise.sindy.regression import REGRESSORS
 
 if TYPE_CHECKING:
-    from linkwise.model import memory_support
-    from linkwise.report import estimate_folder as folders
+    from linkwise.model import link
+    from linkwise.report import estimate as folders
 else:
-    memory_support = lazy_module("linkwise.model.memory_support")
-    folders = lazy_module("linkwise.report.estimate_folder")  # figures are for those who want a folder
+    link = lazy_module("linkwise.model.link")
+    folders = lazy_module("linkwise.report.estimate")  # figures are for those who want a folder
 
 # of an interval's half: from here a profile interval says something that a standard error does not
 _DIFFERS = 0.1
@@ -155,11 +160,11 @@ def identify(
     if source.errors_to_find and chosen.method != "ml":
         raise click.UsageError(f"{source.errors_to_find[0]} is for --method ml, not for {chosen.method}.")
     estimator = _estimator(chosen, ml, sindy)
-    process = drawing_beside(output, "linkwise.report.estimate_folder:ESTIMATE_FOLDER")
+    process = drawing_beside(output, "linkwise.report.estimate:ESTIMATE_FOLDER")
     subject = read_told(structure)
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
-        memory_support.refuse_memory(true.links, memory_support.COMPARISON)
+        link.refuse_memory(true.links, link.COMPARISON)
     for remark in source.masses_beside(subject):
         tell(f"note: {remark}")
     with progress("reading") as step:

@@ -10,18 +10,17 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, drawing_beside, progress, tell
-from linkwise.cli.flags import FLAGS
-from linkwise.cli.options import FILE, folder_option, grouped
+from linkwise.cli.options import FILE, FLAGS, folder_option, grouped
 from linkwise.cli.reading_options import READING, ReadingOptions
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise import files
-    from linkwise.report import inspection_folder as folders
+    from linkwise.report import inspection as folders
 else:
     files = lazy_module("linkwise.files")
-    folders = lazy_module("linkwise.report.inspection_folder")  # figures are for those who want a folder
+    folders = lazy_module("linkwise.report.inspection")  # figures are for those who want a folder
 
 MENDED_BY = {
     **FLAGS,
@@ -120,7 +119,7 @@ def inspect(
     if mapped is None:
         return
     source = mapped
-    process = drawing_beside(output, "linkwise.report.inspection_folder:INSPECTION_FOLDER", "inspection.json")
+    process = drawing_beside(output, "linkwise.report.inspection:INSPECTION_FOLDER", "inspection.json")
     with progress("reading") as step:
         records = []
         for number, path in enumerate(source.records):

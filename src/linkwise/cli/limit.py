@@ -14,9 +14,7 @@ from linkwise.cli.excitation_options import (
     drive_options,
     sampling_options,
 )
-from linkwise.cli.flags import unstarted_is_usage
-from linkwise.cli.options import FILE, POSITIVE, number, pairs
-from linkwise.cli.structure_file import read_told
+from linkwise.cli.options import FILE, POSITIVE, number, pairs, read_told, unstarted_is_usage
 from linkwise.output import to_json
 
 

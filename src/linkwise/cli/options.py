@@ -1,9 +1,16 @@
-"""Options that several commands share, and what `NAME=VALUE` means."""
+"""Options that several commands share, and what `NAME=VALUE` means.
+
+How the command line spells the arguments of the library: errors name arguments, commands add the flags.
+
+Help that lists what is registered, such as families of terms.
+
+Structure files as commands read them: what there is to know of a host is told.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from functools import wraps
 from pathlib import Path
@@ -12,7 +19,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 import linkwise as lw
-from linkwise.registry import Registry
+from linkwise.cli.console import tell
+from linkwise.errors import LinkwiseError, SimulationError
+from linkwise.registry import Registry, lazy_module
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
@@ -166,3 +175,78 @@ def comma_separated(
 ) -> tuple[str, ...]:
     """The parts of lists with commas, all of an option that may be repeated."""
     return tuple(part.strip() for text in texts for part in text.split(","))
+
+
+FLAGS = {
+    "channels": "--channel NAME=COLUMN",
+    "mapping": "--mapping FILE (inspect --write-mapping FILE writes a first one)",
+    "header": "--header LINE",
+    "rate": "--rate HZ",
+    "resample": "--resample HZ",
+    "earliest": "--from S",
+    "latest": "--to S",
+    "period": "--period S",
+    "mark_missing": "--mark-missing clipped,spikes",
+    "burn": "--burn S",
+    "segment": "--segment S",
+    "ambient": "--ambient MASS",
+    "sinks": "--sink LINK",
+    "without": "--without removed|locked",
+    "draws": "--draws N",
+    "calibration": "--calibration CHANNEL=1%",
+}
+"""Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
+
+
+def with_flags(error: LinkwiseError) -> str:
+    """The message of an error, and the flags that set the arguments it names."""
+    flags = [FLAGS[name] for name in error.arguments if name in FLAGS]
+    if not flags:
+        return str(error)
+    message = str(error).rstrip(".")
+    return f"{message}{'' if message.endswith('?') else '.'} On the command line: {', '.join(flags)}."
+
+
+@contextmanager
+def unstarted_is_usage() -> Iterator[None]:
+    """Raise UsageError for a simulation that could not start, since it was not set up right by the options."""
+    try:
+        yield
+    except SimulationError as error:
+        if error.time is None:
+            raise click.UsageError(with_flags(error)) from error
+        raise
+
+
+def listing(placeholder: str, lines: Callable[[], Iterable[str]]) -> type[click.Command]:
+    """A kind of command in whose help `lines` stand in place of `placeholder`."""
+
+    class Listing(click.Command):
+        def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+            listed = "\n      ".join(lines())
+            whole = click.Command(self.name, help=(self.help or "").replace(placeholder, listed))
+            whole.format_help_text(ctx, formatter)
+
+    return Listing
+
+
+if TYPE_CHECKING:
+    from linkwise.estimates import estimate
+else:
+    estimate = lazy_module("linkwise.estimates.estimate")
+
+
+def read_told(path: Path) -> lw.Structure:
+    """The structure of a file; notes on it and its hosts go to standard error."""
+    subject = lw.read_structure(path)
+    if remark := estimate.untrusted_remark(path):
+        tell(f"note: {path}: {remark}")
+    tell_of_hosts(subject.hosts)
+    return subject
+
+
+def tell_of_hosts(hosts: Iterable[lw.Host]) -> None:
+    """Print what there is to know of hosts, such as the error of a reduction, on standard error."""
+    for host in hosts:
+        for note in host.notes:
+            tell(f"note: {host.name}: {note}")

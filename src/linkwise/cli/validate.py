@@ -16,10 +16,10 @@ from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.identification.validation import answer as answers
-    from linkwise.report import validation_folder as folders
+    from linkwise.report import validation as folders
 else:
     answers = lazy_module("linkwise.identification.validation.answer")
-    folders = lazy_module("linkwise.report.validation_folder")  # figures are for those who want a folder
+    folders = lazy_module("linkwise.report.validation")  # figures are for those who want a folder
 
 
 @click.command()
@@ -60,7 +60,7 @@ def validate(
       linkwise validate second.csv answer/structure.toml --json
     """
     source.refuse_unknown_errors()
-    process = drawing_beside(output, "linkwise.report.validation_folder:VALIDATION_FOLDER", VALIDATION)
+    process = drawing_beside(output, "linkwise.report.validation:VALIDATION_FOLDER", VALIDATION)
     subject = answers.ValidatedAnswer.of(answer)
     if subject.warning and not answer.is_dir():  # that of a folder is a finding
         tell(f"note: {answer}: {subject.warning}")

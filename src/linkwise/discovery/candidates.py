@@ -15,15 +15,13 @@ from linkwise.expression import Number
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.law import Law
-from linkwise.model.link import BASE, GROUND, Link, Mass
-from linkwise.model.memory_support import refuse_memory
+from linkwise.model.link import BASE, GROUND, Link, Mass, refuse_memory
 from linkwise.model.rotations import differ_in_unit, mass_in_si, rotations_of
 from linkwise.model.structure import Structure
-from linkwise.model.toml_file import PartialStructure
+from linkwise.model.structure_file import PartialStructure
 from linkwise.records.channel import Channel
+from linkwise.records.joining import check_distinct, check_stated_noise
 from linkwise.records.record import Record
-from linkwise.records.repetition import check_distinct
-from linkwise.records.stated_noise import check_stated_noise
 
 _FARTHEST = 100.0  # times a value of a parameter that was found among some
 

@@ -18,7 +18,7 @@ from linkwise.errors import IdentificationError
 from linkwise.model.link import BASE, GROUND
 from linkwise.records.channel_units import in_units_of
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
 
 _AT_REST = 0.1  # of the noise power (-10 dB): a motion below it cannot be seen

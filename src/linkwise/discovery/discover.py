@@ -28,7 +28,7 @@ from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.suspected_memory import suspected_memory
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.errors import IdentificationError
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.force_scale import require_force_scale
 from linkwise.likelihood.memory_forces import MEMORY_TERMS
 from linkwise.likelihood.options import LikelihoodOptions
@@ -38,12 +38,11 @@ from linkwise.likelihood.sensor_unknowns import answer_with_sensors
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.structure import Structure
-from linkwise.model.toml_file import PartialStructure
+from linkwise.model.structure_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, rising, silent
 from linkwise.records.channel import BASE, Channel, of_links
+from linkwise.records.joining import joined_notes, record_list
 from linkwise.records.record import Record
-from linkwise.records.repetition import joined_notes
-from linkwise.records.sequence import record_list
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.verdict import Verdict

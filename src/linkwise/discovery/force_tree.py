@@ -17,8 +17,8 @@ from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
 from linkwise.model.link import BASE, GROUND
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.integrate import channel_motion
+from linkwise.signals.noise import channel_noise
+from linkwise.signals.states import channel_motion
 
 _KINDS = "xva"
 # of a force in a window, so that its samples are more than the series can follow whatever it is of

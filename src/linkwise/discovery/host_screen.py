@@ -23,7 +23,7 @@ from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, sample
 from linkwise.likelihood.starts.mode_tuning import tuned_modes
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.noise import channel_noise
 
 _TRIED = 2000  # samples that decide which links there are
 _CHANGES = 10.0 ** np.arange(

@@ -16,8 +16,7 @@ from linkwise.expression import symbols
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
-from linkwise.model.named_law import NamedLaw
-from linkwise.model.named_laws import NAMED_LAWS, is_law_name, named_law
+from linkwise.model.named_laws import NAMED_LAWS, NamedLaw, is_law_name, named_law
 
 #: Tried where no selection of terms leaves only noise, and none was named: slip that yields smoothly, friction, relaxation.
 USUAL = ("bouc-wen", "dahl", "zener")

@@ -19,7 +19,7 @@ from linkwise.discovery.model_average import ModelAverage
 from linkwise.discovery.other_models import PathPoint, RunnerUp
 from linkwise.discovery.terms import Term
 from linkwise.display import JudgedView, as_text
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.verdict import Decision, Verdict

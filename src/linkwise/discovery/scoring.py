@@ -26,10 +26,8 @@ from linkwise.expression import (
     symbols,
     to_text,
 )
-from linkwise.model.law import Law
-from linkwise.model.law_text import VARIABLES
-from linkwise.model.link import Link
-from linkwise.model.memory_support import COMPARISON, refuse_memory
+from linkwise.model.law import VARIABLES, Law
+from linkwise.model.link import COMPARISON, Link, refuse_memory
 from linkwise.model.structure import Structure
 
 _POINTS = 200

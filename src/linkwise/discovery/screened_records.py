@@ -19,9 +19,9 @@ from linkwise.errors import IdentificationError
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
-from linkwise.records.common_samples import common_samples
+from linkwise.records.joining import common_samples
 from linkwise.records.record import Record
-from linkwise.signals.short_gaps import short_gaps_bridged
+from linkwise.signals.gaps import short_gaps_bridged
 from linkwise.weak.displacements import MeasuredDisplacements, read_densely
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.integrated_displacements import with_displacements

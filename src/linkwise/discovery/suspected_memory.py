@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.discovery.selection import Selection, link_motions
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.memory_forces import MEMORY_TERMS
 
 _YIELDS = 0.3  # of the deviation of the elongation, where a slider yields

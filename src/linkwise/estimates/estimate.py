@@ -1,11 +1,20 @@
-"""The result of every estimator."""
+"""The result of every estimator.
+
+Estimators: methods of identification with their options.
+
+Estimates of links and coefficients as plain data, for JSON.
+
+Whether a structure file says that its numbers are not to be trusted: a comment, which goes where the file goes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,26 +24,148 @@ from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.display import JudgedView, as_text
-from linkwise.errors import StructureError
-from linkwise.estimates.cause import Cause
-from linkwise.estimates.document import coefficient_document, link_document, mode_document
-from linkwise.estimates.energy_supply import supplied_power
-from linkwise.estimates.findings import bound_findings, findings_of_links
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate, moving_mass
-from linkwise.estimates.link_motion import LinkMotion
-from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.estimates.random_force import RandomForceEstimate
-from linkwise.estimates.sensor_error import SensorErrorEstimate
-from linkwise.estimates.unseen_term import UnseenTerm
-from linkwise.inspection.alert import Alert
-from linkwise.inspection.unanswered import EstimatedError, unanswered_alerts
-from linkwise.model.host_damping import is_between_modes
+from linkwise.errors import IdentificationError, StructureError
+from linkwise.estimates.causes import (
+    Cause,
+    NoiseEstimate,
+    RandomForceEstimate,
+    SensorErrorEstimate,
+    UnseenTerm,
+)
+from linkwise.estimates.findings import bound_findings, findings_of_links, supplied_power
+from linkwise.estimates.link_estimate import (
+    NORMAL_95,
+    CoefficientEstimate,
+    DerivedQuantity,
+    LinkEstimate,
+    LinkMotion,
+    moving_mass,
+)
+from linkwise.inspection.mark_missing import EstimatedError, unanswered_alerts
+from linkwise.inspection.result import Alert
+from linkwise.model.host import is_between_modes
 from linkwise.model.link import Link
-from linkwise.model.parameters import Parameter, is_shape
+from linkwise.model.parameters import SHAPE, Parameter, is_shape
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict, is_trusted, status_of
+
+
+def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
+    """A coefficient as plain data.
+
+    Parameters
+    ----------
+    coefficient : CoefficientEstimate
+        The coefficient.
+
+    Returns
+    -------
+    dict
+        Value, unit and, of unknown ones, standard error and interval.
+    """
+    document: dict[str, Any] = {
+        "value": coefficient.value,
+        "unit": coefficient.unit,
+        "known": coefficient.known,
+    }
+    if not coefficient.known:
+        document["standard_error"] = coefficient.standard_error
+        document["interval"] = None if coefficient.interval is None else list(coefficient.interval)
+    return document
+
+
+def _derived(quantity: DerivedQuantity) -> dict[str, Any]:
+    return {
+        "value": quantity.value,
+        "unit": quantity.unit,
+        "interval": None if quantity.interval is None else list(quantity.interval),
+    }
+
+
+def link_document(link: LinkEstimate) -> dict[str, Any]:
+    """A link as plain data.
+
+    Parameters
+    ----------
+    link : LinkEstimate
+        The link.
+
+    Returns
+    -------
+    dict
+        Name, ends, law, the rates and units of its states, coefficients and ranges, and wells, in-well frequencies and barrier
+        where there are any.
+    """
+    document: dict[str, Any] = {
+        "name": link.link.name,
+        "between": list(link.link.between),
+        "law": link.link.law.text,
+        "coefficients": {c.name.rpartition(".")[2]: coefficient_document(c) for c in link.coefficients},
+        "range": {"d": list(link.d_range), "v": list(link.v_range)},
+    }
+    if link.link.law.states:
+        units = link.link.law.state_units
+        document["states"] = {
+            rate.name: {"rate": rate.text, "unit": units[rate.name].replace("?", "")}
+            for rate in link.link.law.rates
+        }
+    if link.wells:
+        document["wells"] = [{"d": well.value, "interval": _derived(well)["interval"]} for well in link.wells]
+        document["in_well_frequencies"] = [_derived(frequency) for frequency in link.frequencies]
+    if link.barrier is not None:
+        document["barrier"] = _derived(link.barrier)
+    return document
+
+
+def mode_document(mode: LinkEstimate, shapes: Sequence[CoefficientEstimate] = ()) -> dict[str, Any]:
+    """A mode of a host as plain data.
+
+    Parameters
+    ----------
+    mode : LinkEstimate
+        The mode.
+    shapes : sequence of CoefficientEstimate, optional
+        Shapes that were estimated, of all modes.
+
+    Returns
+    -------
+    dict
+        Its name, frequency and damping, and where shapes were estimated those of the mode, by point.
+    """
+    coefficients = {c.name.rpartition(".")[2]: coefficient_document(c) for c in mode.coefficients}
+    start = f"{mode.link.name}.{SHAPE}"
+    own = {c.name.removeprefix(start): coefficient_document(c) for c in shapes if c.name.startswith(start)}
+    return {"name": mode.link.name, **coefficients, **({"shape": own} if own else {})}
+
+
+_MARK = "# NOT to be trusted"
+
+
+def untrusted_comment(status: str) -> str:
+    """The first line of the structure file of an answer with this status, which is not trusted."""
+    return f"{_MARK} ({status}): numbers of an answer that does not explain its record.\n"
+
+
+def untrusted_remark(path: Path) -> str:
+    """What the comment in a structure file says, as a sentence; empty where there is none or the file cannot be read."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            line = file.readline()
+    except (OSError, UnicodeDecodeError):
+        return ""
+    if not line.startswith(_MARK):
+        return ""
+    status = line.removeprefix(_MARK).partition(":")[0].strip()
+    return not_trusted(status.strip("()"))
+
+
+def not_trusted(status: str) -> str:
+    """The sentence on an answer with this status, for whatever is computed from its numbers."""
+    reason = f" ({status})" if status else ""
+    return f"The answer is NOT to be trusted{reason}, and neither is what follows from its numbers."
+
 
 _ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the square of it is zero
 
@@ -397,3 +528,72 @@ class Estimate(JudgedView):
 
     def _unknown_name(self, name: str, names: Mapping[str, Any]) -> Any:
         raise StructureError(f'unknown name "{name}"; choose from {", ".join(names)}')
+
+
+class Estimator(ABC):
+    """A method of identification with its options; `identify` takes one as `method`.
+
+    Concrete classes are frozen dataclasses: `MaximumLikelihood`, `WeakForm` and `PhysicsInformedSindy`.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method, which `identify` also takes and estimates carry; set on the class.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> isinstance(lw.WeakForm(), lw.Estimator), lw.WeakForm.method
+    (True, 'weak')
+    """
+
+    method: ClassVar[str]
+    """Its name: what `identify` takes as text, and what its estimates carry."""
+
+    @abstractmethod
+    def estimate(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """Estimate the unknowns of a structure.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            One or more records of the structure.
+        structure : Structure
+            The structure, with one unknown at least.
+        progress : Progress
+            Called with a `ProgressReport` at every step of an iteration.
+
+        Returns
+        -------
+        Estimate
+            The answer; its `seconds` are those of the call only where `identify` makes it.
+
+        Raises
+        ------
+        IdentificationError
+            If the records do not determine the unknowns at all, or there are more of them than the method takes.
+        """
+
+    def only_record(self, records: Sequence[Record]) -> Record:
+        """The record, for a method that takes a single one.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            The records given.
+
+        Returns
+        -------
+        Record
+            The only one.
+
+        Raises
+        ------
+        IdentificationError
+            If there are several.
+        """
+        if len(records) > 1:
+            raise IdentificationError(
+                f'several records are for method "ml", not for "{self.method}", which takes one; got {len(records)}'
+            )
+        return records[0]

@@ -16,7 +16,7 @@ from linkwise.display import csv_cell, from_csv_cell
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
-from linkwise.model.toml_file import read_structure
+from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
 from linkwise.verdict import Verdict
 

@@ -14,15 +14,11 @@ from linkwise.files.header import si_factor
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.sensor_attributes import statement_of
 from linkwise.files.table import Table
-from linkwise.records.angular_units import si_unit
-from linkwise.records.channel import Channel
-from linkwise.records.checks import check_rate
-from linkwise.records.measured import sampled_columns
+from linkwise.records.channel import Channel, check_rate, si_unit
 from linkwise.records.record import Record
-from linkwise.records.resampling import resample_evenly
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.sensor_uncertainty import COMMON
-from linkwise.records.timeline import JITTER
+from linkwise.records.timeline import JITTER, resample_evenly, sampled_columns
 
 _OVERLOAD, _NO_NUMBER = 9.899e37, 9.911e37
 """Around 9.9e37, infinity to instruments, and 9.91e37, which is no number to them (SCPI-99, volume 1, numeric data)."""

@@ -13,8 +13,7 @@ from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.columns import recognised
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Table
-from linkwise.records.angular_units import is_angular
-from linkwise.records.channel import OF_MASSES, QUANTITIES, UNITS, Channel
+from linkwise.records.channel import OF_MASSES, QUANTITIES, UNITS, Channel, is_angular
 from linkwise.units import factor_to_si
 
 _NAMES = (

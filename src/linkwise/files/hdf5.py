@@ -21,7 +21,7 @@ from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of
 from linkwise.files.sensor_attributes import as_statements, sensors_of, stated_in, with_attributes
 from linkwise.files.table import Table
-from linkwise.records.channel_attributes import STORED
+from linkwise.records.channel import STORED
 from linkwise.records.record import Record
 
 FORMAT = "linkwise record"

@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.angular_units import is_angular
-from linkwise.records.channel import ANGULAR_UNITS, QUANTITIES, UNITS, Channel
+from linkwise.records.channel import ANGULAR_UNITS, QUANTITIES, UNITS, Channel, is_angular
 from linkwise.records.record import Record
 from linkwise.units import factor_to_si
 

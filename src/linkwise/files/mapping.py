@@ -36,8 +36,8 @@ from linkwise.argument_types import checked, checked_class
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.header import ColumnHeader
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS
+from linkwise.model.link_file import decode, parse_toml, read_toml_text
 from linkwise.model.rotations import is_inertia
-from linkwise.model.toml_tables import decode, parse_toml, read_toml_text
 from linkwise.records.channel import Channel
 from linkwise.records.sensor_statement import SensorStatement
 from linkwise.records.sensor_uncertainty import COMMON

@@ -25,7 +25,7 @@ from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of, spelled_as_channel
 from linkwise.files.sensor_attributes import as_statements, sensors_of
 from linkwise.files.table import Column, Table
-from linkwise.records.channel_attributes import STORED
+from linkwise.records.channel import STORED
 from linkwise.records.record import Record
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable

@@ -20,7 +20,7 @@ from linkwise.errors import RecordError
 from linkwise.files.header import headers
 from linkwise.files.sensor_attributes import sensors_of, stated_in
 from linkwise.files.table import Column, Table
-from linkwise.records.channel_attributes import STORED
+from linkwise.records.channel import STORED
 from linkwise.records.record import Record
 
 _KEY = b"linkwise record"

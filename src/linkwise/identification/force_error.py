@@ -9,7 +9,7 @@ from linkwise.arrays import Floats
 from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import RecordError
 from linkwise.likelihood.prescribed.state_path import LinkPath
-from linkwise.model.input_signal import Sampled
+from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Link
 from linkwise.records.record import Record
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.estimator import Estimator
+from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.identification.methods import METHODS
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.likelihood.sensor_priors import uncounted
@@ -20,10 +19,8 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import Channel, of_links
 from linkwise.records.channel_units import in_units_of
+from linkwise.records.joining import check_distinct, check_stated_noise, joined_notes, record_list
 from linkwise.records.record import Record
-from linkwise.records.repetition import check_distinct, joined_notes
-from linkwise.records.sequence import record_list
-from linkwise.records.stated_noise import check_stated_noise
 from linkwise.weak.estimate import WeakForm
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]

@@ -12,10 +12,9 @@ from linkwise.deprecation import Deprecated
 from linkwise.errors import IdentificationError
 from linkwise.identification.identify import identify
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.host_support import refuse_hosts
 from linkwise.model.law import Law
-from linkwise.model.memory_support import refuse_memory
-from linkwise.model.structure import Link, Structure
+from linkwise.model.link import refuse_memory
+from linkwise.model.structure import Link, Structure, refuse_hosts
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict

@@ -8,7 +8,7 @@ from linkwise.errors import IdentificationError
 from linkwise.registry import Registry
 
 if TYPE_CHECKING:
-    from linkwise.estimates.estimator import Estimator
+    from linkwise.estimates.estimate import Estimator
 
 METHODS: Registry[type[Estimator]] = Registry(
     "method",

@@ -1,16 +1,215 @@
-"""One channel as the checks look at it: samples, noise, levels, spectra and rest, each computed once."""
+"""One channel as the checks look at it: samples, noise, levels, spectra and rest, each computed once.
+
+A record as the checks look at it: its channels, each with its noise.
+
+Power of a channel over time and frequency, and coherence of two over frequency.
+
+Where a channel is at rest: blocks at an end of it whose power is the same and small, without a resonance in them.
+
+What must hold between two channels of one place: one is a derivative of the other.
+
+Against test functions p of bounded support, integral(p v) = -integral(p' x) for v = dx/dt, without any derivative of samples.
+A gain g, a delay tau, an offset b and a slope s of the higher channel give
+
+    integral(p v) = g (-integral(p' x)) + g tau (-integral(p'' x)) + b integral(p) + s integral(p t),
+
+for small tau, and likewise for v and a, and with one more derivative for x and a. A tau that is not small is found in
+steps, with test functions of the higher channel that are moved by what is known of it.
+
+Integrals against smooth test functions: relations between a signal and its integrals without any derivative of samples.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from linkwise.arrays import Bools, Floats
-from linkwise.inspection.rest import rest_period
-from linkwise.inspection.spectrum import SHARED_BLOCKS, Spectrogram
-from linkwise.records.channel import Channel
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.records.channel import ANGULAR_UNITS, Channel
+from linkwise.records.record import Record
+from linkwise.signals.noise import noise_sigma
+
+_LONGEST = 512  # samples of a block
+_BLOCKS = 8  # that fit into a record side by side, where it is long enough
+_CHANCE = 0.05
+# blocks in place of one: neighbours under Hann windows that overlap by half (Welch 1967)
+SHARED_BLOCKS = 1.0 + 2.0 / 36.0
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrogram:
+    """One-sided spectral densities of blocks that overlap by half.
+
+    Attributes
+    ----------
+    frequency : array of shape (F,)
+        Frequencies in Hz.
+    time : array of shape (B,)
+        Middles of the blocks in s from the first sample.
+    power : array of shape (B, F)
+        Spectral densities in the squared unit of the samples per Hz.
+    """
+
+    frequency: Floats
+    time: Floats
+    power: Floats
+
+    @classmethod
+    def of(cls, values: Floats, rate: float) -> Spectrogram:
+        """That of samples (N,) at `rate` in Hz, without their mean, straight lines over missing samples."""
+        first, block, window = _blocks(len(values))
+        time = np.asarray((first + 0.5 * block) / rate, dtype=float)
+        power = np.abs(_transformed(values)) ** 2 * (2.0 / (rate * np.sum(window**2)))
+        power[:, 0] *= 0.5
+        if block % 2 == 0:
+            power[:, -1] *= 0.5
+        return cls(_frequencies(len(values), rate), time, np.asarray(power, dtype=float))
+
+    @property
+    def mean(self) -> Floats:
+        """Density averaged over time, shape (F,)."""
+        return np.asarray(self.power.mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Coherence:
+    """The part of the power of one channel that follows linearly from another.
+
+    Attributes
+    ----------
+    frequency : array of shape (F,)
+        Frequencies in Hz.
+    values : array of shape (F,)
+        From 0 to 1; 0 where a channel has no power.
+    by_chance : float
+        What independent noise exceeds in one of 20 frequencies; 1 where there is only one block.
+
+    References
+    ----------
+    G. C. Carter, C. H. Knapp, A. H. Nuttall, "Estimation of the magnitude-squared coherence function via overlapped fast
+    Fourier transform processing", IEEE Transactions on Audio and Electroacoustics 21 (1973), 337-344.
+    """
+
+    frequency: Floats
+    values: Floats
+    by_chance: float
+
+    @classmethod
+    def of(cls, first: Floats, second: Floats, rate: float) -> Coherence:
+        """That of samples (N,) and (N,) at `rate` in Hz, without their means, straight lines over missing samples."""
+        of_first, of_second = _transformed(first), _transformed(second)
+        cross = np.abs(np.mean(of_first * of_second.conj(), axis=0)) ** 2
+        power = np.mean(np.abs(of_first) ** 2, axis=0) * np.mean(np.abs(of_second) ** 2, axis=0)
+        values = np.divide(cross, power, out=np.zeros(len(cross)), where=power > 0.0)
+        blocks = len(of_first) / SHARED_BLOCKS
+        by_chance = 1.0 - _CHANCE ** (1.0 / (blocks - 1.0)) if blocks > 1.0 else 1.0
+        return cls(_frequencies(len(first), rate), values, by_chance)
+
+
+def _transformed(values: Floats) -> NDArray[np.complex128]:
+    """The Fourier transforms (B, F) of the blocks of samples (N,) without their mean."""
+    first, block, window = _blocks(len(values))
+    frames = _without_gaps(values)[first[:, None] + np.arange(block)] * window
+    return np.fft.rfft(frames, axis=1)
+
+
+def _without_gaps(values: Floats) -> Floats:
+    """Samples (N,) less their mean, with straight lines over missing ones; zeros where all are missing."""
+    present = np.flatnonzero(~np.isnan(values))
+    if not len(present):
+        return np.zeros(len(values))
+    filled = np.interp(np.arange(len(values)), present, values[present])
+    return np.asarray(filled - filled.mean())
+
+
+def _frequencies(count: int, rate: float) -> Floats:
+    """Frequencies (F,) in Hz of the transforms of `count` samples."""
+    block = len(_blocks(count)[2])
+    return np.linspace(0.0, block // 2 * rate / block, block // 2 + 1)
+
+
+def _blocks(count: int) -> tuple[Indices, int, Floats]:
+    """The first samples (B,) of the blocks of `count` samples, the samples in each, and the window over them."""
+    block = min(_LONGEST, 2 ** int(np.log2(max(count // _BLOCKS, 16))), count)
+    return np.arange(0, count - block + 1, max(block // 2, 1)), block, np.hanning(block + 2)[1:-1]
+
+
+_REST_BLOCKS = 40  # in which a record is looked at
+_FEWEST_REST_BLOCKS = 6  # blocks of rest
+_SHORTEST = 240  # samples of rest
+QUIET = 0.2  # of the root mean square of the record
+# ratio of the root mean squares of blocks at rest, greatest to least; correlated noise scatters more
+_STEADY = 1.8
+_ORDER = 8  # of the autoregression that tells resonances
+_RESONANT = 0.97  # radius of a pole of it from which on something rings
+
+
+def rest_period(values: Floats) -> slice | None:
+    """The samples at rest of `values` (N,), at the end or else at the start; None where there are none."""
+    for at_end in (True, False):
+        run = _quiet_blocks(values[::-1] if at_end else values)
+        if run:
+            piece = slice(len(values) - run, len(values)) if at_end else slice(0, run)
+            if not _rings(values[piece]):
+                return piece
+    return None
+
+
+def _quiet_blocks(values: Floats) -> int:
+    """Number of samples from the first on that are quiet and steady."""
+    size = len(values) // _REST_BLOCKS
+    if size < 8:
+        return 0
+    blocks = values[: size * _REST_BLOCKS].reshape(_REST_BLOCKS, size)
+    level = blocks.std(axis=1)
+    least = greatest = level[0]
+    count = 0
+    for signal in level:
+        least, greatest = min(least, signal), max(greatest, signal)
+        if greatest > _STEADY * least or greatest > QUIET * values.std():
+            break
+        count += 1
+    return count * size if count >= _FEWEST_REST_BLOCKS and count * size >= _SHORTEST else 0
+
+
+def _rings(values: Floats) -> bool:
+    """Whether an autoregression has a pole of a vibration, or there is nothing but rounding."""
+    centred = values - values.mean()
+    power = float(centred @ centred)
+    if not power > 0.0:
+        return False
+    lags = np.array([centred[: len(centred) - lag] @ centred[lag:] for lag in range(_ORDER + 1)]) / power
+    matrix = lags[np.abs(np.subtract.outer(np.arange(_ORDER), np.arange(_ORDER)))]
+    weights = np.linalg.solve(matrix + 1e-9 * np.eye(_ORDER), lags[1:])
+    poles = np.roots(np.concatenate([[1.0], -weights]))
+    return bool(np.any((np.abs(poles) > _RESONANT) & (np.abs(poles.imag) > 1e-6)))
+
+
+_POWER = 8  # of the test function (1 - u^2)^p, which is zero with its first p - 1 derivatives at both ends
+
+
+def bumps(width: int, derivatives: int, step: float, late: float = 0.0) -> Floats:
+    """The test function and its derivatives at 2 `width` + 1 samples `step` s apart, shape (derivatives + 1, 2 width + 1).
+
+    It is moved by `late` samples, less than one.
+    """
+    base = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** _POWER
+    u = np.clip((np.arange(-width, width + 1) - late) / width, -1.0, 1.0)
+    scale = 1.0 / (width * step)
+    rows = [base.deriv(order)(u) * scale**order if order else base(u) for order in range(derivatives + 1)]
+    return np.array(rows) * step
+
+
+def projections(values: Floats, tests: Floats, hop: int) -> Floats:
+    """Integrals (K, W) of samples (N,) against each of K test functions (K, 2 w + 1), moved by `hop` samples W times."""
+    frames = np.lib.stride_tricks.sliding_window_view(values, tests.shape[1])[::hop]
+    return np.asarray((frames @ tests.T).T)
+
 
 _EVEN = 0.02  # of a step: how far the differences of levels are from multiples of it
 _ROUNDED = 8.0  # units in the last place by which a level may be off, after conversion of its unit
@@ -146,3 +345,199 @@ class ChannelSignal:
     def rest(self) -> slice | None:
         """Samples at the end, or else at the start, in which nothing moves; None where there is motion throughout."""
         return None if self.is_constant else rest_period(self.filled)
+
+
+_PERIODS = 1.0  # of the fastest motion that half a test function spans
+_FEWEST = 24  # test functions side by side
+_JACKKNIFE_BLOCKS = 12  # of the record that are left out in turn, for standard errors
+# condition of normal equations without a block, from which on the motion of one block decides
+_SINGULAR = 1e10
+_STEPS = 8  # until what is left of the delay is small
+_SMALL = 0.02  # samples
+_FAR = 0.1  # of the fastest period: a delay beyond it is searched from several starts
+_KINDS = "xva"
+
+
+@dataclass(frozen=True)
+class KinematicFit:
+    """How the channel `upper` follows from `lower`: each parameter with its standard error.
+
+    `delay` is in s, positive where `upper` comes late; `offset` in the unit of `upper`, `trend` in that per s, both at the
+    middle of the record; `share` is the part of the power of `upper` that this explains.
+    """
+
+    lower: ChannelSignal
+    upper: ChannelSignal
+    gain: tuple[float, float]
+    delay: tuple[float, float]
+    offset: tuple[float, float]
+    trend: tuple[float, float]
+    share: float
+
+
+def kinematic_fits(channels: Iterable[ChannelSignal]) -> Iterator[KinematicFit]:
+    """A fit for each place with two channels or more, of neighbours in displacement, velocity and acceleration."""
+    places: dict[tuple[str, bool], list[ChannelSignal]] = {}
+    for signal in channels:
+        if signal.channel.kind in _KINDS:
+            places.setdefault((signal.channel.mass, signal.channel.relative), []).append(signal)
+    for beside in places.values():
+        ordered = sorted(beside, key=lambda signal: _KINDS.index(signal.channel.kind))
+        for lower, upper in pairwise(ordered):
+            fit = _fit(lower, upper)
+            if fit is not None:
+                yield fit
+
+
+def _fit(lower: ChannelSignal, upper: ChannelSignal) -> KinematicFit | None:
+    """The fit of two channels; None where the record is too short or has too few complete pieces.
+
+    A delay as long as a part of the fastest period has several valleys, of which the one that explains most is taken. Where
+    none settles, the fit about no delay stands.
+    """
+    width = _width(lower, upper)
+    first = _fit_about(lower, upper, 0.0)
+    if first is None:
+        return None
+    far = abs(first.delay[0]) * upper.rate > _FAR * width
+    starts = np.arange(-1.0, 1.25, 0.25) * width if far else (0.0,)
+    settled = [fit for fit in (_settled(lower, upper, float(start)) for start in starts) if fit is not None]
+    return max(settled, key=lambda fit: fit.share, default=first)
+
+
+def _settled(lower: ChannelSignal, upper: ChannelSignal, late: float) -> KinematicFit | None:
+    """The fit about its own delay, which enters to first order, searched from `late` samples; None if there is none."""
+    for _ in range(_STEPS):
+        fit = _fit_about(lower, upper, late)
+        if fit is None:
+            return None
+        rest = fit.delay[0] * upper.rate
+        late += rest
+        if abs(rest) < _SMALL:
+            return replace(fit, delay=(late / upper.rate, fit.delay[1]))
+        if not abs(late) < len(upper.values) // 4:
+            return None
+    return None
+
+
+def _width(lower: ChannelSignal, upper: ChannelSignal) -> int:
+    """Samples that half a test function spans; 0 where nothing moves."""
+    highest = max(lower.highest, min(upper.highest, 0.1 * upper.rate))
+    return max(8, round(_PERIODS * lower.rate / highest)) if highest > 0.0 else 0
+
+
+def _fit_about(lower: ChannelSignal, upper: ChannelSignal, late: float) -> KinematicFit | None:
+    """The fit of two channels, of which `upper` comes `late` by so many samples and by the delay of the fit."""
+    shift = round(late)
+    order = _KINDS.index(upper.channel.kind) - _KINDS.index(lower.channel.kind)
+    width = _width(lower, upper)
+    count = len(lower.values) - abs(shift)
+    if not width or count < width * _FEWEST:
+        return None
+    of_lower, of_upper = (slice(start, start + count) for start in (max(-shift, 0), max(shift, 0)))
+    tests = bumps(width, order + 1, 1.0 / lower.rate)
+    hop = max(width // 4, 1)
+    reached = (np.isnan(lower.values[of_lower]) | np.isnan(upper.values[of_upper])).astype(float)
+    complete = projections(reached, np.ones((1, tests.shape[1])), hop)[0] == 0.0
+    sign = (-1.0) ** order
+    x = projections(lower.filled[of_lower], tests, hop)
+    half = 0.5 * (count - 1) / lower.rate
+    time = np.linspace(-half, half, count)
+    columns = np.column_stack(
+        [
+            sign * x[order],
+            sign * x[order + 1],
+            projections(np.ones(count), tests[:1], hop)[0],
+            projections(time, tests[:1], hop)[0],
+        ]
+    )[complete]
+    moved = bumps(width, 0, 1.0 / lower.rate, late - shift)
+    target = projections(upper.filled[of_upper], moved, hop)[0][complete]
+    if len(target) < 4 * _FEWEST or not target.any():
+        return None
+    noise = np.array([lower.sigma**2 * float(row @ row) for row in tests[order : order + 2]])
+    return _solved(lower, upper, columns, target, noise)
+
+
+def _solved(
+    lower: ChannelSignal, upper: ChannelSignal, columns: Floats, target: Floats, noise: Floats
+) -> KinematicFit | None:
+    """Least squares without the bias of the `noise` (2,) in the first two columns, with errors by a jackknife over blocks."""
+    blocks = np.array_split(np.arange(len(target)), _JACKKNIFE_BLOCKS)
+    grams = np.array([columns[rows].T @ columns[rows] for rows in blocks])
+    right = np.array([columns[rows].T @ target[rows] for rows in blocks])
+    for gram, rows in zip(grams, blocks, strict=True):
+        gram[[0, 1], [0, 1]] -= len(rows) * np.nan_to_num(noise)
+    scale = 1.0 / np.sqrt(np.abs(np.diagonal(grams.sum(axis=0))))
+    if not np.all(np.isfinite(scale)) or grams.sum(axis=0)[0, 0] <= 0.5 * float(
+        columns[:, 0] @ columns[:, 0]
+    ):
+        return None
+
+    left_out = grams.sum(axis=0) - grams  # one block each
+    if np.linalg.cond(left_out * np.outer(scale, scale)).max() > _SINGULAR:
+        return None
+
+    def solve(gram: Floats, side: Floats) -> Floats:
+        solution = scale * np.linalg.solve(gram * np.outer(scale, scale), side * scale)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a gain of 0
+            return np.array([solution[0], solution[1] / solution[0], solution[2], solution[3]])
+
+    whole = solve(grams.sum(axis=0), right.sum(axis=0))
+    without = np.array([solve(g, right.sum(axis=0) - r) for g, r in zip(left_out, right, strict=True)])
+    if not np.isfinite(whole).all() or not np.isfinite(without).all():
+        return None
+    spread = np.sqrt(
+        (_JACKKNIFE_BLOCKS - 1) / _JACKKNIFE_BLOCKS * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+    )
+    coefficients = np.array([whole[0], whole[0] * whole[1], whole[2], whole[3]])
+    left = target - columns @ coefficients
+    share = 1.0 - float(left @ left) / float(target @ target)
+    pairs = [(float(value), float(error)) for value, error in zip(whole, spread, strict=True)]
+    return KinematicFit(lower, upper, pairs[0], pairs[1], pairs[2], pairs[3], share)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordSignals:
+    """The `channels` of a `record`."""
+
+    record: Record
+    channels: tuple[ChannelSignal, ...]
+
+    @classmethod
+    def of(cls, record: Record) -> RecordSignals:
+        """Those of a record; noise is what the record states, else estimated."""
+        estimated = noise_sigma(record.values)
+        channels = []
+        for name, values, sigma in zip(record.channels, record.values.T, estimated, strict=True):
+            stated = record.noise.get(name, np.nan)
+            noise = float(sigma if np.isnan(stated) else stated)
+            angular = record.unit(name) in ANGULAR_UNITS.values()
+            channels.append(ChannelSignal(name, values, record.rate, record.start, noise, angular))
+        return cls(record, tuple(channels))
+
+    @property
+    def moving(self) -> tuple[ChannelSignal, ...]:
+        """Channels that are not constant."""
+        return tuple(signal for signal in self.channels if not signal.is_constant)
+
+    @property
+    def responses(self) -> tuple[ChannelSignal, ...]:
+        """Channels of masses that are not constant."""
+        return tuple(signal for signal in self.moving if not signal.is_input)
+
+    def rest_of(self, signal: ChannelSignal) -> slice | None:
+        """The samples at an end in which a channel rests and nothing drives the structure; None where there are none."""
+        if signal.rest is None:
+            return None
+        driven = (
+            float(np.std(given.filled[signal.rest])) > QUIET * given.rms
+            for given in self.moving
+            if given.is_input
+        )
+        return None if any(driven) else signal.rest
+
+    @cached_property
+    def kinematics(self) -> tuple[KinematicFit, ...]:
+        """How channels of one place follow from each other."""
+        return tuple(kinematic_fits(self.moving))

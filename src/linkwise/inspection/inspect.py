@@ -1,20 +1,98 @@
-"""Inspection of records before any model."""
+"""Inspection of records before any model.
+
+The checks of an inspection by name: a new one is a file and a line.
+
+What a channel is and holds, as numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.errors import RecordError
-from linkwise.inspection import text as _text  # noqa: F401  registers how an inspection prints itself
-from linkwise.inspection.alert import Alert
-from linkwise.inspection.checks import CHECKS
-from linkwise.inspection.record_signals import RecordSignals
-from linkwise.inspection.result import ChannelSummary, Inspection, labels
-from linkwise.inspection.summary import summary
+from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
+from linkwise.inspection.relations import delay, drift, drift_at_rest, gain, offset, offset_at_rest
+from linkwise.inspection.result import Alert, ChannelSummary, Inspection, labels
+from linkwise.inspection.samples import (
+    clipped,
+    dead,
+    doubled,
+    dropped,
+    equal,
+    lost,
+    quantised,
+    spikes,
+    without_spikes,
+)
+from linkwise.inspection.spectra import aliasing, coloured, few_samples, hum, short, unit
+from linkwise.records.joining import record_list
 from linkwise.records.record import Record
-from linkwise.records.sequence import record_list
+from linkwise.registry import Registry
+
+Check = Callable[[RecordSignals], Iterable[Alert]]
+
+CHECKS: Registry[Check] = Registry(
+    "check",
+    {
+        "dead": dead,
+        "equal": equal,
+        "unit": unit,
+        "clipped": clipped,
+        "dropped": dropped,
+        "lost": lost,
+        "doubled": doubled,
+        "quantised": quantised,
+        "spikes": spikes,
+        "delay": delay,
+        "gain": gain,
+        "offset": offset,
+        "offset at rest": offset_at_rest,
+        "drift": drift,
+        "drift at rest": drift_at_rest,
+        "hum": hum,
+        "aliasing": aliasing,
+        "coloured": coloured,
+        "few-samples": few_samples,
+        "short": short,
+    },
+)
+"""Functions of the signals of a record that give alerts."""
+
+
+_LARGEST_RATIO = 1e12  # of motion to noise: below it lies the rounding of numbers
+
+
+def summary(signal: ChannelSignal, record: str) -> ChannelSummary:
+    """The summary of a channel of the record that is labelled `record`."""
+    values = signal.observed
+    span = float(values.max() - values.min()) if values.size else 0.0
+    noise = None if np.isnan(signal.sigma) or signal.is_constant else float(signal.sigma)
+    motion = None if noise is None else float(np.mean(values**2)) - noise**2
+    audible = (
+        noise is not None and noise > signal.rms / _LARGEST_RATIO and motion is not None and motion > 0.0
+    )
+    highest = None if signal.is_constant else without_spikes(signal).highest or None
+    return ChannelSummary(
+        name=signal.name,
+        unit=signal.channel.unit,
+        record=record,
+        samples=len(values),
+        missing=len(signal.values) - len(values),
+        rate=signal.rate,
+        minimum=float(values.min()) if values.size else None,
+        maximum=float(values.max()) if values.size else None,
+        rms=signal.rms if values.size else None,
+        noise=noise,
+        snr_db=float(10.0 * np.log10(motion / noise**2)) if audible and noise and motion else None,
+        step=signal.step or None,
+        bits=float(np.log2(span / signal.step + 1.0)) if signal.step else None,
+        highest_frequency=highest,
+        samples_per_period=None if highest is None else signal.rate / highest,
+    )
 
 
 @checked

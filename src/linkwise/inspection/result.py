@@ -1,4 +1,9 @@
-"""The result of an inspection: its channels and its alerts."""
+"""The result of an inspection: its channels and its alerts.
+
+Alerts: one thing that is wrong with a channel, what it does to an answer and what mends it.
+
+The text that an inspection prints.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +11,66 @@ from dataclasses import dataclass
 from typing import Any
 
 from linkwise.argument_types import checked
-from linkwise.display import JudgedView, as_text
+from linkwise.display import JudgedView, align_columns, as_text, remark_lines
 from linkwise.errors import RecordError
-from linkwise.inspection.alert import Alert
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Alert:
+    """Something that is wrong with a channel.
+
+    Attributes
+    ----------
+    kind : str
+        ``"clipped"``, ``"quantised"``, ``"dropped"``, ``"doubled"``, ``"spikes"``, ``"offset"``, ``"drift"``, ``"hum"``,
+        ``"dead"``, ``"equal"``, ``"delay"``, ``"gain"``, ``"aliasing"``, ``"coloured"``, ``"few-samples"``, ``"short"`` or
+        ``"unit"``.
+    channel : str
+        Name of the channel.
+    message : str
+        What was seen, what it does to an answer, and what mends it.
+    error : float
+        Estimated root mean square of what is wrong, relative to that of the channel; infinite where the channel is useless.
+    record : str
+        The record, by its source.
+    arguments : tuple of str
+        Arguments of `read_record`, `identify`, `Record` or `Record.between` by which it is mended.
+    frequencies : tuple of float
+        Frequencies in Hz of the lines of a hum.
+    is_of_gaps : bool
+        Whether it says no more than that samples are missing.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.Alert("dead", "x:m1", "every sample is 0; leave the channel out", float("inf")).kind
+    'dead'
+    """
+
+    kind: str
+    channel: str
+    message: str
+    error: float
+    record: str = ""
+    arguments: tuple[str, ...] = ()
+    frequencies: tuple[float, ...] = ()
+    is_of_gaps: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.channel}: {self.message}"
+
+    def to_dict(self) -> dict[str, str]:
+        """What the JSON of an inspection holds of it.
+
+        Returns
+        -------
+        dict of str to str
+            Its part of the JSON of an inspection.
+        """
+        return {"kind": self.kind, "channel": self.channel, "message": self.message, "record": self.record}
 
 
 @dataclass(frozen=True)
@@ -206,3 +265,65 @@ def labels(records: tuple[Record, ...]) -> tuple[str, ...]:
         source if source and sources.count(source) == 1 else f"record {number}"
         for number, source in enumerate(sources, start=1)
     )
+
+
+HEAD = (
+    "channel", "samples", "missing", "minimum", "maximum", "rms", "noise", "SNR dB", "bits", "up to Hz", "per period", "unit",
+)  # fmt: skip
+
+
+@as_text.register
+def inspection_text(inspection: Inspection) -> str:
+    """The comparison of levels, alerts, then a table of the channels of each record."""
+    compared = [] if inspection.levels is None else [str(inspection.levels), ""]
+    return "\n".join([*compared, *alert_lines(inspection), *_tables(inspection)])
+
+
+def headline(inspection: Inspection) -> str:
+    """How much is wrong, in one sentence."""
+    count = len(inspection.alerts)
+    if not count:
+        return "Nothing wrong was seen."
+    return f"{count} alert{'s' if count > 1 else ''}, worst first."
+
+
+def alert_lines(inspection: Inspection) -> list[str]:
+    """The headline, and a paragraph for each alert."""
+    return [
+        headline(inspection),
+        *(remark_lines(alert_text(inspection, alert)) for alert in inspection.alerts),
+    ]
+
+
+def alert_text(inspection: Inspection, alert: Alert) -> str:
+    """An alert in one line, with the record where there are several."""
+    return f"{alert.record}: {alert}" if len(inspection.records) > 1 else str(alert)
+
+
+def channel_row(channel: ChannelSummary) -> tuple[str, ...]:
+    """The cells of a channel below `HEAD`."""
+    return (
+        channel.name,
+        str(channel.samples),
+        str(channel.missing) if channel.missing else "",
+        *(_number(value) for value in (channel.minimum, channel.maximum, channel.rms, channel.noise)),
+        "" if channel.snr_db is None else f"{channel.snr_db:.1f}",
+        "" if channel.bits is None else f"{channel.bits:.1f}",
+        _number(channel.highest_frequency),
+        "" if channel.samples_per_period is None else f"{channel.samples_per_period:.3g}",
+        channel.unit,
+    )
+
+
+def _tables(inspection: Inspection) -> list[str]:
+    lines: list[str] = []
+    for label, record in zip(labels(inspection.records), inspection.records, strict=True):
+        end = record.start + record.duration
+        span = f"{len(record)} samples at {record.rate:g} Hz, {record.start:g} to {end:g} s"
+        rows = [channel_row(summary) for summary in inspection.channels if summary.record == label]
+        lines += ["", f"{label}: {span}", *align_columns([HEAD, *rows])]
+    return lines
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.force_spectra import BEHIND_FILTER, SPECTRAL_KINDS, UNSTEADY
 from linkwise.likelihood.held_errors import LARGEST_SHIFT
 

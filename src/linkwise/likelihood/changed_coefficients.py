@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.block_scores import BLOCKS, BlockScores, block_scores, blocks_of_scatter
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LIKELIER

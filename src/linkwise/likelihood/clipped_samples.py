@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from linkwise.estimates.cause import Cause
-from linkwise.inspection.clipped import rails
-from linkwise.inspection.record_signals import RecordSignals
+from linkwise.estimates.causes import Cause
+from linkwise.inspection.channel_signal import RecordSignals
+from linkwise.inspection.samples import rails
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.records.record import Record
 

@@ -17,8 +17,7 @@ from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.score_test import states_at_ends_and_middles
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
-from linkwise.model.host import Host
-from linkwise.model.host_damping import DAMPING, Pair, damping_link
+from linkwise.model.host import DAMPING, Host, Pair, damping_link
 from linkwise.model.link import GROUND
 from linkwise.model.structure import Structure
 

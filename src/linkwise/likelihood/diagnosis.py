@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import CAUSE_KINDS, Cause
+from linkwise.estimates.causes import CAUSE_KINDS, Cause
 from linkwise.likelihood.base_errors import BASE_ERRORS, BaseErrors
 from linkwise.likelihood.damping_errors import DampingErrors
 from linkwise.likelihood.fit import LikelihoodFit, Optimum

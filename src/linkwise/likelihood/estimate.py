@@ -12,10 +12,8 @@ import numpy as np
 from linkwise.argument_types import CHECKED_INSIDE, checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.estimator import Estimator
-from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.estimates.unseen_term import unseen_remark
+from linkwise.estimates.causes import NoiseEstimate, unseen_remark
+from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.fit_remarks import estimated_disturbances, fit_remarks, inseparable, sensor_errors

@@ -13,7 +13,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.random_force import RandomForceEstimate
+from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.likelihood.coloured_noise import ColouredNoise
 from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, explained_fit
 from linkwise.likelihood.marginal import marginal_fit
@@ -35,7 +35,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed
-from linkwise.signals.sparse_samples import is_sparse
+from linkwise.signals.gaps import is_sparse
 
 _MOST_WORKERS = 8
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.sensor_error import ErrorKind, SensorErrorEstimate
-from linkwise.inspection.unanswered import EstimatedError
+from linkwise.estimates.causes import ErrorKind, SensorErrorEstimate
+from linkwise.inspection.mark_missing import EstimatedError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
 from linkwise.records.record import Record

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.link_motion import LinkMotion, extremes
+from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

@@ -21,8 +21,7 @@ from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.shooting.uncertain_forces import UncertainForces
-from linkwise.model.law import Law
-from linkwise.model.law_text import VARIABLES
+from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread

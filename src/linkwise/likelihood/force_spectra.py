@@ -19,8 +19,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.estimates.cause import Cause
-from linkwise.estimates.random_force import RandomForceEstimate
+from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.variance_score import normal_score
 

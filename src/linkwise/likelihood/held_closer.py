@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
 from linkwise.likelihood.diagnosis import diagnose
 from linkwise.likelihood.fit import LikelihoodFit, Optimum

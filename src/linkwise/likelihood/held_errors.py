@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import BETWEEN_MODES

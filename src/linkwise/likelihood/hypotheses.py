@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-from linkwise.estimates.cause import CAUSE_KINDS
+from linkwise.estimates.causes import CAUSE_KINDS
 from linkwise.expression import to_text
 from linkwise.likelihood.memory_forces import MEMORY_FORCES, MEMORY_TERMS, MemoryForce
 from linkwise.likelihood.score_test import CandidateForce

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.eliminated_states import eliminated_rows

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.cause_messages import (
     likeliest,
     moved,
@@ -48,7 +48,7 @@ from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
-from linkwise.signals.outliers import outliers_exceed_noise
+from linkwise.signals.noise import outliers_exceed_noise
 from linkwise.verdict import Verdict
 
 _NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals no larger than that

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.fitted_motion import motion_of_links
 from linkwise.modal.oscillators import SampledForce

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.diagnosis import least_gain
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import (

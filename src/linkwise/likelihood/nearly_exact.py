@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.block_scores import BLOCKS, EQUAL, BlockScatter, block_scatter
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.held_errors import LARGEST_TERM
@@ -26,7 +26,7 @@ from linkwise.likelihood.longer_optimum import in_longer_segments
 from linkwise.likelihood.missing_terms import MissingTerms, for_usual_terms, usual_scores
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.tested_causes import TestedCauses
-from linkwise.model.host_damping import in_words
+from linkwise.model.host import in_words
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 

@@ -17,12 +17,11 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.random_force import RandomForceEstimate
+from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
-from linkwise.model.law import Law
+from linkwise.model.law import Law, LinkState
 from linkwise.model.link import BASE, GROUND, Link
-from linkwise.model.link_state import LinkState
 from linkwise.model.slider_corners import LAG
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.changed_coefficients import beside_changes
 from linkwise.likelihood.clipped_samples import clipped_samples
 from linkwise.likelihood.faint_modes import with_faint_modes

@@ -18,7 +18,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
-from linkwise.estimates.cause import DEGREES, Cause
+from linkwise.estimates.causes import DEGREES, Cause
 from linkwise.model.structure import Structure
 from linkwise.progress import silent
 from linkwise.records.channel import ANGULAR_UNITS

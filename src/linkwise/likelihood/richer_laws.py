@@ -17,7 +17,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.changed_coefficients import likeliest_change, with_change
 from linkwise.likelihood.diagnosis import Diagnosis, diagnose

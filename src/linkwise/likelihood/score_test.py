@@ -28,8 +28,7 @@ from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
 from linkwise.likelihood.shooting.tested_in_pieces import tested_in_pieces
-from linkwise.model.law import Law
-from linkwise.model.law_programs import forces_program
+from linkwise.model.law import Law, forces_program
 from linkwise.runtime import one_blas_thread
 
 _AT_ONCE = 6_000_000  # numbers in the forces of one batch

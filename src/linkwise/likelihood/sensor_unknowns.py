@@ -12,11 +12,10 @@ import numpy as np
 
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.records.channel import FORCE, Channel
-from linkwise.records.interpolation import BAND_LIMITED
+from linkwise.records.channel import BAND_LIMITED, FORCE, Channel
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 

@@ -22,7 +22,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import FORCE, Channel
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord
-from linkwise.signals.channel_noise import channel_noise, noise_floor
+from linkwise.signals.noise import channel_noise, noise_floor
 
 # in a segment: shorter ones have more unknowns, longer ones a steeper cost where motion is chaotic
 SAMPLES = 5

@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.estimates.causes import UnseenTerm
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.likelihood.damping_errors import largest_damping
 from linkwise.likelihood.diagnosis import link_forces
 from linkwise.likelihood.fit import LikelihoodFit

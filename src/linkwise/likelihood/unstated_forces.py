@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
-from linkwise.estimates.random_force import RandomForceEstimate
+from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.force_spectra import spectral_causes
 from linkwise.likelihood.input_noise import (

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.modal.complex_modes import Complex, ComplexModes
 from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.oscillators import Complex, ComplexModes
 
 _ACCELERATION = 2  # among the kinds of responses
 

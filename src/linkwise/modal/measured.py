@@ -10,10 +10,9 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.modal.oscillators import SampledForce, free_motion, free_motion_derivatives
-from linkwise.records.channel import Channel
-from linkwise.records.checks import require_complete
+from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.noise import channel_noise
 
 _SHORTEST = 50  # samples
 

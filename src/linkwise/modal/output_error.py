@@ -25,10 +25,10 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.modal.complex_modes import ComplexModes
 from linkwise.modal.coupled_response import CoupledResponse
 from linkwise.modal.least_squares import LinearProblem, SearchEnd, least_squares
 from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.oscillators import ComplexModes
 from linkwise.modal.pursuit import PursuedModes
 
 _STEPS = 60

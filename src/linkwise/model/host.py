@@ -3,30 +3,253 @@
 A mode r of a host is a coordinate q_r of unit modal mass, q_r'' + 2 zeta_r w_r q_r' + w_r^2 q_r = phi_r' F, with a shape phi_r
 at the points; a point moves by sum_r phi_r q_r (METHODS section 11). In a structure a mode is a mass of 1 kg, and a link of it
 to the ground with the law `MODE_LAW`.
+
+Modes of hosts: frequency, damping, and the shape at the points of the host.
+
+Damping between the modes of a host: entries of its modal damping matrix beside those that damping ratios give.
+
+An entry c between the modes r and s is a force c q_s' on mode r, and c q_r' on mode s. A link has one elongation, so that this
+is a pair of dampers, of c/2 on q_r + q_s and of -c/2 on q_r - q_s, which leave the damping of each mode by itself as it is.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
+import numpy as np
+
 from linkwise.argument_types import checked_class
+from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, as_coefficient
-from linkwise.model.host_damping import (
-    DAMPING,
-    Pair,
-    checked_damping,
-    damping_link,
-    damping_links,
-    negated_mode,
-)
-from linkwise.model.host_mode import HostMode
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
 from linkwise.model.names import index_of
+
+
+@checked_class
+@dataclass(frozen=True)
+class HostMode:
+    """A mode of a host.
+
+    Parameters
+    ----------
+    frequency : Coefficient or float
+        Natural frequency in Hz; 0 for a rigid motion. A number is known.
+    damping : Coefficient or float
+        Damping as a part of the critical one.
+    shape : mapping of str to float
+        Mass-normalised shape at every point of the host, in 1/sqrt(kg); in rad/(m sqrt(kg)) where the point turns.
+    shape_sigma : mapping of str to float, optional
+        Standard deviations to which the shape is known, by point: Gaussian priors about `shape`, infinite where it is only a
+        start. At points that are not named it is known exactly.
+    rotations : set of str, optional
+        The points whose displacement is a rotation in rad, and not in m.
+
+    Raises
+    ------
+    StructureError
+        If the frequency or the damping is negative, or the shape not finite.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> mode = lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62})
+    >>> mode.shape["joint"]
+    0.62
+    """
+
+    frequency: Coefficient
+    damping: Coefficient
+    shape: Mapping[str, float] = field(hash=False)
+    shape_sigma: Mapping[str, float] = field(hash=False)
+    rotations: frozenset[str]
+
+    def __init__(
+        self,
+        frequency: Coefficient | float,
+        damping: Coefficient | float,
+        shape: Mapping[str, float],
+        shape_sigma: Mapping[str, float] = MappingProxyType({}),
+        rotations: Collection[str] = (),
+    ) -> None:
+        vars(self).update(
+            frequency=as_coefficient(frequency, "the frequency of a mode"),
+            damping=as_coefficient(damping, "the damping of a mode"),
+            shape=shape,
+            shape_sigma=shape_sigma,
+            rotations=frozenset(rotations),
+        )
+        if self.frequency.value is not None and not self.frequency.value >= 0.0:
+            raise StructureError(
+                f"the frequency of a mode must not be negative, got {self.frequency.value!r} Hz"
+            )
+        if self.damping.value is not None and not self.damping.value >= 0.0:
+            raise StructureError(f"the damping of a mode must not be negative, got {self.damping.value!r}")
+        for point, value in self.shape.items():
+            if not math.isfinite(value):
+                raise StructureError(
+                    f'the shape of a mode at the point "{point}" must be a finite number, got {value!r}'
+                )
+        for point, sigma in self.shape_sigma.items():
+            if point not in self.shape or not sigma > 0.0:
+                raise StructureError(
+                    f'the standard deviation of the shape at "{point}" must be positive, and its point one of the shape, '
+                    f"got {sigma!r}"
+                )
+        for point in self.rotations:
+            index_of(self.shape, point, "point", "points")
+        for name in ("shape", "shape_sigma"):
+            numbers = {point: float(value) for point, value in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(numbers))
+
+    def __reduce__(self) -> tuple[type[HostMode], tuple[object, ...]]:
+        shape, sigma = dict(self.shape), dict(self.shape_sigma)
+        return HostMode, (self.frequency, self.damping, shape, sigma, self.rotations)
+
+    def shape_value(self, point: str) -> Coefficient:
+        """The shape at a point, known or known to within.
+
+        Parameters
+        ----------
+        point : str
+            Its name in the host.
+
+        Returns
+        -------
+        Coefficient
+            The shape in 1/sqrt(kg), or in rad/(m sqrt(kg)).
+
+        Raises
+        ------
+        StructureError
+            If there is no such point.
+        """
+        value, sigma = index_of(self.shape, point, "point", "points"), self.shape_sigma.get(point)
+        return Coefficient.number(value) if sigma is None else Coefficient.unknown(value, sigma=sigma)
+
+    def with_shape(self, changes: Mapping[str, Coefficient]) -> HostMode:
+        """The mode with other shapes at some points.
+
+        Parameters
+        ----------
+        changes : mapping of str to Coefficient
+            The shape by point; an unknown without a start keeps the present value as one.
+
+        Returns
+        -------
+        HostMode
+            The mode.
+        """
+        shape, sigma = dict(self.shape), dict(self.shape_sigma)
+        for point, change in changes.items():
+            shape[point] = shape[point] if change.value is None else change.value
+            sigma.pop(point, None)
+            if not change.known:
+                sigma[point] = change.sigma
+        return replace(self, shape=shape, shape_sigma=sigma)
+
+
+Pair = tuple[int, int]
+"""Two modes of a host by number, counted from 1, the lower first; the same twice for what damps one mode."""
+
+DAMPING = "damping"
+_BETWEEN_MODES = re.compile(rf"\.mode(\d+)[+-]mode(\d+)(\.{DAMPING})?$")
+_OF_SUM, _OF_DIFFERENCE, _OF_ONE = (
+    Law.parse(text, units={DAMPING: "N s/m"}) for text in ("0.5*damping*v", "-0.5*damping*v", "damping*v")
+)
+
+
+def checked_damping(
+    given: Mapping[Pair, Coefficient | float], modes: int, where: str
+) -> dict[Pair, Coefficient]:
+    """The entries by pair, the lower mode first; an unknown without a start has 0 as one.
+
+    Raises StructureError for modes that do not exist, or an entry that is given twice.
+    """
+    entries: dict[Pair, Coefficient] = {}
+    for pair, value in given.items():
+        first, second = sorted(pair)
+        if not 1 <= first <= second <= modes:
+            raise StructureError(
+                f"damping is given between the modes {pair[0]} and {pair[1]}, of modes 1 to {modes}", where
+            )
+        if (first, second) in entries:
+            raise StructureError(f"the damping between the modes {first} and {second} is given twice", where)
+        entry = as_coefficient(value, "the damping between modes")
+        if entry.value is None and entry.same_as is None:
+            entry = replace(entry, value=min(max(0.0, entry.lower), entry.upper))
+        entries[first, second] = entry
+    return entries
+
+
+def damping_link(host: str, pair: Pair) -> str:
+    """Name of the link whose coefficient `damping` is the entry of a pair."""
+    return f"{host}.mode{pair[0]}+mode{pair[1]}"
+
+
+def is_between_modes(name: str) -> bool:
+    """Whether a name is that of a damper between modes, or of its coefficient."""
+    return _BETWEEN_MODES.search(name) is not None
+
+
+def in_words(link: str) -> str:
+    """Which damping a damper between modes is, and how a structure file asks for it.
+
+    Raises ValueError for the name of another link.
+    """
+    between = _BETWEEN_MODES.search(link)
+    if between is None:
+        raise ValueError(f"{link} is no damper between modes")
+    first, second = between[1], between[2]
+    return (
+        f"between the modes {first} and {second} of {link[: between.start()]} "
+        f'(damping = [ {{ modes = [{first}, {second}], damping = "unknown" }} ] of that host)'
+    )
+
+
+def negated_mode(host: str, mode: int) -> str:
+    """Name of the place that moves as a mode does, in the other direction: an end of the damper on a sum."""
+    return f"{host}.-mode{mode}"
+
+
+def damping_links(host: str, entries: Mapping[Pair, Coefficient]) -> tuple[Link, ...]:
+    """The dampers of all entries: that with the coefficient first, then the one that shares it."""
+    links = []
+    for pair, entry in entries.items():
+        name = damping_link(host, pair)
+        first, second = (f"{host}.mode{number}" for number in pair)
+        if first == second:
+            links.append(Link(name, (first, GROUND), _OF_ONE, {DAMPING: entry}))
+            continue
+        shared = Coefficient.shared(f"{name}.{DAMPING}")
+        links += [
+            Link(name, (first, negated_mode(host, pair[1])), _OF_SUM, {DAMPING: entry}),
+            Link(f"{first}-mode{pair[1]}", (first, second), _OF_DIFFERENCE, {DAMPING: shared}),
+        ]
+    return tuple(links)
+
+
+def entries_of(matrix: Floats, where: str) -> dict[Pair, float]:
+    """Entries of a whole damping matrix (n, n) in N s/m, without those that are 0.
+
+    Raises StructureError unless it is symmetric and dissipates energy in every motion.
+    """
+    largest = float(np.abs(matrix).max(initial=0.0))
+    if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-6 * largest:
+        raise StructureError("the damping matrix of the modes is not symmetric", where)
+    if np.linalg.eigvalsh(matrix).min(initial=0.0) < -1e-6 * largest:
+        raise StructureError("the damping matrix feeds energy into a motion of the modes", where)
+    rows, columns = np.nonzero(np.triu(matrix))
+    return {
+        (row + 1, column + 1): float(matrix[row, column])
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
+    }
+
 
 MODE_LAW = Law.parse(
     "39.47841760435743*frequency**2*d + 12.566370614359172*damping*frequency*v",  # (2 pi)^2 and 4 pi, times 1 kg

@@ -3,10 +3,20 @@
 A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); every other name is a coefficient, except `pi`.
 A link with memory has states of its own: f = f(d, v, s), s' = g(d, v, s), with a rate g for each (METHODS section 10).
 Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS section 1).
+
+Programs that evaluate laws, compiled once for laws of equal expression.
+
+The text of a law, or of the rate of a state, checked: what it may name, and that it is finite at rest.
+
+Dimensions of the coefficients and states of a law, for motion along a line or about an axis.
+
+The states of links with memory: rates as written by a user, and as parsed with the law that they belong to.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -15,24 +25,278 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked
+from linkwise.argument_types import checked, checked_class
 from linkwise.arrays import Floats
-from linkwise.errors import LawError
+from linkwise.errors import LawError, LinkwiseError, StructureError
 from linkwise.expression import (
+    FUNCTIONS,
     Expression,
     Number,
+    Power,
+    Program,
     Symbol,
+    add,
+    antiderivative,
     differentiate,
     kinks,
+    multiply,
     parse_with_positions,
     substitute,
     symbols,
 )
+from linkwise.expression.dimensions import (
+    METRE,
+    METRE_PER_SECOND,
+    NAMED,
+    NEWTON,
+    NONE,
+    RADIAN,
+    SECOND,
+    Dimension,
+    UnitConflict,
+    infer,
+)
+from linkwise.expression.parser import Parsed
 from linkwise.expression.program import integral_from_zero
-from linkwise.model.law_dimensions import law_dimensions
-from linkwise.model.law_programs import force_program, partials_program, potential_programs, rates_program
-from linkwise.model.law_text import VARIABLES, checked_expression
-from linkwise.model.link_state import LinkState, StateRate, as_link_states, unit_dimension
+from linkwise.units import base_exponents
+
+VARIABLES = ("d", "v")
+
+_MISUSED = {
+    "x": "The variables of a law are the elongation d = x_first - x_second of its link and its rate v: write d for x.",
+    "t": "A law does not depend on time; a force that does is an excitation.",
+}
+
+
+def checked_expression(text: str, variables: tuple[str, ...]) -> Expression:
+    """The expression of a law or a rate. Raises LawError for an invalid one."""
+    parsed = parse_with_positions(text, variables)
+    for name, advice in _MISUSED.items():
+        place = parsed.position(Symbol(name))
+        if place is not None:
+            raise LawError(f"Unknown variable {name!r} in a law.", text, place, advice)
+    _check_rest(text, parsed, variables)
+    return parsed.expression
+
+
+def _check_rest(text: str, parsed: Parsed, variables: tuple[str, ...]) -> None:
+    """Raise LawError for a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others."""
+    names = dict.fromkeys(
+        name for part, _ in parsed.positions for name in symbols(part)
+    )  # of folded parts too
+    ones = dict.fromkeys(names, 1.0)
+    others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)}
+    ones |= dict.fromkeys(variables, 0.0)
+    others |= dict.fromkeys(variables, 0.0)
+    if any(np.isfinite(_at_rest(parsed.expression, values)) for values in (ones, others)):
+        return
+    expression, position = next(
+        place for place in parsed.positions if not np.isfinite(_at_rest(place[0], others))
+    )
+    reason, advice = "No finite value", "Check the argument of this function, and the constants."
+    if isinstance(expression, Power):
+        reason, advice = "Division by zero", "Keep the divisor away from 0, as in d/(1 + abs(d)/s)."
+    raise LawError(f"{reason} at rest (d = 0, v = 0), where a law must be finite.", text, position, advice)
+
+
+def _at_rest(expression: Expression, values: Mapping[str, float]) -> float:
+    names = symbols(expression)
+    return float(Program([expression], names)(*(values[name] for name in names))[0])
+
+
+_NAME = re.compile(r"[A-Za-z]\w*")
+_RESERVED = {
+    "d": "the elongation",
+    "v": "the rate of elongation",
+    "pi": "a constant",
+    "x": "not used",
+    "t": "time",
+}
+
+
+@checked_class
+@dataclass(frozen=True)
+class LinkState:
+    """A state of a link with memory: a slip, an internal force, a voltage or a current.
+
+    Parameters
+    ----------
+    rate : str
+        Its time derivative: an expression in d, v, the states of the link and its coefficients.
+    initial : float or None, optional
+        Value at the start of a simulation in SI units, 0 by default; None if it is unknown. An identification by maximum
+        likelihood estimates the state at the start of each record, as it does displacements and velocities.
+    unit : str, optional
+        Its unit, such as ``"V"``; needed only where the law and the rates leave it open.
+
+    Raises
+    ------
+    StructureError
+        If the initial value is not a finite number, or the unit is not a unit.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> slip = lw.LinkState("v - abs(v)*z/z0", initial=None)
+    >>> law = lw.Law.parse("k*z", {"z": slip})
+    >>> law.units["z0"], law.state_units["z"]
+    ('m', 'm')
+    """
+
+    rate: str
+    initial: float | None = 0.0
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        if self.initial is not None:
+            number = isinstance(self.initial, int | float) and not isinstance(self.initial, bool)
+            if not number or not math.isfinite(self.initial):
+                raise StructureError(
+                    f"the initial value of a state must be a finite number, or None if it is unknown, got {self.initial!r}"
+                )
+            object.__setattr__(self, "initial", float(self.initial))
+        if self.unit:
+            unit_dimension(self.unit)
+
+
+@dataclass(frozen=True)
+class StateRate:
+    """The rate of a state, parsed.
+
+    Attributes
+    ----------
+    name : str
+        The state.
+    text : str
+        Its rate as written.
+    expression : Expression
+        The parsed rate, in the unit of the state per s.
+    unit : str
+        The unit stated for the state; empty where none is.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> dahl = lw.named_law("dahl")
+    >>> rate = lw.Law.parse(dahl.law, states=dahl.states).rates[0]
+    >>> rate.name, rate.text
+    ('q', 'sigma*(v - abs(v)*q/Fc)')
+    """
+
+    name: str
+    text: str
+    expression: Expression
+    unit: str = ""
+
+
+def as_link_states(given: Mapping[str, LinkState | str]) -> dict[str, LinkState]:
+    """States by name, a text being a rate. Raises StructureError for a name that cannot be that of a state."""
+    states = {}
+    for name, state in given.items():
+        if not isinstance(name, str) or not _NAME.fullmatch(name):
+            raise StructureError(
+                f"{name!r} is not a valid name of a state: letters, digits and _ after a letter"
+            )
+        if name in _RESERVED or name in FUNCTIONS:
+            meaning = _RESERVED.get(name, "a function")
+            raise StructureError(
+                f"a state cannot be named {name!r}, which is {meaning} in laws; choose another name"
+            )
+        if not isinstance(state, LinkState | str):
+            raise StructureError(f"state {name}: expected its rate as text or a LinkState, got {state!r}")
+        states[name] = LinkState(state) if isinstance(state, str) else state
+    return states
+
+
+def unit_dimension(unit: str) -> Dimension:
+    """The dimension of a unit such as "V". Raises StructureError for what is not a unit of mechanics or electricity."""
+    if not unit:
+        return NONE
+    for dimension, name in NAMED.items():  # without a library of units, which takes long to load
+        if unit == name:
+            return dimension
+    try:
+        return Dimension(*base_exponents(unit))
+    except LinkwiseError as error:
+        raise StructureError(str(error)) from None
+
+
+@lru_cache(maxsize=1024)
+def rates_program(rates: tuple[Expression, ...], names: tuple[str, ...], wide: tuple[str, ...]) -> Program:
+    """The rates from d, v and `names`: states, then coefficients."""
+    return Program(rates, (*VARIABLES, *names), wide=wide)
+
+
+@lru_cache(maxsize=1024)
+def force_program(expression: Expression, names: tuple[str, ...]) -> Program:
+    """The force from d, v and `names`."""
+    return Program([expression], (*VARIABLES, *names), wide=VARIABLES)
+
+
+@lru_cache(maxsize=1024)
+def forces_program(expressions: tuple[Expression, ...]) -> Program:
+    """Several forces without coefficients, from d and v."""
+    return Program(expressions, VARIABLES)
+
+
+@lru_cache(maxsize=1024)
+def partials_program(expression: Expression, names: tuple[str, ...], by: tuple[str, ...]) -> Program:
+    """The force from d, v and `names`, then its derivative by d, by v and by each of `by`."""
+    slopes = (differentiate(expression, name) for name in (*VARIABLES, *by))
+    return Program([expression, *slopes], (*VARIABLES, *names), wide=VARIABLES)
+
+
+@lru_cache(maxsize=1024)
+def potential_programs(elastic: Expression, coefficients: tuple[str, ...]) -> tuple[Program | None, Program]:
+    """The closed form, if there is one, and the program for quadrature: the force at v = 0 and its kinks."""
+    names = ("d", *coefficients)
+    elastic_kinks = [kink for kink in kinks(elastic) if "d" in symbols(kink)]
+    quadrature = Program([elastic, *elastic_kinks], names, wide=("d",))
+    primitive = antiderivative(elastic, "d")
+    if primitive is None:
+        return None, quadrature
+    at_zero = substitute(primitive, {"d": Number(0.0)})
+    return Program([add(primitive, multiply(Number(-1.0), at_zero))], names, wide=("d",)), quadrature
+
+
+def dissipated_power(law: Expression, states: tuple[str, ...] = ()) -> Expression:
+    """The power in W that a link with this law dissipates, (f(d, v) - f(d, 0)) v; with memory, f(d, v, s) - f(d, 0, 0).
+
+    It is formed symbolically, so that the stored part cancels exactly.
+    """
+    elastic = substitute(law, dict.fromkeys(("v", *states), Number(0.0)))
+    return multiply(Symbol("v"), add(law, multiply(Number(-1.0), elastic)))
+
+
+_LINEAR = ({"d": METRE, "v": METRE_PER_SECOND},)
+_ANGULAR = ({"d": RADIAN, "v": RADIAN / SECOND}, {"d": NONE, "v": NONE / SECOND})
+"""An angle is a number where a law needs one, as in `k*sin(d)`."""
+
+
+def law_dimensions(
+    text: str,
+    expression: Expression,
+    states: Sequence[StateRate],
+    known: Mapping[str, Dimension],
+    *,
+    angular: bool = False,
+) -> dict[str, Dimension | None]:
+    """Dimension of each coefficient and state of a law, given some; None where any is consistent.
+
+    Raises LawError if none are consistent; it has the place where they disagree.
+    """
+    rates = {rate.name: rate.expression for rate in states}
+    force = NEWTON * METRE if angular else NEWTON
+    conflicts = []
+    for variables in _ANGULAR if angular else _LINEAR:
+        try:
+            return infer(expression, variables, force, rates=rates, known=known)
+        except UnitConflict as error:
+            conflicts.append(error)
+    first = conflicts[0]
+    faulty = (text, *(rate.text for rate in states))[first.equation]
+    place = parse_with_positions(faulty, (*VARIABLES, *rates)).position(first.part)
+    raise LawError(first.reason, faulty, place, "Give each term a coefficient of its own.") from None
 
 
 class Partials(NamedTuple):

@@ -2,6 +2,8 @@
 
 A link joins two masses, or a mass and the ground or the moving base. Its elongation is d = x_first - x_second; its law is the
 force in N on the first end with reversed sign (METHODS section 1): m_first x'' = -f(d, d') + ...
+
+What does not take links with memory says so, instead of running without them.
 """
 
 from __future__ import annotations
@@ -19,8 +21,7 @@ from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, as_coefficient
-from linkwise.model.law import Law
-from linkwise.model.link_state import LinkState, as_link_states
+from linkwise.model.law import Law, LinkState, as_link_states
 
 ANGLE, LENGTH = "rad", "m"
 """Units of displacements: of what turns about an axis, and of what moves along a line."""
@@ -388,3 +389,34 @@ def check_name(name: object, kind: str) -> None:
             f"{name!r} is not a valid name: leading or trailing spaces, control characters and [ ] : = / \\ are not allowed",
             kind,
         )
+
+
+COMPARISON = "the comparison with a truth"  # of terms and forces of d and v
+
+
+def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
+    """Raise StructureError if the states of one of the links do not rest at 0 while its ends rest, as `feature` needs."""
+    elongations = np.concatenate([-np.logspace(-9, 0, 10), [0.0], np.logspace(-9, 0, 10)])
+    for link in links:
+        if not link.law.states:
+            continue
+        with np.errstate(all="ignore"):
+            rates = link.law.state_rates(elongations, 0.0, {**link.values, **link.zero_states})
+        moving = [name for name, rate in zip(link.law.states, rates, strict=True) if np.any(rate != 0.0)]
+        if moving:
+            raise StructureError(
+                f"the state {moving[0]} does not rest at 0 while the ends of the link are at rest, which is not "
+                f"supported in {feature}",
+                f'link "{link.name}"',
+            )
+
+
+def refuse_memory(links: Iterable[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
+    """Raise StructureError if one of the links has states, which `feature` does not take, and say what to do `instead`."""
+    for link in links:
+        if link.law.states:
+            states = ", ".join(link.law.states)
+            raise StructureError(
+                f"the law has memory (state {states}), which is not supported in {feature}; {instead}",
+                f'link "{link.name}"',
+            )

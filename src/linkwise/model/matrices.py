@@ -17,13 +17,11 @@ import scipy
 from linkwise.argument_types import checked, checked_class
 from linkwise.display import near_miss
 from linkwise.errors import StructureError
-from linkwise.model.host_reduction import proportional_damping, reduce_matrices
 from linkwise.model.link import ANGLE
 from linkwise.model.matrix_files import read_matrices as matrices_of_file
 from linkwise.model.matrix_files.file_matrix import FileMatrix
-from linkwise.model.reduced_host import HostReduction
-from linkwise.model.rotations import with_units
-from linkwise.model.row_weights import require_direction, row_weights, turns_throughout
+from linkwise.model.reduction import HostReduction, proportional_damping, reduce_matrices
+from linkwise.model.rotations import require_direction, row_weights, turns_throughout, with_units
 
 _USUAL = {
     "mass": ("M", "mass", "MAAX", "MAA"),

@@ -3,11 +3,19 @@
     d = B'x + e x_base,   M x'' = -B f(d, d') + w(t)        (METHODS section 1)
 
 B is `Structure.incidence`, e is `Structure.base_incidence`, f holds the laws of the links.
+
+A structure as a notebook shows it: its masses, and a line for every link.
+
+What does not take hosts says so, instead of running without their points.
+
+What does not take links alone on a rig says so.
+
+Ends of links: each is a place of the structure or a support, and every mass has a link.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,12 +25,10 @@ from numpy.typing import ArrayLike
 
 from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
-from linkwise.display import NotebookView, near_miss
+from linkwise.display import NotebookView, align_columns, as_html, near_miss, text_html
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, as_coefficient
-from linkwise.model.ends import check_ends
-from linkwise.model.host import Host, counted, with_modes
-from linkwise.model.host_damping import is_between_modes
+from linkwise.model.host import Host, counted, is_between_modes, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.names import check_unique, index_of, quoted
 from linkwise.model.parameters import (
@@ -37,6 +43,37 @@ from linkwise.model.parameters import (
 )
 from linkwise.model.rotations import in_units_of_ends, rotations_of
 from linkwise.model.topology import LinkShape, Topology
+
+
+def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence[Link]) -> None:
+    """Raise StructureError for an unknown end, or a mass without a link; `places` are masses that are no modes, and points."""
+    links = [link for link in links if not is_between_modes(link.name)]
+    supports = [link for link in links if set(link.between) <= {GROUND, BASE}]
+    if supports and mass_names:
+        first, second = supports[0].between
+        raise StructureError(
+            f'at least one end must be a mass, got "{first}" and "{second}"; a link between these needs a '
+            "structure without masses, a rig",
+            f'link "{supports[0].name}"',
+        )
+    names = {*mass_names, *places}
+    linked: set[str] = set()
+    for link in links:
+        for end in link.between:
+            if end not in names and end not in (GROUND, BASE):
+                kinds = "masses" if names == set(mass_names) else "masses and points"
+                raise StructureError(
+                    f'unknown end "{end}"{near_miss(end, [*places, GROUND, BASE])}; an end is "ground", "base" or one of the '
+                    f"{kinds} {quoted(places)}",
+                    f'link "{link.name}"',
+                )
+        linked.update(link.between)
+    loose = [name for name in mass_names if name not in linked]
+    if loose:
+        raise StructureError(
+            "no link has it as an end; add a link or remove the mass", f"mass {quoted(loose)}"
+        )
+
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 
@@ -396,4 +433,41 @@ class Structure(NotebookView):
         return self.size, tuple(
             LinkShape(column, float(base), link.law.expression, link.law.named_rates)
             for column, base, link in zip(topology.columns, topology.base_incidence, self.links, strict=True)
+        )
+
+
+_MOST = 40  # masses or links that are shown
+
+
+@as_html.register
+def structure_html(structure: Structure) -> str:
+    """The name of the structure, its masses and the laws of its links."""
+    masses = [
+        (mass.name, "unknown" if mass.mass.value is None else f"{mass.mass.value:g} {mass.mass_unit}")
+        for mass in structure.masses[:_MOST]
+    ]
+    links = [(link.name, " - ".join(link.between), link.law.equations) for link in structure.links[:_MOST]]
+    count = f"{len(structure.masses)} masses, {len(structure.links)} links"
+    lines = [f"{structure.name or 'structure'}: {count}", *align_columns([("mass", ""), *masses])]
+    if links:
+        lines += align_columns([("link", "between", "law"), *links])
+    left_out = max(len(structure.masses), len(structure.links)) - _MOST
+    return text_html("\n".join([*lines, *([f"... and {left_out} more"] if left_out > 0 else [])]))
+
+
+def refuse_hosts(structure: Structure, feature: str) -> None:
+    """Raise StructureError if a structure has a host, which `feature` does not take."""
+    if structure.hosts:
+        raise StructureError(
+            f"a host is not supported in {feature}; maximum likelihood takes it",
+            f'host "{structure.hosts[0].name}"',
+        )
+
+
+def refuse_rig(structure: Structure, feature: str) -> None:
+    """Raise StructureError for a structure without a mass, which `feature` does not take."""
+    if structure.on_rig:
+        raise StructureError(
+            f"there is no mass: links alone on a rig are not supported in {feature}; add the mass that moves",
+            f'link "{structure.links[0].name}"',
         )

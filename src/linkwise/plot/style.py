@@ -1,6 +1,12 @@
 """How figures look, and the Axes that they are drawn on.
 
 Figures are made with `matplotlib.figure.Figure`; pyplot would keep every figure alive and choose a display.
+
+Colours and number scales that all figures share, still and interactive.
+
+Titles and labels that several figures and pages share; nothing here draws.
+
+Fewer points for the same picture: a trace keeps the extremes of every block of samples that is narrower than a pixel.
 """
 
 from __future__ import annotations
@@ -14,6 +20,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -21,6 +28,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, NullFormatter
 
 from linkwise.argument_types import checked
+from linkwise.arrays import Floats
+from linkwise.model.structure import Link
 from linkwise.plot.layout import LEGEND_SIZE, SUPTITLE_SIZE, TITLE_SIZE, EstimatedLayout
 
 _STYLE: Any = {
@@ -260,3 +269,59 @@ def _laid_out(figure: Figure) -> Iterator[None]:
         yield
     finally:
         figure.set_layout_engine(engine)
+
+
+# Okabe and Ito: told apart with any kind of colour vision, and in grey.
+IDENTIFIED = "#0072B2"
+TRUE = "#000000"
+MEASURED = "#8C8C8C"
+WELL = "#D55E00"
+VISITED = "#E8EEF4"
+CHAOS = "#F3EDE4"  # behind a motion that is one of many
+SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+
+_PREFIXES = {3: "G", 2: "M", 1: "k", 0: "", -1: "m", -2: "µ", -3: "n"}
+
+
+def scale(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and unit that bring numbers up to `largest` (in `unit`) between 1 and 1000: (1000.0, "mm") for 0.02 m.
+
+    Units that begin with a power or a quotient take the prefix on their first symbol, as in mm/s. Numbers without a unit, or
+    whose unit is open ("?"), stay as they are.
+    """
+    if unit in ("", "?"):
+        return 1.0, ""
+    if not (largest > 0.0 and math.isfinite(largest)):
+        return 1.0, unit
+    thousands = min(3, max(-3, math.floor(math.log10(largest * (1 + 1e-12)) / 3)))
+    return 1000.0**-thousands, _PREFIXES[thousands] + unit
+
+
+def force_title(link: Link) -> str:
+    """Name, ends and law of the link."""
+    return f"{link.name} ({' – '.join(link.between)}):  {link.law.text}"
+
+
+def envelope(time: Floats, values: Floats, points: int = 4000) -> tuple[Floats, Floats]:
+    """`time` (N,) and `values` (N,) as at most about `points` points whose line covers the same pixels.
+
+    Each block gives its least and its greatest value in order of time. A block that lacks all its samples gives NaN, so gaps
+    stay gaps.
+    """
+    block = -(-len(time) // max(points // 2, 1))
+    if block <= 2:
+        return time, values
+    count = -(-len(time) // block)
+    padded = np.full(count * block, np.nan)
+    padded[: len(values)] = values
+    blocks = padded.reshape(count, block)
+    least = np.where(np.isnan(blocks), np.inf, blocks).argmin(axis=1)
+    greatest = np.where(np.isnan(blocks), -np.inf, blocks).argmax(axis=1)
+    picked = np.sort(np.stack([least, greatest], axis=1), axis=1) + block * np.arange(count)[:, None]
+    index = np.minimum(picked.ravel(), len(time) - 1)
+    return time[index], values[index]
+
+
+def scattered(count: int, points: int = 3000) -> slice:
+    """Every k-th of `count` samples, so that about `points` are left; order and spread over time are kept."""
+    return slice(None, None, max(1, -(-count // points)))

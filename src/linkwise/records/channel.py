@@ -1,12 +1,32 @@
-"""Channels: a kind of quantity at a mass or the base, `KIND:MASS`, or of a link, `f:LINK` and `state:LINK.NAME`."""
+"""Channels: a kind of quantity at a mass or the base, `KIND:MASS`, or of a link, `f:LINK` and `state:LINK.NAME`.
+
+Units of what turns: which texts are units of an angle, its rate, its acceleration or a moment.
+
+What a record states of its channels beside their samples: fields of `Record` that are mappings by channel.
+
+How inputs run between their samples.
+
+Readings of a sensor at and beside an end of its range, which a channel marks as missing and which still tell something.
+
+Checks of records: names and values of any record, what a measured one should not contain, inputs without gaps.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from linkwise.argument_types import check_type
-from linkwise.errors import RecordError
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError, LinkwiseError, RecordError
+from linkwise.model.excitation import Sampled
+from linkwise.units import factor_to_si
 
 UNITS = {"x": "m", "v": "m/s", "a": "m/s^2", "force": "N", "f": "N", "state": "?"}
 ANGULAR_UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "force": "N m", "f": "N m"}
@@ -121,3 +141,389 @@ class Channel:
 def of_links(channels: Iterable[str]) -> tuple[str, ...]:
     """Those of these channels that show forces or states of links."""
     return tuple(name for name in channels if Channel.parse(name).of_link)
+
+
+HELD, LINEAR, BAND_LIMITED = INTERPOLATIONS = ("held", "linear", "band-limited")
+ORDER_OF = {HELD: 0, LINEAR: 1, BAND_LIMITED: 5}
+_ENOUGH = 64  # samples from which a windowed sinc interpolates accurately
+
+
+def check_interpolation(inputs: Sequence[str], interpolation: Mapping[str, str]) -> None:
+    """Raise RecordError for an interpolation that is unknown, or of a channel that is no input."""
+    for name, kind in interpolation.items():
+        if name not in inputs:
+            listed = ", ".join(inputs) or "there are none"
+            raise RecordError(
+                f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}",
+                channel=name,
+            )
+        if kind not in INTERPOLATIONS:
+            raise RecordError(
+                f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}", channel=name
+            )
+        if kind == HELD and name.endswith(":base"):
+            raise RecordError(
+                "a base does not jump from sample to sample; choose linear or band-limited", channel=name
+            )
+
+
+def interpolated(start: float, rate: float, values: Floats, kind: str = BAND_LIMITED) -> Sampled:
+    """The input with samples `values` (N,) and what runs between them."""
+    band_limited = kind == BAND_LIMITED and len(values) > _ENOUGH
+    return Sampled(start, rate, values, order=ORDER_OF[kind], band_limited=band_limited)
+
+
+def at_samples(values: Floats, kind: str = BAND_LIMITED) -> Floats:
+    """Samples (N,) of an input for sums that stand for integrals: a held one jumps at each, and has its mean there."""
+    return values if kind != HELD else 0.5 * (values + np.append(values[:1], values[:-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class ClippedSamples:
+    """What a sensor read where it was overloaded or nearly so, as `mark_missing` keeps it in `Record.clipped`.
+
+    Attributes
+    ----------
+    samples : array of shape (N,)
+        The channel as it is with these readings marked as missing, NaN.
+    readings : array of shape (N,)
+        The readings there, in the unit of the channel; NaN elsewhere.
+    sides : array of shape (N,)
+        1 where the true reading is the one given or more, -1 where it is the one given or less, 0 where it is exact.
+
+    Raises
+    ------
+    RecordError
+        If lengths differ, a reading has no side or another than these, or the channel has a sample where there is a reading.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> x = record.channel("x:m1")
+    >>> peak = 0.8 * np.abs(x).max()
+    >>> overloaded = {"x:m1": np.clip(x, -peak, peak), "x:m2": record.channel("x:m2")}
+    >>> marked = lw.mark_missing(lw.Record.from_arrays(record.time, overloaded))
+    >>> sides = marked.clipped["x:m1"].sides
+    >>> int((sides > 0).sum()), int((sides < 0).sum())
+    (22, 22)
+    """
+
+    samples: Floats
+    readings: Floats
+    sides: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("samples", "readings", "sides"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        shapes = [array.shape for array in (self.samples, self.readings, self.sides)]
+        if len(set(shapes)) > 1 or len(shapes[0]) != 1:
+            raise RecordError(
+                f"clipped samples, their readings and sides are arrays of one length, got the shapes {shapes}"
+            )
+        is_read = ~np.isnan(self.readings)
+        wrong = np.flatnonzero(is_read & ~np.isin(self.sides, (-1.0, 0.0, 1.0)))
+        if len(wrong):
+            raise RecordError(
+                f"the side of a reading is -1, 0 or 1, got {self.sides[wrong[0]]:g} at sample {wrong[0]}"
+            )
+        both = np.flatnonzero(is_read & ~np.isnan(self.samples))
+        if len(both):
+            raise RecordError(
+                f"a clipped sample is missing in its channel, and sample {both[0]} is there beside its reading: mark it as NaN"
+            )
+
+    def of(self, samples: Floats) -> ClippedSamples | None:
+        """The readings of a channel, if it is as it was when they were marked.
+
+        Parameters
+        ----------
+        samples : array of shape (N,)
+            The channel.
+
+        Returns
+        -------
+        ClippedSamples or None
+            None where it was changed since, so that the readings are those of another signal.
+        """
+        return self if np.array_equal(self.samples, samples, equal_nan=True) else None
+
+    def rows(self, which: slice) -> ClippedSamples:
+        """The readings among some samples.
+
+        Parameters
+        ----------
+        which : slice
+            The samples.
+
+        Returns
+        -------
+        ClippedSamples
+            Those of the samples alone.
+        """
+        return ClippedSamples(self.samples[which], self.readings[which], self.sides[which])
+
+    @classmethod
+    def none_of(cls, samples: Floats) -> ClippedSamples:
+        """Those of a channel without any.
+
+        Parameters
+        ----------
+        samples : array of shape (N,)
+            The channel.
+
+        Returns
+        -------
+        ClippedSamples
+            Without readings.
+        """
+        return cls(samples, np.full(len(samples), np.nan), np.full(len(samples), np.nan))
+
+    def followed_by(self, others: ClippedSamples, gap: int) -> ClippedSamples:
+        """The readings of this part of a channel and of another.
+
+        Parameters
+        ----------
+        others : ClippedSamples
+            Those of the other part.
+        gap : int
+            The number of missing samples between them.
+
+        Returns
+        -------
+        ClippedSamples
+            Those of both.
+        """
+        missing = np.full(gap, np.nan)
+        pairs = zip(
+            (self.samples, self.readings, self.sides),
+            (others.samples, others.readings, others.sides),
+            strict=True,
+        )
+        return ClippedSamples(*(np.concatenate([first, missing, second]) for first, second in pairs))
+
+
+_ANGLE = re.compile(r"(?<![a-z])([munµμ]?rad|deg|°|rev|turn|rpm|arcmin|arcsec|m?grad|m?gon)|(radian|degree)")
+_MOMENT = re.compile(r"N\s*[*·⋅ ]?\s*[mcd]?m$|(lbf|ozf|kgf|newton)[ *·]|[ *·](lbf|ozf|kgf)$")
+_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
+
+
+def is_angular(unit: str, kind: str) -> bool:
+    """Whether a channel of a kind in a unit is that of a rotation: an angle, its rate, or a moment.
+
+    Parameters
+    ----------
+    unit : str
+        The unit, as written.
+    kind : str
+        The kind of channel, such as ``"x"``.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
+    words = _MOMENT if kind in ("force", "f") else _ANGLE
+    return kind in ANGULAR_UNITS and bool(words.search(unit)) and _converts(unit, ANGULAR_UNITS[kind])
+
+
+def si_unit(unit: str, kind: str) -> str:
+    """The SI unit of a channel of `kind` that is stated in `unit`."""
+    return ANGULAR_UNITS[kind] if is_angular(unit, kind) else UNITS[kind]
+
+
+def unit_behind(quantity: str) -> str:
+    """The unit of a quantity, such as "deg" of "0.3 deg"; empty where there is none."""
+    return _NUMBER.sub("", quantity, count=1).strip()
+
+
+def _converts(unit: str, dimension: str) -> bool:
+    try:
+        return bool(factor_to_si(unit, dimension))
+    except LinkwiseError:
+        return False
+
+
+@dataclass(frozen=True)
+class ChannelAttribute:
+    """An attribute of channels, under the name of its field in `Record`.
+
+    `label` is what messages call it. `stored` is the type that files store it as, a mapping by channel of numbers or texts;
+    None for one that formats write in a way of their own. `absent` stands for no value in formats that hold one for every
+    channel. One `of_samples` belongs to those of a record, not to its sensors.
+    """
+
+    label: str
+    stored: Any = None
+    absent: float | str = ""
+    of_samples: bool = False
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its values are texts, not numbers."""
+        return isinstance(self.absent, str)
+
+    def is_absent(self, value: float | str) -> bool:
+        """Whether a value is `absent`, or NaN."""
+        return value == self.absent or (isinstance(value, float) and math.isnan(value))
+
+
+OF_CHANNELS = {
+    "noise": ChannelAttribute("noise", stored=dict[str, float], absent=math.nan),
+    "interpolation": ChannelAttribute("interpolation", stored=dict[str, str], absent=BAND_LIMITED),
+    "units": ChannelAttribute("unit"),  # of a column, which holds it in its header
+    "uncertainty": ChannelAttribute("uncertainty"),  # see files/sensor_attributes.py
+    "clipped": ChannelAttribute("clipped samples", of_samples=True),
+}
+STORED = {name: attribute for name, attribute in OF_CHANNELS.items() if attribute.stored is not None}
+"""Those that the formats of files store without knowing them."""
+
+
+FASTEST = 1e30  # Hz, and its inverse the slowest rate: accelerations of such records stay finite
+LARGEST = 1e100  # in any unit: products of four larger values are not finite
+
+
+def check_clipped(channels: Sequence[str], clipped: Mapping[str, object]) -> None:
+    """Raise RecordError for clipped samples of a name that is not a response of these channels."""
+    for name, samples in clipped.items():
+        if name not in channels:
+            raise RecordError(
+                f'clipped samples of "{name}", which is not a channel; the channels are {", ".join(channels)}'
+            )
+        if not isinstance(samples, ClippedSamples):
+            raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
+        if Channel.parse(name).is_input:
+            raise RecordError(
+                f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
+            )
+
+
+def check_names(
+    channels: Sequence[str], noise: Mapping[str, float], interpolation: Mapping[str, str]
+) -> None:
+    """Raise RecordError for a name that is not a channel or is listed twice, and for invalid noise or interpolation."""
+    for name in channels:
+        Channel.parse(name)
+    repeated = [name for i, name in enumerate(channels) if name in channels[:i]]
+    if repeated:
+        raise RecordError("is listed twice", channel=repeated[0])
+    for name, sigma in noise.items():
+        if name not in channels:
+            raise RecordError(
+                f"noise is given for a channel that is not in the record; the channels are {', '.join(channels)}",
+                channel=name,
+            )
+        if not (np.isfinite(sigma) and sigma >= 0.0):
+            raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)
+
+    check_interpolation([name for name in channels if Channel.parse(name).is_input], interpolation)
+
+
+def check_rate(rate: float, file: str | None = None) -> None:
+    """Raise RecordError for a rate in Hz at which nothing is measured, and with whose square no computer calculates."""
+    if not 1.0 / FASTEST <= rate <= FASTEST:
+        raise RecordError(
+            f"rate must be between {1.0 / FASTEST:g} and {FASTEST:g} Hz, got {rate:g} Hz; check the times and their unit",
+            file,
+            arguments=("rate",),
+        )
+
+
+def check_values(start: float, rate: float, channels: Sequence[str], values: Floats) -> None:
+    """Raise RecordError for an invalid start in s or rate in Hz, and for values that are not (N, C) or are infinite."""
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise RecordError(f"rate must be positive and finite, got {rate!r} Hz")
+    check_rate(rate)
+    if not np.isfinite(start):
+        raise RecordError(f"start must be finite, got {start!r} s")
+    if values.ndim != 2 or values.shape[1] != len(channels):
+        raise RecordError(
+            f"values have the shape {values.shape}, expected (samples, {len(channels)}) for "
+            f"the channels {', '.join(channels)}"
+        )
+    if not channels or not len(values):
+        raise RecordError("a record needs at least one channel and one sample")
+    beyond = np.argwhere(np.abs(values) > LARGEST)
+    if len(beyond):
+        row, column = beyond[0]
+        raise RecordError(
+            f"the value at {start + row / rate:g} s is {_beyond(values[row, column])}; mark a missing sample by NaN",
+            channel=channels[column],
+        )
+
+
+def _beyond(value: float) -> str:
+    return "infinite" if np.isinf(value) else f"{value:g}, more than {LARGEST:g}"
+
+
+def column_notes(
+    name: str, samples: NDArray[np.generic], file: str | None, lines: NDArray[np.int64] | None
+) -> list[str]:
+    """Notes on one measured column (N,). Raises RecordError unless it holds real, finite numbers."""
+    if samples.dtype.kind not in "iuf":
+        raise RecordError(f"must be real numbers, got {samples.dtype}", file, channel=name)
+    if samples.dtype.kind in "iu":
+        return [f"{name}: integers were taken as values in {Channel.parse(name).unit}; counts need a unit."]
+    beyond = np.flatnonzero(np.abs(samples) > LARGEST)
+    if len(beyond):
+        row = int(beyond[0])
+        line = None if lines is None else int(lines[row])
+        where = "" if line else f" (sample {row})"
+        message = f"the value is {_beyond(samples[row])}{where}; leave the cell of an overloaded sample empty"
+        raise RecordError(message, file, line, name)
+    missing = int(np.isnan(samples).sum())
+    return [f"{name}: {missing} of {len(samples)} samples are missing."] if missing else []
+
+
+def check_responses(names: tuple[str, ...], values: Floats, file: str | None) -> None:
+    """Raise RecordError for a response without information: missing throughout, constant, or a copy of another.
+
+    `values` (N, C) are the columns of the channels `names`; inputs may be constant or equal.
+    """
+    names_by_samples: dict[bytes, str] = {}
+    for column, name in enumerate(names):
+        if Channel.parse(name).is_input:
+            continue
+        samples = values[:, column]
+        present = samples[~np.isnan(samples)]
+        if not len(present):
+            raise RecordError("every sample is missing; leave the channel out", file, channel=name)
+        if np.all(present == present[0]):
+            raise RecordError(
+                f"every sample is {present[0]:g}: a constant channel carries no information; leave it out",
+                file,
+                channel=name,
+            )
+        peak = np.max(np.abs(present))
+        # single precision, so that copies in different units compare equal
+        with np.errstate(over="ignore"):
+            key = np.append(samples / peak, peak).astype(np.float32).tobytes()
+        if key in names_by_samples:
+            raise RecordError(
+                f"has the same samples as {names_by_samples[key]}; one of the two is mislabelled",
+                file,
+                channel=name,
+            )
+        names_by_samples[key] = name
+
+
+def require_complete(name: str, samples: Floats, start: float, rate: float) -> None:
+    """Raise IdentificationError where the input `name`, (N,) `samples` from `start` in s at `rate` in Hz, has gaps."""
+    missing = np.isnan(samples)
+    if not missing.any():
+        return
+    if missing.all():
+        raise IdentificationError(
+            f"channel {name}: every sample is missing, and inputs must be complete; give its values, or leave the channel out"
+        )
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]])))
+    first, last = max(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda piece: piece[1] - piece[0])
+    earliest, latest = start + first / rate, start + last / rate
+    raise IdentificationError(
+        f"channel {name}: {missing.sum()} of {len(samples)} samples are missing, the first at "
+        f"{start + int(np.argmax(missing)) / rate:.9g} s, and inputs must be complete; cut the record to a piece without gaps "
+        f"(the longest: record.between({earliest:.9g}, {latest:.9g})), or interpolate across gaps that are short against the "
+        "changes of this input",
+        arguments=("earliest", "latest"),
+    )

@@ -1,18 +1,193 @@
-"""Records of several files as one: side by side from the first sample on, side by side by time, or one after the other."""
+"""Records of several files as one: side by side from the first sample on, side by side by time, or one after the other.
+
+One record or several, as a list.
+
+Several records taken together: each must be a measurement of its own.
+
+Noise that is stated of a channel, against the samples that hold it.
+
+The samples that all sensors have of a record whose sensors were sampled at different rates.
+
+Channels that show everything late: their delays taken out by band-limited interpolation.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from linkwise.argument_types import checked
+from linkwise.argument_types import check_type, checked
+from linkwise.arrays import Bools
 from linkwise.errors import RecordError
-from linkwise.records.channel_attributes import OF_CHANNELS
-from linkwise.records.clipped_samples import ClippedSamples
-from linkwise.records.delays import without_delays
+from linkwise.model.excitation import Sampled
+from linkwise.records.channel import OF_CHANNELS, Channel, ClippedSamples
 from linkwise.records.record import Record
+
+_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
+
+
+@checked
+def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
+    """Take known delays out of channels.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    delays : mapping of str to float
+        By channel the time in s by which it is late; negative for one that is early.
+
+    Returns
+    -------
+    Record
+        The record on its own clock, cut where a shifted channel has no samples. Interpolation between samples needs motions
+        below half the sampling rate.
+
+    Raises
+    ------
+    RecordError
+        If a channel is not in the record or has missing samples, or a delay is not finite or longer than the record.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> lw.without_delays(record, {"x:m1": 0.0025})
+    Record of 498 samples at 1000 Hz, 0 to 0.497 s: x:m1, x:m2
+    """
+    values, first, last = record.values.copy(), 0, len(record)
+    for name, delay in delays.items():
+        samples = record.channel(name)
+        if not isfinite(delay) or abs(delay) >= record.duration:
+            raise RecordError(
+                f"a delay must be shorter than the record of {record.duration:g} s, got {delay:g} s",
+                channel=name,
+            )
+        if np.isnan(samples).any():
+            raise RecordError("samples are missing, and a delay cannot be taken out of gaps", channel=name)
+        signal = Sampled(0.0, record.rate, samples, band_limited=len(samples) > _BAND_LIMITED)
+        late = np.arange(len(record)) / record.rate + delay
+        values[:, record.channels.index(name)] = signal.value(np.clip(late, 0.0, signal.end))
+        first = max(first, int(np.ceil(-delay * record.rate)))
+        last = min(last, len(record) - int(np.ceil(delay * record.rate)))
+    if not delays:
+        return record
+    if last <= first:
+        raise RecordError("the delays leave no sample that all channels have")
+    listed = ", ".join(f"{delay:g} s in {Channel.parse(name)}" for name, delay in delays.items())
+    note = f"Delays were taken out: {listed}. One that is found with the laws is what is left beside it."
+    moved = replace(record, values=values, notes=(*record.notes, note))
+    return moved[first:last]
+
+
+def record_list(records: Record | Sequence[Record], argument: str = "record") -> list[Record]:
+    """The records of a public function that takes one or several; raises `ArgumentTypeError` for what is no record."""
+    if isinstance(records, Record):
+        return [records]
+    listed = list(records)
+    for number, record in enumerate(listed):
+        check_type(f"{argument}[{number}]", record, Record)
+    return listed
+
+
+def check_distinct(records: Sequence[Record]) -> None:
+    """Raise RecordError if two records are the same measurement, which would halve the variance of every estimate.
+
+    Two are the same if they hold the same samples in all responses that both have, and have as many samples.
+    """
+    for (first, first_record), (second, second_record) in combinations(enumerate(records, start=1), 2):
+        shared = [name for name in first_record.responses if name in second_record.responses]
+        if (
+            shared
+            and len(first_record) == len(second_record)
+            and all(_equal(first_record, second_record, name) for name in shared)
+        ):
+            names = f"records {first} and {second}" + (
+                f" ({first_record.source})" if first_record.source else ""
+            )
+            raise RecordError(f"{names} hold the same samples; give each record once")
+
+
+def _equal(first: Record, second: Record, name: str) -> bool:
+    return np.array_equal(first.channel(name), second.channel(name), equal_nan=True)
+
+
+def joined_notes(records: Sequence[Record]) -> tuple[str, ...]:
+    """The notes of all records, each once."""
+    return tuple(dict.fromkeys(note for record in records for note in record.notes))
+
+
+_LARGEST = 10.0  # times the root mean square of samples that hold the noise: chance does not make it twice
+
+
+def check_stated_noise(records: Sequence[Record]) -> None:
+    """Raise RecordError where the noise stated of a response is far more than its samples, which hold it, could be."""
+    for record in records:
+        for name in set(record.noise).intersection(record.responses):
+            samples = record.channel(name)
+            samples = samples[np.isfinite(samples)]
+            size, sigma = float(np.sqrt(np.mean(samples**2))) if len(samples) else 0.0, record.noise[name]
+            if 0.0 < size < sigma / _LARGEST:
+                unit = record.unit(name)
+                raise RecordError(
+                    f"its noise is stated as {sigma:g} {unit}, but its samples, which hold that noise, have a root mean "
+                    f"square of {size:.3g} {unit}; check the number and its unit",
+                    channel=name,
+                )
+
+
+_MOTION = ("x", "v", "a")
+_REGULAR = (
+    0.9  # of the distances, multiples of that of most samples: a few samples more or less make no other rate
+)
+
+
+def common_samples(record: Record) -> Record | None:
+    """A record at the lowest of the rates at which the motion of its masses was sampled.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    Record or None
+        The record at every so-manyth of its samples, without a filter; None where most samples that all displacements,
+        velocities and accelerations have follow one another.
+    """
+    moving = [name for name in record.responses if Channel.parse(name).kind in _MOTION]
+    complete = np.asarray(np.isfinite(record.select(moving).values).all(axis=1))
+    every = sampled_every(complete)
+    if every < 2:
+        return None
+    first = int(np.argmax(complete))
+    return replace(
+        record,
+        start=record.start + first / record.rate,
+        rate=record.rate / every,
+        values=record.values[first::every],
+        simulated=None,
+    )
+
+
+def sampled_every(present: Bools) -> int:
+    """Samples from most of those that are `present` (N,) to the next one.
+
+    1 with less than two of them, and where the distances of many are no multiples of that, as where samples are missing at
+    random.
+    """
+    distances = np.diff(np.flatnonzero(present))
+    if not len(distances):
+        return 1
+    every = int(np.median(distances))
+    return every if np.mean(distances % every == 0) > _REGULAR else 1
+
 
 _SAME_RATE = 1e-6
 _ALIGNED = 1e-3  # of a step: clocks that agree to this need no interpolation

@@ -1,8 +1,13 @@
-"""The record: evenly sampled channels, measured or simulated, in SI units; the input of every estimator."""
+"""The record: evenly sampled channels, measured or simulated, in SI units; the input of every estimator.
+
+Arrays that nobody can change.
+
+Synthetic measurement noise for simulated records.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -15,17 +20,68 @@ from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError
-from linkwise.records.channel import Channel
-from linkwise.records.channel_attributes import OF_CHANNELS
-from linkwise.records.checks import check_clipped, check_names, check_values
-from linkwise.records.clipped_samples import ClippedSamples
-from linkwise.records.decimation import check_complete, check_factor, check_interpolation, lowpass_for
-from linkwise.records.immutable import read_only
-from linkwise.records.measured import sampled_columns
+from linkwise.records.channel import (
+    OF_CHANNELS,
+    Channel,
+    ClippedSamples,
+    check_clipped,
+    check_names,
+    check_values,
+)
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, check_uncertainty
-from linkwise.records.synthetic_noise import with_white_noise
-from linkwise.records.timeline import rows_between
+from linkwise.records.timeline import (
+    check_complete,
+    check_factor,
+    check_interpolation,
+    lowpass_for,
+    rows_between,
+    sampled_columns,
+)
 from linkwise.records.truth import SimulationTruth
+
+LARGEST_RATIO = 1000.0  # dB, either way: the powers of nothing that is measured are further apart
+
+
+def with_white_noise(
+    values: Floats,
+    channels: Sequence[str],
+    names: Sequence[str],
+    decibel: float,
+    seed: int,
+    earlier: Mapping[str, float],
+) -> tuple[Floats, dict[str, float]]:
+    """`values` (N, C) of `channels` with white Gaussian noise on those in `names`, and the standard deviation of each.
+
+    `decibel` is the signal-to-noise ratio in dB; missing samples (NaN) do not count in the power of the signal. The generator
+    of a channel depends on `seed` and its name only. `earlier` is the noise that is there already, which adds to the
+    deviations.
+    """
+    if not abs(decibel) <= LARGEST_RATIO:
+        raise RecordError(
+            f"decibel must be within {LARGEST_RATIO:g} of zero, got {decibel!r}; without noise, use the record as it is"
+        )
+    if seed < 0:
+        raise RecordError(f"seed must not be negative, got {seed}")
+    noisy, added = values.copy(), {}
+    for name in names:
+        samples = noisy[:, channels.index(name)]
+        sigma = 0.0
+        if not np.isnan(samples).all():
+            sigma = float(np.sqrt(np.nanmean(samples**2) * 10.0 ** (-decibel / 10.0)))
+        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
+        samples += sigma * generator.standard_normal(len(samples))
+        added[name] = float(np.hypot(sigma, earlier.get(name, 0.0)))
+    noisy.setflags(write=False)
+    return noisy, added
+
+
+def read_only(values: ArrayLike) -> Floats:
+    """`values` as a read-only float64 array in C order, copied unless it is one already."""
+    array = np.asarray(values)
+    if array.flags.writeable or array.dtype != np.float64 or not array.flags.c_contiguous:
+        array = np.array(array, dtype=np.float64, order="C")
+        array.setflags(write=False)
+    return array
 
 
 @checked_class

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 from linkwise.argument_types import checked_class
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.angular_units import si_unit, unit_behind
-from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel
-from linkwise.records.delays import without_delays
+from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel, si_unit, unit_behind
+from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, size_in_unit
 from linkwise.units import to_si

@@ -1,15 +1,25 @@
-"""The even time grid behind a column of times that was printed, rounded, and may lack rows."""
+"""The even time grid behind a column of times that was printed, rounded, and may lack rows.
+
+Channels at an even rate: samples whose times lie on it in their places, others interpolated by quintic splines.
+
+The anti-alias filter of `Record.decimate`: a symmetric low-pass that leaves white noise white.
+
+Measured columns on an even grid, with gaps filled by missing samples.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
+from numpy.typing import ArrayLike, NDArray
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
-from linkwise.records.checks import check_rate
+from linkwise.records.channel import BAND_LIMITED, Channel, check_rate, check_responses, column_notes
 
 MIN_SAMPLES = 32  # fewer do not hold one period of a vibration together with its noise
 JITTER = 1e-3  # of a step: deviation of a clock up to which samples count as even
@@ -219,3 +229,298 @@ def _exact_neighbour(times: Floats, index: NDArray[np.int64], rate: float) -> fl
         ):
             return neighbour
     return rate
+
+
+ATTENUATION = 80.0  # dB, from STOPBAND on
+PASSBAND = 0.8  # of the new Nyquist frequency; there the gain is 1 within 10^(-ATTENUATION / 20)
+STOPBAND = 1.2  # of the new Nyquist frequency
+_SPAN = 25  # outputs to either side that a sample enters: shorter filters miss ATTENUATION
+_GRID = 64  # points of the spectrum for a tap
+_AUDIBLE = 1e-3  # of the root mean square of a channel: motion between the bands that is told
+_ABOVE_FLOOR = 4.0  # times the power density of what is above the filter
+
+
+@dataclass(frozen=True, eq=False)
+class Lowpass:
+    """A symmetric filter of `length` = 2 `half` + 1 taps that keeps every `factor`-th of its outputs."""
+
+    factor: int
+    taps: Floats
+
+    @property
+    def length(self) -> int:
+        """Number of taps: samples that enter one output."""
+        return len(self.taps)
+
+    @property
+    def half(self) -> int:
+        """Number of samples dropped at each end."""
+        return len(self.taps) // 2
+
+    @property
+    def noise_gain(self) -> float:
+        """The factor by which the standard deviation of white noise shrinks."""
+        return float(np.sqrt(np.sum(self.taps**2)))
+
+    def notes(self, channels: Sequence[str], values: Floats, rate: float) -> tuple[str, ...]:
+        """What it does to the `values` (N, C) of `channels`, sampled at `rate` in Hz, one sentence each."""
+        note = (
+            f"Decimated by {self.factor} behind an anti-alias filter, which leaves {100.0 * self.noise_gain:.0f} % of the "
+            f"standard deviation of white noise; {self.half} samples at each end were dropped, where the filter is incomplete."
+        )
+        return (note, *_between_the_bands(channels, values, rate, self.factor))
+
+    def apply(self, values: Floats) -> Floats:
+        """`values` (N, C) filtered along time and decimated, both ends dropped: ((N - length) // factor + 1, C)."""
+        size = (
+            1 << (len(values) - 1).bit_length()
+        )  # wrap-around affects the first length - 1 outputs only, which are dropped
+        spectrum = np.fft.rfft(values, size, axis=0) * np.fft.rfft(self.taps, size)[:, np.newaxis]
+        filtered = np.fft.irfft(spectrum, size, axis=0)
+        return np.ascontiguousarray(filtered[self.length - 1 : len(values) : self.factor])
+
+
+@lru_cache(maxsize=16)
+def lowpass(factor: int) -> Lowpass:
+    """The filter for decimation by `factor` >= 2: flat up to `PASSBAND`, `ATTENUATION` from `STOPBAND` on.
+
+    Its squared gain at a frequency and at that which folds onto it add up to 1, as those of the scaling function of Meyer's
+    wavelet do (Daubechies, Ten Lectures on Wavelets, section 4.2): white noise stays white when every `factor`-th sample is
+    kept. Any filter that is steep enough to stop at the Nyquist frequency would leave noise that is correlated from sample to
+    sample, and residuals that no law explains.
+    """
+    half = _SPAN * factor
+    size = 1 << (_GRID * half - 1).bit_length()
+    frequency = np.arange(size // 2 + 1) * 2.0 * factor / size  # of the new Nyquist frequency
+    x = np.clip((frequency - PASSBAND) / (STOPBAND - PASSBAND), 0.0, 1.0)
+    gain = np.cos(0.5 * np.pi * x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3))
+    response = np.fft.irfft(gain, size)
+    taps = np.concatenate([response[-half:], response[: half + 1]])
+    return Lowpass(factor, taps / taps.sum())
+
+
+def _between_the_bands(channels: Sequence[str], values: Floats, rate: float, factor: int) -> tuple[str, ...]:
+    """A sentence on the channels (C,) whose `values` (N, C) move where the filter neither keeps nor stops them."""
+    nyquist = rate / factor / 2.0
+    centred = (values - values.mean(axis=0)) * np.hanning(len(values))[:, np.newaxis]
+    power = np.abs(np.fft.rfft(centred, axis=0)) ** 2
+    frequency = np.arange(len(power)) * rate / len(values)
+    between = (frequency > PASSBAND * nyquist) & (frequency < STOPBAND * nyquist)
+    above = frequency >= STOPBAND * nyquist
+    whole = power.sum(axis=0)
+    moving = (power[between].mean(axis=0) > _ABOVE_FLOOR * power[above].mean(axis=0)) & (
+        power[between].sum(axis=0) > _AUDIBLE**2 * whole
+    )
+    names = ", ".join(name for name, moves in zip(channels, moving, strict=True) if moves)
+    if not names:
+        return ()
+    return (
+        f"{names}: the motion between {PASSBAND * nyquist:.4g} and {STOPBAND * nyquist:.4g} Hz is neither kept nor "
+        f"removed by the filter, and is aliased; decimate by less.",
+    )
+
+
+def check_interpolation(interpolation: Mapping[str, str]) -> None:
+    """Refuse channels that are not band-limited between samples: a filter of the samples is not a filter of the signal."""
+    for name, kind in interpolation.items():
+        if kind != BAND_LIMITED:
+            raise RecordError(
+                f"is stated as {kind} between its samples, which samples at a lower rate cannot show; keep the rate of the "
+                "record, or record the force or motion itself and not its set value",
+                channel=name,
+            )
+
+
+def check_factor(factor: float) -> None:
+    """Raise RecordError unless `factor` is a positive integer."""
+    if isinstance(factor, bool) or int(factor) != factor or factor < 1:
+        raise RecordError(f"factor must be a positive integer, got {factor!r}")
+
+
+def check_complete(channels: Sequence[str], missing: Bools) -> None:
+    """Raise RecordError where one of the `channels` has `missing` (N, C) samples."""
+    if missing.any():
+        raise RecordError(
+            "samples are missing, and the anti-alias filter cannot bridge a gap; select a complete piece with "
+            "record.between first",
+            channel=channels[int(np.argmax(missing.any(axis=0)))],
+            arguments=("earliest", "latest"),
+        )
+
+
+def lowpass_for(factor: int, samples: int) -> Lowpass:
+    """The filter for a record of so many samples. Raises RecordError where it is longer than the record."""
+    antialias = lowpass(factor)
+    if samples < antialias.length:
+        raise RecordError(
+            f"{samples} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
+        )
+    return antialias
+
+
+ORDER = 5
+FINEST = 2.5  # times the mean rate: a finer grid holds nothing new
+EVEN = 1e-2  # of a step, within which times are even: then no grid finer than theirs has a use
+WIDEST = 3.0  # median steps: across a longer gap a spline would invent motion
+AMPLIFIED = 3.0  # times the noise of a sample: between uneven ones the noise of a spline may be any number of times that
+_TRIALS = 32  # sequences of noise that tell by how much, to an eighth of it
+
+
+@dataclass(frozen=True, eq=False)
+class Resampled:
+    """Columns at an even rate, from `start` in s on, and a sentence on how they were made."""
+
+    start: float
+    columns: dict[str, Floats]
+    note: str
+
+
+def resample_evenly(
+    time: Floats,
+    columns: Mapping[str, Floats],
+    rate: float,
+    *,
+    file: str | None = None,
+    lines: NDArray[np.int64] | None = None,
+) -> Resampled:
+    """Columns at start + k/`rate` within the span of `time` (N,) in s.
+
+    Samples whose times all lie on that grid go to their places, and those that the file lacks are missing; only inputs, which
+    must be complete, are interpolated then. Other samples are interpolated without the missing ones. In gaps of more than
+    `WIDEST` median steps, and where noise would be amplified by more than `AMPLIFIED`, the result is missing. Raises
+    RecordError for times that do not increase, for a rate below the mean sampling rate, which would cause aliasing, for one
+    above `FINEST` times it, and for any above that of even times.
+    """
+    times = np.asarray(time, dtype=np.float64)
+    check_increasing(times, file, lines)
+    mean = (len(times) - 1) / (times[-1] - times[0])
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise RecordError(f"rate must be positive, got {rate!r} Hz", file, arguments=("resample",))
+    if rate < 0.999 * mean:
+        raise RecordError(
+            f"resampling to {rate:g} Hz would alias content above {rate / 2:g} Hz, since the record has {mean:.6g} Hz "
+            "on average; resample to at least that rate, then decimate the record",
+            file,
+            arguments=("resample",),
+        )
+    even = bool(np.all(np.abs(np.diff(times) * mean - 1.0) < EVEN))
+    if even and rate > 1.001 * mean:
+        raise RecordError(
+            f"the record has {mean:.6g} Hz and even times: samples at {rate:g} Hz would be interpolated and add no "
+            "information, and their noise would not be independent, which looks like an error of a sensor; keep its rate",
+            file,
+            arguments=("resample",),
+        )
+    if rate > FINEST * mean:
+        raise RecordError(
+            f"resampling to {rate:g} Hz is finer than needed, since the record has {mean:.6g} Hz on average; resample to at "
+            f"most {FINEST * mean:.6g} Hz",
+            file,
+            arguments=("resample",),
+        )
+    steps = (times - times[0]) * rate
+    places = np.rint(steps).astype(np.int64)
+    on_grid = bool(np.all(np.abs(steps - places) < EVEN)) and bool(np.all(np.diff(places) > 0))
+    count = int(places[-1]) + 1 if on_grid else int(np.floor(steps[-1] + 1e-6)) + 1
+    grid = np.minimum(times[0] + np.arange(count) / rate, times[-1])
+    columns = {name: _checked(times, values, name, file) for name, values in columns.items()}
+    splined = [name for name in columns if not on_grid or Channel.parse(name).is_input]
+    resampled = {
+        name: _interpolated(times, values, grid) if name in splined else _placed(values, places, count)
+        for name, values in columns.items()
+    }
+    return Resampled(float(times[0]), resampled, _note(len(times), rate, splined if on_grid else None))
+
+
+def _note(samples: int, rate: float, splined: list[str] | None) -> str:
+    """How `samples` came to `rate` in Hz: all by splines, or the channels in `splined` alone."""
+    if splined is None:
+        return (
+            f"Resampled from {samples} samples to {rate:g} Hz by quintic splines; "
+            "noise of neighbouring samples is no longer independent."
+        )
+    note = f"The times of the {samples} samples lie on an even grid of {rate:g} Hz: no response was interpolated."
+    return note + (f" Short gaps of {', '.join(splined)} were, by quintic splines." if splined else "")
+
+
+def _checked(times: Floats, column: Floats, name: str, file: str | None) -> Floats:
+    """A column with as many samples as times, enough of which are there, all of them finite."""
+    values = np.asarray(column, dtype=np.float64)
+    if values.shape != times.shape:
+        raise RecordError(f"has shape {values.shape}, but time has shape {times.shape}", file, channel=name)
+    if np.isinf(values).any():
+        raise RecordError(
+            "has infinite values; leave the cells of overloaded samples empty", file, channel=name
+        )
+    present = int(np.sum(~np.isnan(values)))
+    if present < MIN_SAMPLES:
+        raise RecordError(
+            f"{present} samples are too few; a record needs at least {MIN_SAMPLES}", file, channel=name
+        )
+    return values
+
+
+def _placed(values: Floats, places: NDArray[np.int64], count: int) -> Floats:
+    """Samples at their places among `count`, the others missing."""
+    column = np.full(count, np.nan)
+    column[places] = values
+    return column
+
+
+def _interpolated(times: Floats, values: Floats, grid: Floats) -> Floats:
+    """One column at the times `grid`; NaN in gaps wider than `WIDEST` median steps, and where noise is amplified."""
+    present = ~np.isnan(values)
+    known = times[present]
+    interpolated: Floats = scipy.interpolate.make_interp_spline(known, values[present], k=ORDER)(grid)
+    after = np.clip(np.searchsorted(known, grid), 1, len(known) - 1)
+    wide = known[after] - known[after - 1] > WIDEST * float(np.median(np.diff(times)))
+    in_gap = wide & (grid != known[after]) & (grid != known[after - 1])
+    outside = (grid < known[0]) | (grid > known[-1])
+    interpolated[in_gap | outside | (_amplification(known, grid) > AMPLIFIED)] = np.nan
+    return interpolated
+
+
+def _amplification(known: Floats, grid: Floats) -> Floats:
+    """Deviations (G,) at the times `grid` of splines through white noise of deviation 1 at the times `known`."""
+    rng, squares = np.random.default_rng(0), np.zeros(len(grid))
+    for _ in range(_TRIALS):
+        noise = rng.standard_normal(len(known))
+        squares += scipy.interpolate.make_interp_spline(known, noise, k=ORDER)(grid) ** 2
+    return np.sqrt(squares / _TRIALS)
+
+
+def sampled_columns(
+    time: ArrayLike,
+    channels: Mapping[str, ArrayLike],
+    file: str | None,
+    lines: NDArray[np.int64] | None,
+    *,
+    informative: bool = True,
+) -> tuple[Timeline, Floats, list[str]]:
+    """The time grid, the values (N, C) and notes for the user; see `Record.from_arrays`.
+
+    Unless responses must be `informative`, they may be constant, missing throughout or copies of each other.
+    """
+    times = np.asarray(time)
+    if times.ndim != 1 or times.dtype.kind not in "iuf":
+        raise RecordError(
+            f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}", file
+        )
+    timeline = Timeline.fit(times, file=file, lines=lines)
+    notes = list(timeline.notes)
+    values = np.full((timeline.count, len(channels)), np.nan)
+    for column, (name, array) in enumerate(channels.items()):
+        samples = np.asarray(array)
+        if samples.shape != times.shape:
+            raise RecordError(
+                f"has shape {samples.shape}, but time has shape {times.shape}; one sample of each channel belongs to each "
+                "time: give a channel that was sampled more slowly NaN where it has no sample",
+                file,
+                channel=name,
+            )
+        notes += column_notes(name, samples, file, lines)
+        values[timeline.index, column] = samples
+    values.setflags(write=False)
+    if informative:
+        check_responses(tuple(channels), values, file)
+    return timeline, values, notes

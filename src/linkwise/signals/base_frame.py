@@ -25,10 +25,9 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.model.input_signal import Sampled
+from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Structure
-from linkwise.records.channel import Channel
-from linkwise.records.checks import require_complete
+from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
 
 _KINDS = "xva"

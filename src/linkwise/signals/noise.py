@@ -5,10 +5,21 @@ of the time-frequency plane. The noise level is that of the cells without motion
 
 Where gaps leave few blocks, divided differences of samples that follow one another in whatever distance replace the spectra:
 they annihilate polynomials of their order, and their squares in short stretches of time are the cells.
+
+Noise of the channels of a record: stated by the record, else estimated.
+
+White noise of channels whose motion fills the band up to half the sampling rate, as at five samples a period.
+
+No cell of the time-frequency plane is then free of motion. Where the power falls throughout the band, as that of motion does,
+the noise is no more than what is left at its end. Noise behind an anti-aliasing filter falls there alone, and is left as it
+is.
+
+Tests of noise and of residuals for outliers: more large errors than a normal distribution has.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
@@ -18,8 +29,112 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import RecordError
-from linkwise.records.common_samples import sampled_every
-from linkwise.signals.full_band import noise_beside_motion
+from linkwise.records.joining import sampled_every
+from linkwise.records.record import Record
+
+_BANDS = ((0.125, 0.25), (0.25, 0.375), (0.4, 0.5))  # cycles per sample
+_FEWEST_FOR_BANDS = 40  # samples: fewer leave the last band a power that is wrong by half of it
+_MOST = 1156  # samples from which there are cells in which motion is absent for a time, if only at the edge of the band
+_WINDOW_LOSS = 1.95  # by which the Hann window divides the number of independent bins
+_SIGMAS = 2.0  # of the power in the last band: noise that is too low is not told from a misfit of laws, too high a one is
+# of the power in the first band: what is left in the second, where motion falls towards the third
+_FALLS = 0.5
+_LOWER = 0.35  # of the power of the noise found otherwise: more may be chance
+
+
+def noise_beside_motion(samples: Floats, level: float) -> float:
+    """The power of the noise of a channel, no more than the `level` found where motion leaves cells to noise.
+
+    Parameters
+    ----------
+    samples : array of shape (N,)
+        The channel, without gaps.
+    level : float
+        The power of the noise that other cells tell.
+
+    Returns
+    -------
+    float
+        An upper bound of the power; `level` where motion does not seem to fill the band.
+    """
+    if not _FEWEST_FOR_BANDS <= len(samples) < _MOST:
+        return level
+    differences = np.diff(samples, _ORDER)
+    count = len(differences)
+    hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(count) + 0.5) / count)
+    frequency = np.arange(1, (count + 1) // 2) / count
+    gain = (2.0 * np.sin(np.pi * frequency)) ** (2 * _ORDER)
+    power = np.abs(np.fft.rfft(differences * hann)[1 : len(frequency) + 1]) ** 2 / gain / np.sum(hann**2)
+    bands = [power[(frequency >= lowest) & (frequency < highest)] for lowest, highest in _BANDS]
+    low, middle, high = (float(np.mean(band)) for band in bands)
+    freedom = 2.0 * len(bands[-1]) / _WINDOW_LOSS
+    bound = high * (1.0 + _SIGMAS * np.sqrt(2.0 / freedom))
+    return bound if middle < _FALLS * low and bound < _LOWER * level else level
+
+
+_POWER = 70.0  # sum of the squares of their weights 1, 4, 6, 4, 1
+_OUTLIER_MOTION = 1.15  # factor on the power of white noise beyond which the differences contain motion
+# kurtosis less 3; that of 6000 normal samples scatters by 0.1, Student's t with 5 degrees has 2
+_EXCESS = 1.0
+_TYPICAL = 1.1  # of the power of the noise: the largest one of typical residuals, by their median
+_NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal variable
+_FEWEST_FOR_KURTOSIS = 500  # differences needed to estimate a kurtosis
+
+
+def has_outliers(samples: Floats, sigma: Floats) -> bool:
+    """Whether the noise of a channel has outliers, by the kurtosis of fourth differences.
+
+    Channels without noise, and those whose differences contain as much motion as noise, are not tested.
+
+    Parameters
+    ----------
+    samples : array of shape (N, C)
+        The channels; NaN where a sample is missing.
+    sigma : array of shape (C,)
+        Standard deviations of the noise.
+
+    Returns
+    -------
+    bool
+        Whether any channel has.
+    """
+    differences = np.diff(samples, _ORDER, axis=0)
+    squares = differences[:, sigma > 0.0] ** 2 / (_POWER * sigma[sigma > 0.0] ** 2)
+    finite = np.isfinite(squares)
+    count = finite.sum(axis=0)
+    if not count.size:
+        return False
+    squares[~finite] = 0.0
+    power = squares.sum(axis=0) / np.maximum(count, 1)
+    fourth = (squares**2).sum(axis=0) / np.maximum(count, 1)
+    testable = (count >= _FEWEST_FOR_KURTOSIS) & (power < _OUTLIER_MOTION) & (power > 1.0 / _OUTLIER_MOTION)
+    return bool(np.any(testable & (fourth / np.where(power > 0.0, power, 1.0) ** 2 - 3.0 > _EXCESS)))
+
+
+def outliers_exceed_noise(residuals: Floats) -> bool:
+    """Whether nothing but outliers makes residuals larger than the noise.
+
+    Parameters
+    ----------
+    residuals : array of shape (N, C)
+        Residuals over the standard deviations of the noise; 0 or NaN where a sample is missing.
+
+    Returns
+    -------
+    bool
+        Whether the residuals of a channel have outliers, and typical ones are no larger than the noise in any channel.
+    """
+    heavy_tailed = False
+    for column in residuals.T:
+        series = column[np.isfinite(column) & (column != 0.0)]
+        if len(series) < _FEWEST_FOR_KURTOSIS:
+            return False
+        if (np.median(np.abs(series)) / _NORMAL_MEDIAN) ** 2 > _TYPICAL:
+            return False
+        kurtosis = np.mean(series**4) / np.mean(series**2) ** 2
+        heavy_tailed = heavy_tailed or bool(kurtosis - 3.0 > _EXCESS)
+    return heavy_tailed
+
 
 # order of the differences taken before the window, which keep slow motion from leaking into high bins
 _ORDER = 4
@@ -288,3 +403,76 @@ def _window_and_bins(block: int) -> tuple[Floats, Floats, Floats]:
         members = slice(lowest - 1 + group * wide, lowest - 1 + (group + 1) * wide)
         groups[members, group] = unit[members] / wide
     return hann, unit, np.repeat(groups, 2, axis=0)
+
+
+_FLOOR = 1e-8  # of half the range, 160 dB: with less, a search would fit rounding, and inputs between their samples
+_ROUNDING = 1e-12  # of the largest sample
+
+
+def channel_noise(record: Record) -> dict[str, float]:
+    """Standard deviation of the noise of every response.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    dict of str to float
+        Standard deviations by channel in its SI unit, at least the `noise_floor` where the record does not state them.
+    """
+    names = record.responses
+    sigma = _deviations(record, names, record.select(names).values.T)
+    floor = noise_floor(record)
+    return {name: max(float(value), floor[name]) for name, value in zip(names, sigma, strict=True)}
+
+
+def noise_floor(record: Record) -> dict[str, float]:
+    """Standard deviations by response that stand for no noise, as records of simulations have none.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    dict of str to float
+        Standard deviations by channel in its SI unit; 0 for one whose noise the record states.
+    """
+    floor = dict.fromkeys(record.responses, 0.0)
+    for name in floor.keys() - record.noise.keys():
+        values = record.channel(name)
+        lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
+        floor[name] = max(0.5 * _FLOOR * (highest - lowest), _ROUNDING * max(abs(lowest), abs(highest)))
+    return floor
+
+
+def noise_variance(record: Record, names: Sequence[str], values: Floats) -> Floats:
+    """Variance of the noise of channels.
+
+    Parameters
+    ----------
+    record : Record
+        The record, whose stated noise is used.
+    names : sequence of str
+        Names of the C channels.
+    values : array of shape (C, N)
+        Their samples.
+
+    Returns
+    -------
+    array of shape (C,)
+        Variances; 0 for a channel with too many gaps for an estimate.
+    """
+    return _deviations(record, names, values) ** 2
+
+
+def _deviations(record: Record, names: Sequence[str], values: Floats) -> Floats:
+    """Standard deviations (C,); 0 for a channel with too many gaps for an estimate."""
+    stated = np.array([record.noise.get(name, np.nan) for name in names])
+    if np.isfinite(stated).all():
+        return stated
+    estimated = np.nan_to_num(noise_sigma(values.T))
+    return np.where(np.isfinite(stated), stated, estimated)

@@ -3,23 +3,444 @@
 The run goes from stop to stop (impulses, knots of sampled inputs, ends of blocks) and integrates each interval with run-time
 parameters that hold the polynomials of the inputs there. The same schedule run again with other output times takes the same
 steps, so what is computed later (energies) belongs to the same orbit, chaotic or not.
+
+The errors that end a run: each names the time, the mass or link concerned, and what to change.
+
+The branch of a law with kinks on which a motion continues: the sign of every kink just after the current time.
+
+At an event, and at the start of an interval, a kink g may be exactly zero and its sign open. A trial step that does not detect
+kinks decides: with the branches assumed, g a moment later must have the sign that was assumed. If neither sign agrees, the
+force pushes the motion back onto the kink from both sides, as dry friction does to a mass at rest: the link sticks, and the
+equations of motion have no solution.
+
+The schedule of a run: stops, jumps, polynomials of the inputs and parameters, all that does not depend on the motion.
+
+Checks of the arguments of a simulation: output times, and an excitation that fits the structure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from linkwise.arrays import Floats
-from linkwise.simulation.branches import branches_hold, choose_branches
-from linkwise.simulation.integrator.compiled import compiled_system
-from linkwise.simulation.integrator.interface import Integrator, Outcome, Placement, Time
-from linkwise.simulation.integrator.shape import SCALE
-from linkwise.simulation.run_errors import diverged, not_finite, sticking, too_many_steps
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.display import near_miss
+from linkwise.errors import SimulationError
+from linkwise.expression import Call, Expression, Power, walk
+from linkwise.model.excitation import Excitation, Sampled
+from linkwise.model.link import BASE, GROUND, Link
+from linkwise.model.structure import Structure
+from linkwise.records.channel_units import unit_in
+from linkwise.runtime import available_memory
+from linkwise.simulation.integrator.formulas import (
+    SCALE,
+    Integrator,
+    Outcome,
+    ParameterLayout,
+    Placement,
+    SystemShape,
+    Time,
+)
+from linkwise.simulation.integrator.taylor import CompiledSystem, compiled_system
+
+BLOCK = 4096  # output samples between two stops, at which progress is reported and divergence detected ...
+_BUFFER = 500_000  # ... but at most this over the number of masses, to limit memory
+
+
+@dataclass(frozen=True, eq=False)
+class RunSchedule:
+    """A structure and its excitation from 0 to `end` in s, ready to run; `times` (N,) in s are the output times."""
+
+    structure: Structure
+    excitation: Excitation
+    times: Floats
+
+    @property
+    def end(self) -> float:
+        """Last output time in s."""
+        return float(self.times[-1])
+
+    @cached_property
+    def shape(self) -> SystemShape:
+        """The key of the compiled equations of motion."""
+        topology = self.structure.topology
+        inputs = tuple(
+            (
+                topology.weights(topology.index[name]),
+                drive.order if isinstance(drive, Sampled) else drive.expression,
+            )
+            for name, drive in self.excitation.drives.items()
+        )
+        return SystemShape(*self.structure.shape_key, inputs)
+
+    @cached_property
+    def block(self) -> int:
+        """Output samples between two stops."""
+        return min(max(_BUFFER // self.structure.size, 64), BLOCK)
+
+    @cached_property
+    def stops(self) -> Floats:
+        """Times (S,) in s at which integration stops, including 0 and `end`."""
+        inner = [
+            self.times[self.block : -1 : self.block],
+            [impulse.time for impulse in self.excitation.impulses],
+        ]
+        inner += [drive.pieces.edges for drive in self._sampled]
+        stops = np.unique(np.concatenate([np.asarray(part, dtype=float) for part in inner]))
+        return np.concatenate([[0.0], stops[(stops > 0.0) & (stops < self.end)], [self.end]])
+
+    @property
+    def _sampled(self) -> list[Sampled]:
+        return [drive for drive in self.excitation.drives.values() if isinstance(drive, Sampled)]
+
+    @cached_property
+    def start(self) -> Floats:
+        """Initial displacements in m, velocities in m/s and states of links, (2n + S,).
+
+        Raises StructureError for a state whose initial value is neither known nor released.
+        """
+        size, topology = self.structure.size, self.structure.topology
+        state = np.zeros(topology.dimension)
+        release = dict(self.excitation.release)
+        for column, (number, name) in enumerate(topology.states):
+            link = self.structure.links[number]
+            given = release.pop(f"state:{link.name}.{name}", None)
+            state[2 * size + column] = link.initial_state(name) if given is None else given
+        for channel, value in release.items():
+            kind, _, mass = channel.partition(":")
+            state[topology.index[mass] + (size if kind == "v" else 0)] = value
+        return state
+
+    @cached_property
+    def jumps(self) -> dict[int, Floats]:
+        """Jump (2n + S,) of the state in m and m/s at each stop with an impulse."""
+        jumps: dict[int, Floats] = {}
+        for impulse in self.excitation.impulses:
+            stop = int(np.searchsorted(self.stops, impulse.time))
+            jump = jumps.setdefault(stop, np.zeros(self.structure.topology.dimension))
+            topology = self.structure.topology
+            for mass, part in topology.weights(topology.index[impulse.mass]):
+                jump[self.structure.size + mass] += part * impulse.momentum / self.structure.mass_values[mass]
+        return jumps
+
+    @cached_property
+    def pieces(self) -> Floats:
+        """Parameters (S - 1, w) of the sampled inputs between stops, in the order of `ParameterLayout.inputs`."""
+        middle = 0.5 * (self.stops[1:] + self.stops[:-1])
+        columns = [np.empty((middle.size, 0))]
+        for drive in self._sampled:
+            edges, coefficients = drive.pieces
+            piece = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, len(coefficients) - 1)
+            columns += [edges[piece, None], _without_rounding(edges, coefficients)[piece]]
+        return np.hstack(columns)
+
+    def parameters(self, layout: ParameterLayout, kind: type = np.float64) -> NDArray[Any]:
+        """All run-time parameters (P,) except branches and pieces; in extended precision a number is what its decimals say."""
+        double = kind is np.float64
+        exact: Callable[[float], Any] = float if double else lambda value: kind(repr(float(value)))
+        values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
+        laws = zip(self.structure.links, layout.coefficients, strict=True)
+        coefficients = [exact(link.values[name]) for link, names in laws for name in names]
+        masses: NDArray[Any] = np.array([exact(mass) for mass in self.structure.mass_values], dtype=kind)
+        values[layout.values] = coefficients
+        values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
+        values[layout.branches] = 1.0
+        return values
+
+
+def _without_rounding(edges: Floats, coefficients: Floats) -> Floats:
+    """Coefficients (S, w), 0 where they add less to a piece than its rounding: a spline never rests, and Taylor series of
+    motions that are nearly at rest underflow.
+    """
+    lengths = np.diff(edges)[: len(coefficients), None]
+    added = np.abs(coefficients) * lengths ** np.arange(coefficients.shape[1])
+    return np.where(added > np.finfo(float).eps * added.max(initial=0.0), coefficients, 0.0)
+
+
+_FRACTION = 1e-3  # of a step: far enough for g to exceed rounding, short enough for g to keep its sign
+_SHORTEST = 1e-12  # of a step
+_RESOLUTION_OF_TIME = 4.0  # of the spacing of numbers: a moment that time can tell
+_ROUNDING = 1e-12  # of the terms of g: a g that stays that small counts as zero
+_ON_KINK = 1e-6  # of the change of g within the moment: if smaller, g counts as zero
+_CLEAR = 1e-6  # of the terms of g: a g that is larger has the sign that it shows
+
+
+class BranchChoice(NamedTuple):
+    """How a motion continues: with `parameters` (P,), and up to `time` in s without detection of kinks.
+
+    `stuck` is the number of the kink that the motion cannot leave, or None.
+    """
+
+    time: float
+    parameters: NDArray[Any]
+    stuck: int | None = None
+
+
+def branches_hold(system: CompiledSystem, start: Placement) -> bool:
+    """Whether every kink is watched, far from zero, and of the sign that `start` has, so that the motion just goes on."""
+    parameters, layout, time = start.parameters, system.layout, float(start.time)
+    if parameters[layout.unwatched].any():
+        return False
+    values = system.kink_values(start.state, parameters, time) * parameters[layout.branches]
+    return bool((values > _CLEAR * system.kink_sizes(start.state, parameters, time)).all())
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of a kink's value; what is not finite has no branch
+def choose_branches(system: CompiledSystem, start: Placement, longest: float) -> BranchChoice:
+    """The branches of the motion that follows from `start`; `longest` in s bounds the trial step.
+
+    A kink that stays exactly zero (nothing moves), or as small as rounding, is not watched.
+    """
+    state, time, parameters = start.state, float(start.time), start.parameters.copy()
+    integrator, layout = system.without_events, system.layout
+    branches, unwatched = parameters[layout.branches], parameters[layout.unwatched]
+    values = system.kink_values(state, parameters, time)
+    for _ in range(system.kinks):  # kinks may be nested, inner ones first
+        signs = np.where(values == 0.0, branches, np.sign(values))
+        if (signs == branches).all():
+            break
+        branches[:] = signs
+        values = system.kink_values(state, parameters, time)
+    reversals = np.zeros(system.kinks, dtype=int)
+    fraction = _FRACTION
+    while True:
+        integrator.place(Placement(time, state, parameters))
+        later_state, later = integrator.trial_step(fraction, longest)
+        then = system.kink_values(later_state, parameters, later)
+        on_kink = np.abs(values) <= _ON_KINK * np.abs(then - values)
+        passed = ~on_kink & (values * then < 0.0)
+        if (
+            passed.any()
+            and fraction > _SHORTEST
+            and 0.1 * (later - time) > _RESOLUTION_OF_TIME * np.spacing(time)
+        ):
+            fraction *= 0.1  # another kink is passed within this moment
+            continue
+        on_kink |= passed  # nearer to it than time can tell
+        wrong = on_kink & (then * branches < 0.0)
+        if not wrong.any():
+            unwatched[:] = then == 0.0
+            still = (then == values) & (values != 0.0)
+            if still.any():  # a slider that slides: its force stays at the limit, up to rounding
+                sizes = system.kink_sizes(state, parameters, time)
+                unwatched[still] = (np.abs(values) <= _ROUNDING * sizes)[still]
+            return BranchChoice(later, parameters)
+        reversals += wrong
+        if reversals.max() > 2:
+            return BranchChoice(time, parameters, int(np.argmax(reversals)))
+        branches[wrong] *= -1.0
+        values = system.kink_values(state, parameters, time)
+
+
+_SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
+_SHOWN = 12  # masses listed in a message
+
+
+def output_times(duration: float | None, rate: float | None, times: ArrayLike | None = None) -> Floats:
+    """Output times (N,) in s at `rate` in Hz over `duration` in s, or `times` (N,). Raises SimulationError if invalid."""
+    if times is None:
+        return _even_times(duration, rate)
+    if duration is not None or rate is not None:
+        raise SimulationError("times cannot be combined with duration or rate")
+    grid = np.array(times, dtype=float)
+    valid = grid.ndim == 1 and grid.size >= 2 and bool(np.all(np.isfinite(grid)))
+    if not valid or grid[0] < 0.0 or np.any(np.diff(grid) <= 0.0):
+        raise SimulationError(
+            "times must be a one-dimensional array of at least two increasing numbers, not negative"
+        )
+    even = np.linspace(grid[0], grid[-1], grid.size)
+    if np.abs(grid - even).max() > 1e-6 * (even[1] - even[0]):
+        raise SimulationError("times must be evenly spaced, since a record has one sampling rate")
+    return grid
+
+
+def _even_times(duration: float | None, rate: float | None) -> Floats:
+    if duration is None or rate is None:
+        raise SimulationError("duration in s and rate in Hz, or times, must be given")
+    for quantity, value, unit in (("duration", duration, "s"), ("rate", rate, "Hz")):
+        if not (np.isfinite(value) and value > 0.0):
+            raise SimulationError(f"{quantity} must be positive and finite, got {value!r} {unit}")
+    if _SAMPLE_BYTES * duration * rate > available_memory():
+        raise SimulationError(
+            f"{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples, more than memory can hold; simulate a shorter "
+            "time, or at a lower rate"
+        )
+    count = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
+    if count < 2:
+        raise SimulationError(
+            f"{duration:g} s at {rate:g} Hz is less than one sampling interval; simulate a longer time, or at a higher rate"
+        )
+    return np.arange(count) / float(rate)
+
+
+def check_excitation(structure: Structure, excitation: Excitation, end: float) -> None:
+    """Raise SimulationError for an excitation that does not fit the structure, or ends before `end` in s."""
+    names = structure.mass_names or ("m1",)
+    for channel in excitation.release:
+        kind, colon, mass = channel.partition(":")
+        if kind == "state" and colon:
+            check_state(mass, structure, "a release")
+            continue
+        if kind not in ("x", "v") or not colon:
+            raise SimulationError(
+                f"unknown release {channel!r}; expected a displacement, such as x:{names[0]}, or a velocity, v:{names[0]}"
+            )
+        check_mass(mass, structure, "a release")
+        _check_released(channel, mass, structure)
+    for impulse in excitation.impulses:
+        check_mass(impulse.mass, structure, "an impulse")
+        if impulse.time >= end:
+            raise SimulationError(
+                f"the impulse on {impulse.mass} at {impulse.time:g} s is after the end of the simulation ({end:g} s)",
+                impulse.time,
+                impulse.mass,
+            )
+    for mass in excitation.forces:
+        check_mass(mass, structure, "a force")
+    _check_base(structure, excitation)
+    for name, given in excitation.drives.items():
+        if isinstance(given, Sampled) and (given.start > 0.0 or given.end < end - 1e-6 / given.rate):
+            drive = "the motion of the base" if name == BASE else f"the force on {name}"
+            raise SimulationError(
+                f"{drive} is sampled from {given.start:g} to {given.end:g} s, but the simulation runs from 0 to {end:g} s; "
+                "give more samples or simulate a shorter time"
+            )
+
+
+def _check_released(channel: str, place: str, structure: Structure) -> None:
+    """A point of a host moves as its modes do, so these are released."""
+    host = next((host for host in structure.hosts if place in host.points), None)
+    if host is not None:
+        kind = channel.partition(":")[0]
+        raise SimulationError(
+            f"the release {channel} is that of a point, which moves as the modes of {host.name} do; release these, such as "
+            f"{kind}:{host.coordinates[0]}, or give an impulse or a force",
+            mass=place,
+        )
+
+
+def check_link(name: str, structure: Structure, where: str) -> None:
+    """Raise SimulationError unless `name` is one of the links; `where` says what names it."""
+    names = [link.name for link in structure.links]
+    if name not in names:
+        shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1]))
+        raise SimulationError(
+            f"unknown link {name!r} in {where}{near_miss(name, names)}; the links are {shown}"
+        )
+
+
+def check_state(name: str, structure: Structure, where: str) -> None:
+    """Raise SimulationError unless `name`, such as "joint.z", is a state of a link; `where` says what names it."""
+    states = [f"{structure.links[number].name}.{state}" for number, state in structure.topology.states]
+    if name not in states:
+        raise SimulationError(
+            f"unknown state {name!r} in {where}{near_miss(name, states)}; the states are {', '.join(states) or 'none'}"
+        )
+
+
+def check_mass(name: str, structure: Structure, where: str) -> None:
+    """Raise SimulationError unless `name` is one of the masses or points; `where` says what names it."""
+    if name in (GROUND, BASE) or name not in structure.topology.index:
+        names = structure.places
+        kinds = "masses and points" if structure.hosts else "masses"
+        shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1]))
+        raise SimulationError(
+            f"unknown mass {name!r} in {where}{near_miss(name, names)}; the {kinds} are {shown or 'none'}",
+            mass=name,
+        )
+
+
+def _check_base(structure: Structure, excitation: Excitation) -> None:
+    """The motion of the base must be given if, and only if, a link has the base as an end."""
+    on_base = np.flatnonzero(structure.base_incidence)
+    if excitation.base is not None and not on_base.size:
+        raise SimulationError(
+            'the motion of the base is given, but no link has "base" as an end; write "base" instead of "ground" in `between`'
+        )
+    if excitation.base is None and on_base.size:
+        raise SimulationError(
+            f'link {structure.links[int(on_base[0])].name!r} has "base" as an end, but the motion of the base is not given; '
+            'give base=..., its displacement as an expression of t or Sampled, or "0" for a base at rest'
+        )
+
+
+_MOST_LINKS = 6  # whose elongations a message shows
+_ROOT = (
+    "; the law of link {} has a root or a power that is no integer, which the integrator cannot follow through 0: write "
+    "(x**2 + 1e-14)**0.75 for abs(x)**1.5, as the named law hertz does"
+)
+
+
+def sticking(schedule: RunSchedule, time: float, link: Link | None) -> SimulationError:
+    """A law changes its branch without end at `time` in s; `link` is that of the law, None if unknown."""
+    subject = f"link {link.name!r} (law {link.law.text})" if link else "a law"
+    masses = schedule.structure.mass_names
+    mass = next((end for end in link.between if end in masses), None) if link else None
+    return SimulationError(
+        f"at {time:g} s {subject} sticks: its force jumps so that the motion is pushed back onto the jump from both sides, "
+        "and the equations of motion have no solution; replace the jump by a steep slope, such as F*tanh(v/s) with a small s "
+        "for F*sign(v)",
+        time,
+        mass,
+    )
+
+
+def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
+    """The motion has gone too far at `time` in s, where the state is `state` (2n + S,) in m and m/s."""
+    x = state[: schedule.structure.size]
+    number = int(np.argmax(np.abs(x)))
+    mass = schedule.structure.mass_names[number]
+    unit = unit_in(schedule.structure, f"x:{mass}")
+    return SimulationError(
+        f"the motion diverges: at {time:g} s the displacement of mass {mass} is {abs(x[number]):.3g} {unit}; a link with "
+        "negative stiffness or damping needs a term that limits the motion, or its sign is wrong",
+        time,
+        mass,
+    )
+
+
+def not_finite(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
+    """A force is not a finite number after `time` in s, where the state is `state` (2n + S,) in m and m/s."""
+    structure, base = schedule.structure, schedule.excitation.base
+    x = state[: structure.size]
+    d = structure.elongations(x, 0.0 if base is None else float(base.value(time)))
+    number = int(np.argmax(np.abs(x)))
+    unit = unit_in(structure, f"x:{structure.mass_names[number]}")
+    elongations = list(zip(structure.links, d, strict=True))[:_MOST_LINKS]
+    rooted = next((link for link in structure.links if any(map(_is_root, walk(link.law.expression)))), None)
+    return SimulationError(
+        f"a force is not finite after {time:g} s: the displacement of mass {structure.mass_names[number]} is "
+        f"{x[number]:.3g} {unit} and the elongations are "
+        + ", ".join(f"{link.name} {value:.3g} {link.law.motion_units[0]}" for link, value in elongations)
+        + (_ROOT.format(rooted.name) if rooted else ""),
+        time,
+        structure.mass_names[number],
+    )
+
+
+def too_many_steps(schedule: RunSchedule, time: float, state: Floats, steps: int) -> SimulationError:
+    """More than `steps` steps between two output times at `time` in s, where the scaled state is `state` (2n + S,)."""
+    size = schedule.structure.size
+    mass = schedule.structure.mass_names[int(np.argmax(np.abs(state[size : 2 * size])))]
+    return SimulationError(
+        f"at {time:g} s the motion takes more than {steps} steps between two output times, mass {mass} being the fastest: "
+        "it diverges, or the structure is too stiff for this sampling rate; check stiffnesses, masses and their units",
+        time,
+        mass,
+    )
+
+
+def _is_root(node: Expression) -> bool:
+    """Whether a node of a law has no Taylor series where its argument is 0."""
+    if isinstance(node, Power):
+        return not isinstance(node.exponent, int)
+    return isinstance(node, Call) and node.function == "sqrt"
+
 
 Receiver = Callable[[int, Floats], object]
 

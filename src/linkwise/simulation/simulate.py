@@ -1,8 +1,14 @@
-"""From a structure and an excitation to the record that sensors would measure."""
+"""From a structure and an excitation to the record that sensors would measure.
+
+Links alone on a rig, simulated beside a mass at rest: the integrator moves masses, and a rig has none.
+
+The motion after a release, with the range of orbits from releases that differ by less than can be repeated.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import TypedDict, Unpack
 
 import numpy as np
@@ -11,20 +17,62 @@ from numpy.typing import ArrayLike
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError, SimulationError
-from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.input_signal import InputSignal
-from linkwise.model.link import BASE
+from linkwise.model.excitation import Excitation, Impulse, InputSignal
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import in_units_of
 from linkwise.records.record import Record
-from linkwise.records.truth import SimulationTruth
-from linkwise.simulation.checks import check_excitation, check_link, check_mass, check_state, output_times
-from linkwise.simulation.link_forces import LinkForces
-from linkwise.simulation.motion import SimulatedMotion
-from linkwise.simulation.rig import RigDiagnostics, with_mass_at_rest
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.records.truth import EnergyBalance, SimulationTruth
+from linkwise.simulation.batch import SimulatedMotion
+from linkwise.simulation.energy import LinkForces
+from linkwise.simulation.run import (
+    RunSchedule,
+    check_excitation,
+    check_link,
+    check_mass,
+    check_state,
+    output_times,
+)
+
+_MASS, _SPRING = "mass at rest", "spring at rest"
+
+
+@dataclass(frozen=True)
+class _MovedStructure(Structure):
+    """A structure of links between base and ground, and of masses that these do not move."""
+
+    def _check_ends(self) -> None:
+        """All ends are those of the rig, which was checked, and of the mass at rest."""
+
+
+def with_mass_at_rest(structure: Structure) -> Structure:
+    """The structure of a rig, and a mass on a spring that nothing moves behind its links; others as they are."""
+    if not structure.on_rig:
+        return structure
+    spring = Link(_SPRING, (_MASS, GROUND), Law.parse("k*d"), {"k": 1.0})
+    return _MovedStructure(structure.name, (Mass(_MASS, 1.0),), (*structure.links, spring))
+
+
+@dataclass(frozen=True, eq=False)
+class RigDiagnostics:
+    """Energies and horizon of the links on a rig, from the motion beside the mass at rest."""
+
+    motion: SimulatedMotion
+
+    @property
+    def energy(self) -> EnergyBalance:
+        """The balance without the spring at rest."""
+        energy = self.motion.energy
+        return replace(energy, potential=energy.potential[:, :-1], dissipated=energy.dissipated[:, :-1])
+
+    @property
+    def horizon(self) -> float | None:
+        """Time in s past which the states cannot be trusted; None where they can throughout."""
+        return self.motion.horizon
+
 
 _KINDS = ("x", "v", "a")  # each the derivative of the one before
 
@@ -210,3 +258,96 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
 def _require_moving_base(excitation: Excitation, sensor: str, needed: bool) -> None:
     if needed and excitation.base is None:
         raise SimulationError(f"sensor {sensor} needs a base that moves: give its displacement (`base`)")
+
+
+NEIGHBOURS = 12
+APART = 1e-12  # of the release, from one neighbour to the next: less than any test rig could repeat
+
+
+@dataclass(frozen=True, eq=False)
+class OrbitEnvelope:
+    """A simulated motion, and the range of the orbits that start so close to it that no test could tell the releases apart.
+
+    Up to the horizon they coincide; past it the record is one of many possible orbits.
+
+    Attributes
+    ----------
+    record : Record
+        The displacements of the N samples.
+    least, greatest : numpy.ndarray, shape (N, n)
+        The extremes of the neighbouring orbits, sample by sample, in m: releases differ by multiples of 1e-12 of themselves.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> motion.horizon is None, motion.masses
+    (True, ('m1', 'm2'))
+    """
+
+    record: Record
+    least: Floats
+    greatest: Floats
+
+    @property
+    def horizon(self) -> float | None:
+        """Time in s past which the orbit is one of many; None where it is predictable throughout."""
+        return self.record.simulated.horizon if self.record.simulated else None
+
+    @property
+    def masses(self) -> tuple[str, ...]:
+        """Names of the masses, in the order of the structure."""
+        return self.record.masses
+
+
+@checked
+def orbit_envelope(
+    structure: Structure, release: Mapping[str, float], *, duration: float, rate: float
+) -> OrbitEnvelope:
+    """The motion of every mass after a release, with the range of neighbouring orbits where it is chaotic.
+
+    Twelve neighbours are simulated, and only if the motion has a horizon.
+
+    Parameters
+    ----------
+    structure : Structure
+        What moves; every coefficient is a number.
+    release : dict of str to float
+        Velocities in m/s and displacements in m at time 0: ``{"v:m1": 1.0, "x:m2": 0.01}``.
+    duration : float
+        Length of the record in s.
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    OrbitEnvelope
+        The record and the extremes of its neighbours.
+
+    Raises
+    ------
+    TypeError
+        If `release` is no mapping.
+    SimulationError, StructureError
+        As `simulate` raises them.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> bool((motion.least == motion.greatest).all())  # predictable throughout
+    True
+    """
+
+    def run(factor: float) -> Record:
+        start = {name: factor * value for name, value in release.items()}
+        return simulate(structure, release=start, duration=duration, rate=rate)
+
+    record = run(1.0)
+    least, greatest = record.values.copy(), record.values.copy()
+    if record.simulated is not None and record.simulated.horizon is not None:
+        for number in range(1, NEIGHBOURS + 1):
+            values = run(1.0 + number * APART).values
+            np.minimum(least, values, out=least)
+            np.maximum(greatest, values, out=greatest)
+    return OrbitEnvelope(record, least, greatest)

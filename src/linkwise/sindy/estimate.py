@@ -12,17 +12,14 @@ import numpy as np
 from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.estimator import Estimator
-from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.model.host_support import refuse_hosts
-from linkwise.model.memory_support import refuse_memory
-from linkwise.model.rig_support import refuse_rig
-from linkwise.model.structure import Structure
+from linkwise.estimates.causes import NoiseEstimate
+from linkwise.estimates.estimate import Estimate, Estimator
+from linkwise.estimates.link_estimate import LinkMotion, extremes
+from linkwise.model.link import refuse_memory
+from linkwise.model.structure import Structure, refuse_hosts, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import noise_variance
+from linkwise.signals.noise import noise_variance
 from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.signals.states import States, differentiate
 from linkwise.sindy.library import link_columns

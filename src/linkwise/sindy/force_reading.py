@@ -19,7 +19,7 @@ from linkwise.expression import polynomial
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.sindy.monomials import Monomials, tags
+from linkwise.sindy.library import Monomials, tags
 from linkwise.sindy.regression.regressor import RegressionFit
 
 Reading = Literal["coefficients", "ends", "displacements"]

@@ -1,4 +1,7 @@
-"""The definition of a study: structures, noise levels, methods and seeds."""
+"""The definition of a study: structures, noise levels, methods and seeds.
+
+Study files (TOML): what a user writes, and what a folder keeps of it (the same tables as JSON).
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,24 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from importlib.resources import files
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
-from linkwise.argument_types import checked_class
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
+import msgspec
+
+from linkwise.argument_types import checked, checked_class
+from linkwise.deprecation import Deprecated, DeprecatedAttribute, deprecated_keyword
 from linkwise.display import near_miss
-from linkwise.errors import StudyError
-from linkwise.study.method import StudyMethod
+from linkwise.errors import IdentificationError, LawError, LinkwiseError, StudyError
+from linkwise.model.chains import bnes_chain
+from linkwise.model.excitation import Impulse
+from linkwise.model.link_file import decode, parse_toml, read_toml_text
+from linkwise.model.structure import Structure
+from linkwise.model.structure_file import parse_structure, read_structure
+from linkwise.registry import Registry
+from linkwise.study.method import MethodTable, StudyMethod
 from linkwise.study.row import Case
 from linkwise.study.subject import Subject
 
@@ -248,3 +262,249 @@ def _lookup(name: str, kind: str, by_name: dict[str, _Entry]) -> _Entry:
             f'unknown {kind} "{name}"{near_miss(name, by_name)}; choose from {", ".join(by_name)}'
         )
     return by_name[name]
+
+
+_SOURCES = ("bnes", "file", "toml")
+
+
+class _Impulse(msgspec.Struct, forbid_unknown_fields=True):
+    mass: str
+    momentum: float
+    time: float = 0.0
+
+
+class _Structure(msgspec.Struct, forbid_unknown_fields=True):
+    duration: float | list[float]
+    rate: float | list[float]
+    name: str = ""
+    bnes: int | None = None
+    file: str | None = None
+    toml: str | None = None
+    values: dict[str, float] = {}
+    release: dict[str, float] = {}
+    impulse: list[_Impulse] = []
+    forces: dict[str, str] = {}
+    base: str | None = None
+    sensors: tuple[str, ...] = ("x",)
+    unknown: tuple[str, ...] = ("all",)
+    judge: tuple[str, ...] = ()
+    scatter: float = 0.0
+    frequency: float | None = None
+    variant: list[dict[str, Any]] = []
+
+
+METHOD_TABLES: Registry[type[MethodTable]] = Registry(
+    "kind of method",
+    {
+        "ml": "linkwise.study.method:LinkByLinkTable",
+        "weak": "linkwise.study.method:LinkByLinkTable",
+        "physics-informed": "linkwise.study.method:PhysicsInformedTable",
+        "discover": "linkwise.study.methods:DiscoveryTable",
+        "sindy": "linkwise.study.methods:SindyTable",
+        "pysindy": "linkwise.study.methods:PySindyTable",
+        "monomial": "linkwise.study.methods:MonomialTable",
+        "classical": "linkwise.study.methods:MonomialTable",  # the old spelling
+    },
+    StudyError,
+)
+"""The table of each kind of method in a study file."""
+
+
+class _Document(msgspec.Struct, forbid_unknown_fields=True):
+    snr_db: list[float]
+    structure: list[_Structure]
+    method: list[dict[str, Any]]
+    name: str = ""
+    first_seed: int = 1000
+    cycles: int = 100
+    quick: int = 5
+
+
+@deprecated_keyword("which", Deprecated("study", since="0.2.0", until="0.4.0"))
+@checked
+def read_study(study: str | Path) -> Study:
+    """Read the definition of a study.
+
+    Parameters
+    ----------
+    study : str or path
+        The name of a study that ships with linkwise ("paper", "reach"), or a TOML file. Relative paths of structure files are
+        from the folder of that file.
+
+    Returns
+    -------
+    Study
+        The study.
+
+    Raises
+    ------
+    StudyError
+        If there is no such study or file, or something is wrong in it; the error names the file and the key.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.read_study("paper").snr_db
+    (40.0, 30.0, 20.0)
+    """
+    path = Path(study)
+    shipped = files("linkwise.study")
+    names = sorted(
+        entry.name.removesuffix(".toml") for entry in shipped.iterdir() if entry.name.endswith(".toml")
+    )
+    if str(study) in names:
+        return parse_study(
+            shipped.joinpath(f"{study}.toml").read_text(encoding="utf-8"), f"{study}.toml", Path()
+        )
+    if not path.is_file():
+        raise StudyError(
+            f"there is no such study{near_miss(str(study), names)}; give a TOML file, or a study that ships with linkwise: "
+            f"{', '.join(names)}",
+            str(study),
+        )
+    text = read_toml_text(path, StudyError)
+    return parse_study(text, str(study), path.parent)
+
+
+def parse_study(text: str, source: str, folder: Path) -> Study:
+    """The study in a TOML text; errors call it `source`, and relative paths are from `folder`."""
+    data = parse_toml(text, source, StudyError)
+    return build_study(data, source, folder)
+
+
+def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
+    """The study that the tables of a study file define; relative paths are from `folder`."""
+    document: _Document = decode(data, _Document, source, "", StudyError)
+    subjects = tuple(
+        _subject(entry, length, path, source, folder)
+        for i, listed in enumerate(document.structure)
+        for entry, path in _with_variants(listed, data["structure"][i], f"structure[{i}]", source)
+        for length in _lengths(entry, f"{source}, {path}")
+    )
+    methods = tuple(_method(entry, f"method[{i}]", source) for i, entry in enumerate(document.method))
+    try:
+        return Study(
+            name=document.name or Path(source).stem,
+            subjects=subjects,
+            snr_db=tuple(document.snr_db),
+            methods=methods,
+            first_seed=document.first_seed,
+            cycles=document.cycles,
+            quick=document.quick,
+        )
+    except StudyError as error:
+        raise StudyError(error.message, f"{source}, {error.where}") from None
+
+
+def _with_variants(
+    entry: _Structure, table: dict[str, Any], path: str, source: str
+) -> Iterator[tuple[_Structure, str]]:
+    """A structure as it stands, and each of its variants: the keys of the variant in place of its own; with their paths."""
+    yield entry, path
+    for i, variant in enumerate(entry.variant):
+        place = f"{path}.variant[{i}]"
+        own: _Structure = decode({**table, **variant, "variant": []}, _Structure, source, place, StudyError)
+        if not variant.get("name"):
+            raise StudyError(
+                "give the variant a name, which is added to that of the structure", f"{source}, {place}.name"
+            )
+        name = f"{_name(entry)}, {own.name}" if _name(entry) else own.name
+        yield msgspec.structs.replace(own, name=name, values={**entry.values, **own.values}), place
+
+
+class _Length(NamedTuple):
+    """The length of a record in s, its samples per second in Hz, and what of these a name must say."""
+
+    duration: float
+    rate: float
+    named: tuple[str, ...]
+
+
+def _lengths(entry: _Structure, where: str) -> Iterator[_Length]:
+    """Each duration of a structure at each of its rates; where it lists several, its name says which."""
+    for duration, first in _listed(entry.duration, "s", f"{where}.duration"):
+        for rate, second in _listed(entry.rate, "Hz", f"{where}.rate"):
+            yield _Length(duration, rate, (*first, *second))
+
+
+def _listed(given: float | list[float], unit: str, where: str) -> list[tuple[float, tuple[str, ...]]]:
+    if not isinstance(given, list):
+        return [(given, ())]
+    if not given:
+        raise StudyError("must be a number, or a list of at least one", where)
+    return [(value, (f"{value:.6g} {unit}",)) for value in given]
+
+
+def _name(entry: _Structure) -> str:
+    return entry.name or (f"bnes{entry.bnes}" if entry.bnes else "")
+
+
+def _subject(entry: _Structure, length: _Length, path: str, source: str, folder: Path) -> Subject:
+    structure = _structure(entry, path, source, folder)
+    try:
+        return Subject(
+            name=", ".join((_name(entry) or structure.name or path, *length.named)),
+            structure=structure,
+            duration=length.duration,
+            rate=length.rate,
+            release=entry.release,
+            impulses=tuple(
+                Impulse(impulse.mass, impulse.momentum, impulse.time) for impulse in entry.impulse
+            ),
+            forces=entry.forces,
+            base=entry.base,
+            sensors=entry.sensors,
+            unknown=entry.unknown,
+            judge=entry.judge,
+            scatter=entry.scatter,
+            frequency=entry.frequency,
+        )
+    except StudyError as error:
+        raise StudyError(error.message, f"{source}, {path}.{error.where}") from None
+    except LinkwiseError as error:
+        raise StudyError(str(error), f"{source}, {path}") from None
+
+
+def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Structure:
+    given = [key for key in _SOURCES if getattr(entry, key) is not None]
+    if len(given) != 1:
+        raise StudyError(
+            "give one of the keys bnes (number of masses), file (a structure file) and toml (its text), got "
+            f"{' and '.join(given) or 'none of them'}",
+            f"{source}, {path}",
+        )
+    try:
+        if entry.bnes is not None:
+            structure = bnes_chain(entry.bnes)
+        elif entry.file is not None:
+            structure = read_structure(folder / entry.file)
+        else:
+            structure = parse_structure(entry.toml or "", f"{source}, {path}.toml")
+    except LinkwiseError as error:
+        raise StudyError(str(error), f"{source}, {path}.{given[0]}") from None
+    try:
+        structure = structure.with_values(entry.values) if entry.values else structure
+    except LinkwiseError as error:
+        raise StudyError(str(error), f"{source}, {path}.values") from None
+    unknown = [p.name for p in structure.parameters if p.start is None or not isfinite(p.sigma)]
+    if unknown:
+        raise StudyError(
+            f"{unknown[0]} is unknown, but the structure must be simulated before it is identified; give it a number here or "
+            "in `values`, and name in `unknown` what is to be identified",
+            f"{source}, {path}.{given[0]}",
+        )
+    return structure
+
+
+def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
+    kind = entry.get("kind")
+    if not isinstance(kind, str) or kind not in METHOD_TABLES:
+        hint = near_miss(kind, METHOD_TABLES) if isinstance(kind, str) else ""
+        got = "nothing" if kind is None else repr(kind)
+        raise StudyError(
+            f"expected one of {', '.join(METHOD_TABLES)}; got {got}{hint}", f"{source}, {path}.kind"
+        )
+    try:
+        return decode(entry, METHOD_TABLES[kind], source, path, StudyError).build()
+    except (IdentificationError, LawError) as error:
+        raise StudyError(str(error), f"{source}, {path}") from None

@@ -1,26 +1,263 @@
 """Executors of the batches of a study: the interface, and the processes of this machine behind it.
 
 An executor returns futures of `concurrent.futures`, and classifies the failure of a batch.
+
+The workers of a dask.distributed cluster as an executor.
+
+How long cases take, measured on those that were run; the size of batches, and the time left.
+
+What a worker process does with a batch of cases.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import multiprocessing
 import os
 import signal
+import socket
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
+from importlib.metadata import version
 from multiprocessing.connection import Connection
+from pathlib import Path
+from threading import Lock
+from time import perf_counter
 from types import TracebackType
 from typing import Any, Self, final
 
-from linkwise.errors import StudyError
-from linkwise.study.worker import CaseBatch, CaseResult, run_batch
+from distributed import Client, KilledWorker
+from distributed.comm import get_address_host_port
+
+from linkwise.errors import LinkwiseError, StudyError
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+from linkwise.study.definition import Study, build_study
+from linkwise.study.method import MethodResult
+from linkwise.study.row import FAILED, INTERNAL_ERROR, Case, Row
+
+_RECORDS = 64  # clean records that a worker caches
+_ONE_AT_A_TIME = Lock()  # compiled integrators are not thread-safe, and a worker may have several threads
+
+
+@dataclass(frozen=True)
+class CaseBatch:
+    """Cases to run together, the `study` that they belong to as JSON, and the version of `linkwise` that runs it."""
+
+    study: str
+    cases: tuple[Case, ...]
+    linkwise: str = field(default_factory=lambda: version("linkwise"))
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """A row, and the time in s that its case took in all: with simulation, noise and comparison."""
+
+    row: Row
+    seconds: float
+
+
+def run_batch(batch: CaseBatch) -> list[CaseResult]:
+    """Run every case of a batch. Errors of a case are not raised; they give a failed row with the reason.
+
+    Raises StudyError if this process has another version of linkwise.
+    """
+    if batch.linkwise != version("linkwise"):
+        raise StudyError(
+            f"the worker has linkwise {version('linkwise')}, but the study is run by {batch.linkwise}; install that version"
+        )
+    with _ONE_AT_A_TIME:
+        _use_one_blas_thread()
+        study = _study(batch.study)
+        return [_run(study, batch.study, case) for case in batch.cases]
+
+
+def failed_row(case: Case, masses: int, reason: str, *, seconds: float = 0.0, status: str = FAILED) -> Row:
+    """The row of a case without an answer."""
+    return Row(
+        case.structure,
+        masses,
+        case.snr_db,
+        case.method,
+        case.seed,
+        status,
+        seconds=seconds,
+        reason=" ".join(reason.split()),
+    )
+
+
+def _run(study: Study, text: str, case: Case) -> CaseResult:
+    started = perf_counter()
+    subject = study.subject(case.structure)
+    masses = subject.structure.size
+    try:
+        clean = _clean(text, case.structure, study.cycle(case) if subject.scatter else 0)
+        result = study.method(case.method).evaluate(subject, clean, case.snr_db, case.seed)
+        row = _row(case, masses, result)
+    except LinkwiseError as error:
+        row = failed_row(case, masses, str(error), seconds=perf_counter() - started)
+    except Exception as error:  # an internal error in one case must not end a study of thousands
+        reason = f"internal error of linkwise: {type(error).__name__}: {error}"
+        row = failed_row(case, masses, reason, seconds=perf_counter() - started, status=INTERNAL_ERROR)
+    return CaseResult(row, perf_counter() - started)
+
+
+def _row(case: Case, masses: int, result: MethodResult) -> Row:
+    numbers = [*result.links.values(), *result.coefficients.values(), *result.standard_errors.values()]
+    if not all(map(math.isfinite, numbers)):
+        reason = f"the answer is not finite. {result.reason}".strip()
+        return failed_row(case, masses, reason, seconds=result.seconds)
+    return Row(
+        structure=case.structure,
+        masses=masses,
+        snr_db=case.snr_db,
+        method=case.method,
+        seed=case.seed,
+        status=result.status,
+        links=result.links,
+        coefficients=result.coefficients,
+        standard_errors=result.standard_errors,
+        seconds=result.seconds,
+        reason=result.reason,
+        terms=result.terms,
+    )
+
+
+@lru_cache(maxsize=1)
+def _use_one_blas_thread() -> AbstractContextManager[object]:
+    """Use one BLAS thread from now on: workers share the processors, and sums do not depend on the number of threads."""
+    return one_blas_thread()
+
+
+@lru_cache(maxsize=2)
+def _study(text: str) -> Study:
+    return build_study(json.loads(text), "study", Path())
+
+
+@lru_cache(maxsize=_RECORDS)
+def _simulated(text: str, name: str, cycle: int) -> Record | LinkwiseError:
+    try:
+        return _study(text).subject(name).simulate(cycle)
+    except LinkwiseError as error:  # cached too: a structure that diverges does so for every case
+        return error
+
+
+def _clean(text: str, name: str, cycle: int) -> Record:
+    """The clean record of a structure in a cycle, simulated once in this process."""
+    record = _simulated(text, name, cycle)
+    if isinstance(record, LinkwiseError):
+        raise record
+    return record
+
+
+#: Structure, noise level in dB and method.
+CellKey = tuple[str, float, str]
+
+
+class Timing:
+    """Measured times of cases by cell, and the expected times of those pending; `masses` by structure, at least 1."""
+
+    def __init__(self, done: list[Row], pending: list[Case], masses: Mapping[str, int]) -> None:
+        self._seconds: dict[CellKey, float] = {}
+        self._counts: Counter[CellKey] = Counter()
+        self._left: Counter[CellKey] = Counter(map(_cell, pending))
+        self._masses = masses
+        self._guesses: dict[str, float] = {}
+        self._began = perf_counter()
+        self._worked = 0.0
+        self.done = 0
+        for row in done:
+            self._record(_cell(row.case), row.seconds)
+
+    def finished(self, case: Case, seconds: float) -> None:
+        """Note that a case took `seconds` of a worker."""
+        self._record(_cell(case), seconds)
+        self._left[_cell(case)] -= 1
+        self._worked += seconds
+        self.done += 1
+
+    def known(self, case: Case) -> bool:
+        """Whether a case of the same cell was run."""
+        return self._counts[_cell(case)] > 0
+
+    def expected(self, case: Case) -> float:
+        """The expected time of a case in s: the mean of its cell.
+
+        Without such, the mean of the same method (or any) on the largest structure so far, times the square of the ratio of
+        masses.
+        """
+        return self._expected(_cell(case))
+
+    @property
+    def rate(self) -> float:
+        """Cases per second since the start, 0 before the first."""
+        return self.done / max(perf_counter() - self._began, 1e-9)
+
+    @property
+    def left(self) -> float | None:
+        """Time left in s at the speed of the workers so far; None before the first case."""
+        return self.work * (perf_counter() - self._began) / self._worked if self._worked else None
+
+    @property
+    def work(self) -> float:
+        """The expected time in s of a single worker for all pending cases."""
+        return sum(count * self._expected(cell) for cell, count in self._left.items() if count)
+
+    def _record(self, cell: CellKey, seconds: float) -> None:
+        count = self._counts[cell]
+        self._seconds[cell] = (self._seconds.get(cell, 0.0) * count + seconds) / (count + 1)
+        self._counts[cell] = count + 1
+        if not count:
+            self._guesses.clear()
+
+    def _expected(self, cell: CellKey) -> float:
+        if cell in self._seconds:
+            return self._seconds[cell]
+        if cell[2] not in self._guesses:
+            self._guesses[cell[2]] = self._guess(cell[2])
+        return self._guesses[cell[2]] * self._masses[cell[0]] ** 2
+
+    def _guess(self, method: str) -> float:
+        """Time in s over the square of the number of masses, of the largest structure so far; 0 before any."""
+        cells = [cell for cell in self._seconds if cell[2] == method] or list(self._seconds)
+        if not cells:
+            return 0.0
+        largest = max(self._masses[structure] for structure, _, _ in cells)
+        seconds = [self._seconds[cell] for cell in cells if self._masses[cell[0]] == largest]
+        return sum(seconds) / len(seconds) / largest**2
+
+
+def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
+    """Take at least one case, and no more than are expected to last `seconds`, from the front of `pending`.
+
+    A case of a cell that was never timed, and a case in `alone`, makes a batch of its own.
+    """
+    chosen = [pending.popleft()]
+    total = timing.expected(chosen[0])
+
+    def single(case: Case) -> bool:
+        return case in alone or not timing.known(case)
+
+    while pending and not single(chosen[0]) and not single(pending[0]):
+        total += timing.expected(pending[0])
+        if total > seconds:
+            break
+        chosen.append(pending.popleft())
+    return tuple(chosen)
+
+
+def _cell(case: Case) -> CellKey:
+    return case.structure, case.snr_db, case.method
+
 
 MOST_WORKERS = 1000  # each takes 0.2 GB of memory
 _BATCHES_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next
@@ -187,3 +424,57 @@ def _exit_with(end: Connection) -> None:
         end.poll(None)
     finally:
         os._exit(1)
+
+
+_TIMEOUT = 30.0  # s for the scheduler to answer, and for a first worker to connect
+_BATCHES_PER_THREAD = 2  # submitted at a time, so that no worker waits for the next
+
+
+@final
+class DaskExecutor(Executor):
+    """All workers of the cluster with the scheduler at `address` ("tcp://host:8786"), which may come and go.
+
+    dask moves a batch whose worker dies to another worker, and gives it up after a few deaths. Raises StudyError if no
+    scheduler answers at the address, and if it has no worker.
+    """
+
+    batch_seconds = 2.0
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    @property
+    def slots(self) -> int:
+        return _BATCHES_PER_THREAD * max(sum(map(int, self._client.nthreads().values())), 1)
+
+    def __enter__(self) -> Self:
+        try:
+            # A client that cannot connect takes a minute to give up, so a plain connection is tried first.
+            socket.create_connection(get_address_host_port(self._address), _TIMEOUT).close()
+            self._client: Any = Client(self._address, timeout=_TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, ImportError) as error:
+            raise StudyError(f"no scheduler answers: {error}", self._address) from error
+        try:
+            self._client.wait_for_workers(1, timeout=_TIMEOUT)
+        except TimeoutError as error:
+            self._client.close()
+            raise StudyError(
+                f"no worker has connected to the scheduler within {_TIMEOUT:g} s; start some: dask worker {self._address}",
+                self._address,
+            ) from error
+        self._executor = self._client.get_executor(pure=False)
+        return self
+
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
+        future: Future[list[CaseResult]] = self._executor.submit(run_batch, batch)
+        return future
+
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
+        died = isinstance(future.exception(), KilledWorker)
+        return FailureKind.WORKER_DIED if died else FailureKind.CANNOT_RUN
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._executor.shutdown(wait=kind is None)
+        self._client.close()

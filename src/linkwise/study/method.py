@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.estimates.estimator import Estimator
+from linkwise.estimates.estimate import Estimator
 from linkwise.identification.force_error import nmse
 from linkwise.identification.identify import IdentificationMethod, identify
 from linkwise.records.record import Record

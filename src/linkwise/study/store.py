@@ -17,9 +17,8 @@ from typing import Any
 from linkwise.argument_types import checked
 from linkwise.errors import StudyError
 from linkwise.output import FullDiskError
-from linkwise.study.definition import Study
+from linkwise.study.definition import Study, build_study
 from linkwise.study.row import REPEATED, Case, Row
-from linkwise.study.toml_file import build_study
 
 DATABASE, LOCK = "study.sqlite", "study.lock"
 _OWN = {DATABASE, f"{DATABASE}-journal", LOCK, f"{LOCK}-journal"}

@@ -19,10 +19,10 @@ from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.link import BASE
 from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
 from linkwise.model.structure import Structure
-from linkwise.model.toml_file import format_structure
+from linkwise.model.structure_file import format_structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.simulation.checks import check_link, check_state
+from linkwise.simulation.run import check_link, check_state
 from linkwise.simulation.simulate import simulate
 
 _ALL = ("x", "v", "a")

@@ -11,10 +11,10 @@ import numpy as np
 
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats, Indices
-from linkwise.study.cells import Cell, StudyTable
 from linkwise.study.definition import Study
 from linkwise.study.store import read_rows, stored_study
 from linkwise.study.subject import Subject
+from linkwise.study.summary import Cell, StudyTable
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,18 +1,323 @@
-"""The summary of a study, cell by cell."""
+"""The summary of a study, cell by cell.
+
+The rows of a study gathered in cells: statistics over the seeds of one structure, noise level and method.
+
+The rows of a study and their summary by cell as tables for other programs.
+
+Rows of a study as a Parquet file.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import csv
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow
+from pyarrow import parquet
+
 from linkwise.argument_types import checked
 from linkwise.deprecation import Deprecated, DeprecatedAttribute
-from linkwise.display import JudgedView, align_columns
-from linkwise.study.cells import Cell, StudyTable
+from linkwise.display import JudgedView, align_columns, csv_cell
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.model.structure import Structure
+from linkwise.output import atomic_file
+from linkwise.study.definition import Study
+from linkwise.study.row import Case, Row
 from linkwise.study.store import read_rows, stored_study
 from linkwise.verdict import Verdict
+
+SPREAD = (0.05, 0.95)  # quantiles over the seeds that figures show about a median
+
+
+@dataclass(frozen=True)
+class Cell:
+    """All rows of one structure, noise level and method.
+
+    In statistics a failed case counts as worse than any answer, so that a median may not exist.
+
+    Attributes
+    ----------
+    structure, method : str
+        Names of the structure and the method.
+    masses : int
+        The number of masses and modes.
+    snr_db : float
+        The noise level as a signal-to-noise ratio in dB.
+    expected : int
+        The number of cases that the study asks for.
+    answers, failures : tuple of Row
+        The rows with and without an answer.
+    truth : mapping of str to float
+        The true coefficients in SI units by full name, as far as they are known.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> cell = lw.study_summary("results/mine").cells[0]
+    >>> cell.structure, cell.method, cell.snr_db, cell.done
+    ('bnes2', 'weak', 40.0, 2)
+    >>> cell.low <= cell.nmse <= cell.high
+    True
+    """
+
+    structure: str
+    masses: int
+    snr_db: float
+    method: str
+    expected: int
+    answers: tuple[Row, ...]
+    failures: tuple[Row, ...]
+    truth: Mapping[str, float] = field(default_factory=dict)
+
+    middle = DeprecatedAttribute(Deprecated("median_row", since="0.2.0", until="0.4.0"))
+
+    @property
+    def done(self) -> int:
+        """The number of cases that were run, failed ones included."""
+        return len(self.answers) + len(self.failures)
+
+    @cached_property
+    def nmse(self) -> float | None:
+        """The median NMSE in %; None if it does not exist."""
+        return _finite(np.median(self._errors)) if self.done else None
+
+    @cached_property
+    def low(self) -> float | None:
+        """The 5 % quantile of the NMSE in %; None if it does not exist."""
+        return self._quantile(SPREAD[0])
+
+    @cached_property
+    def high(self) -> float | None:
+        """The 95 % quantile of the NMSE in %; None if it does not exist."""
+        return self._quantile(SPREAD[1])
+
+    @cached_property
+    def seconds(self) -> float | None:
+        """The median time of one estimate in s; None without answers."""
+        return float(np.median([row.seconds for row in self.answers])) if self.answers else None
+
+    @property
+    def median_row(self) -> Row | None:
+        """The row whose error is closest to the median, of equally close ones that of the first seed; None without one."""
+        if self.nmse is None or not self.answers:
+            return None
+        median = self.nmse
+        return min(self.answers, key=lambda row: (abs(_error(row) - median), row.seed))
+
+    @checked
+    def share_above(self, value: float) -> float:
+        """The part of the cases, failed ones included, whose error exceeds a value.
+
+        Parameters
+        ----------
+        value : float
+            NMSE in %.
+
+        Returns
+        -------
+        float
+            The part, from 0 to 1; NaN if no case was run.
+        """
+        return float(np.mean(self._errors > value)) if self.done else float("nan")
+
+    @property
+    def untrusted(self) -> int:
+        """The number of answers that the method itself does not trust."""
+        return sum(row.status != Verdict.CONVERGED.status for row in self.answers)
+
+    @cached_property
+    def exact(self) -> int | None:
+        """The number of answers with all true terms and no other; None if no answer was judged by its terms."""
+        judged = [row.exact for row in self.answers if row.exact is not None]
+        return sum(judged) if judged else None
+
+    @property
+    def exact_share(self) -> float | None:
+        """The part of the cases with exactly the true terms, from 0 to 1; a case without an answer has not.
+
+        None if the method does not look for terms, or no case has an answer.
+        """
+        return None if self.exact is None else self.exact / self.done
+
+    @cached_property
+    def wrong_trusted(self) -> int | None:
+        """The number of answers that are trusted though a term is missing or extra; None as for `exact`."""
+        return None if self.exact is None else sum(row.exact is False for row in self._trusted)
+
+    @cached_property
+    def extra_trusted(self) -> int | None:
+        """The number of answers that are trusted though a term is extra; None as for `exact`."""
+        return None if self.exact is None else sum(row.terms.get("extra", 0) > 0 for row in self._trusted)
+
+    @property
+    def _trusted(self) -> list[Row]:
+        return [row for row in self.answers if row.status == Verdict.CONVERGED.status]
+
+    @cached_property
+    def intervals(self) -> int:
+        """The number of intervals of coefficients in the answers that are trusted."""
+        return len(self._covered)
+
+    @cached_property
+    def coverage(self) -> float | None:
+        """The part of these 95 % intervals that hold the true coefficient, from 0 to 1; None without intervals."""
+        return float(np.mean(self._covered)) if self._covered else None
+
+    @cached_property
+    def _covered(self) -> list[bool]:
+        return [
+            abs(row.coefficients[name] - self.truth[name]) <= NORMAL_95 * error
+            for row in self.answers
+            for name, error in row.standard_errors.items()
+            if name in self.truth
+        ]
+
+    @cached_property
+    def reasons(self) -> tuple[tuple[str, int], ...]:
+        """The reasons of failures and their numbers, the most frequent first."""
+        return tuple(Counter(row.reason for row in self.failures).most_common())
+
+    @cached_property
+    def _errors(self) -> np.ndarray:
+        return np.array([_error(row) for row in self.answers] + [np.inf] * len(self.failures))
+
+    def _quantile(self, probability: float) -> float | None:
+        return _finite(np.quantile(self._errors, probability, method="inverted_cdf")) if self.done else None
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """The cells of a study, and the order of its structures, noise levels and methods."""
+
+    cells: tuple[Cell, ...]
+
+    @classmethod
+    def of(cls, study: Study, rows: Iterable[Row]) -> StudyTable:
+        """The cells of `study` with their `rows`; rows of other cases are left out."""
+        expected: dict[tuple[str, float, str], set[Case]] = defaultdict(set)
+        for case in study.cases():
+            expected[case.structure, case.snr_db, case.method].add(case)
+        gathered: dict[tuple[str, float, str], list[Row]] = defaultdict(list)
+        for row in sorted(rows, key=lambda row: row.case):
+            key = row.structure, row.snr_db, row.method
+            if row.case in expected.get(key, ()):
+                gathered[key].append(row)
+        return cls(
+            tuple(
+                _cell(key, study.subject(key[0]).true_structure, len(cases), gathered[key])
+                for key, cases in expected.items()
+            )
+        )
+
+    @classmethod
+    def of_rows(cls, rows: Iterable[Row]) -> StudyTable:
+        """The cells of `rows` without a study, in the order in which they appear; no case counts as missing."""
+        gathered: dict[tuple[str, float, str], list[Row]] = defaultdict(list)
+        for row in rows:
+            gathered[row.structure, row.snr_db, row.method].append(row)
+        return cls(
+            tuple(
+                Cell(key[0], inside[0].masses, *key[1:], len(inside), *_answered(inside))
+                for key, inside in gathered.items()
+            )
+        )
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """What of the study was not run, and what has no answer."""
+        failed = [cell for cell in self.cells if cell.failures]
+        holds = {
+            Verdict.STUDY_INCOMPLETE: self.missing > 0,
+            Verdict.CELLS_WITHOUT_ANSWER: any(not cell.answers for cell in failed),
+            Verdict.CASES_WITHOUT_ANSWER: any(cell.answers for cell in failed),
+        }
+        return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.STUDY_COMPLETE,)
+
+    @property
+    def structures(self) -> tuple[str, ...]:
+        """The names of the structures, fewest masses first."""
+        return tuple(self.masses)
+
+    @cached_property
+    def masses(self) -> dict[str, int]:
+        """The number of masses of each structure, fewest first."""
+        return {cell.structure: cell.masses for cell in sorted(self.cells, key=lambda cell: cell.masses)}
+
+    @property
+    def decibels(self) -> tuple[float, ...]:
+        """The noise levels in dB, least noise first."""
+        return tuple(sorted({cell.snr_db for cell in self.cells}, reverse=True))
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The methods, in the order of the study."""
+        return tuple(dict.fromkeys(cell.method for cell in self.cells))
+
+    def cell(self, structure: str, snr_db: float, method: str) -> Cell | None:
+        """One cell; None if it is not part of the study."""
+        return self._index.get((structure, snr_db, method))
+
+    @property
+    def missing(self) -> int:
+        """The number of cases that were not run."""
+        return sum(cell.expected - cell.done for cell in self.cells)
+
+    @property
+    def failed(self) -> int:
+        """The number of cases without an answer."""
+        return sum(len(cell.failures) for cell in self.cells)
+
+    @property
+    def expected(self) -> int:
+        """The number of cases of the study."""
+        return sum(cell.expected for cell in self.cells)
+
+    @cached_property
+    def _index(self) -> dict[tuple[str, float, str], Cell]:
+        return {(cell.structure, cell.snr_db, cell.method): cell for cell in self.cells}
+
+
+def _cell(key: tuple[str, float, str], true: Structure, expected: int, rows: Sequence[Row]) -> Cell:
+    structure, snr_db, method = key
+    answers, failures = _answered(rows)
+    names = {name for row in answers for name in row.standard_errors}
+    values = {name: true.coefficient(name).value for name in names}
+    truth = {name: value for name, value in values.items() if value is not None}
+    return Cell(structure, true.size, snr_db, method, expected, answers, failures, truth)
+
+
+def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+    """The rows with and without an answer: an error of forces, or terms that were judged."""
+    answered = [np.isfinite(_error(row)) or row.exact is not None for row in rows]
+    return (
+        tuple(row for row, answer in zip(rows, answered, strict=True) if answer),
+        tuple(row for row, answer in zip(rows, answered, strict=True) if not answer),
+    )
+
+
+def _error(row: Row) -> float:
+    """The error of a row in %, infinite if there is none."""
+    return float("inf") if row.failed or row.nmse is None or np.isnan(row.nmse) else row.nmse
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def write(records: list[dict[str, Any]], path: Path) -> None:
+    """One column a key, at least one record."""
+    parquet.write_table(pyarrow.Table.from_pylist(records), path)
+
 
 _TERMS = ("exact", "wrong, trusted", "extra, trusted")
 
@@ -173,3 +478,78 @@ def _line(record: dict[str, Any], judged: bool) -> tuple[str, ...]:
 def covered(coverage: float | None, intervals: int) -> str:
     """How many intervals hold the true value, such as "94 % of 250"; a dash without intervals."""
     return "-" if coverage is None else f"{100.0 * coverage:.3g} % of {intervals}"
+
+
+ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
+
+
+@checked
+def export_study(folder: str | Path) -> tuple[Path, ...]:
+    """Write the tables of a study, finished or not, into its folder.
+
+    Parameters
+    ----------
+    folder : str or path
+        The folder of the study.
+
+    Returns
+    -------
+    tuple of pathlib.Path
+        rows.csv, summary.csv and, if pyarrow is installed, rows.parquet; each appears whole or not at all.
+
+    Raises
+    ------
+    StudyError
+        If the folder does not hold a study.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> [path.name for path in lw.export_study("results/mine")][:2]
+    ['rows.csv', 'summary.csv']
+    """
+    folder = Path(folder)
+    rows = read_rows(folder)
+    cells = study_summary(folder).cells
+    with atomic_file(folder / ROWS) as path:
+        _write_csv(path, list(_EMPTY), [row_record(row) for row in rows])
+    with atomic_file(folder / SUMMARY) as path:
+        summary = [cell_record(cell) for cell in cells]
+        _write_csv(path, list(summary[0]), summary)
+    written = [folder / ROWS, folder / SUMMARY]
+    if rows and find_spec("pyarrow") is not None:
+        with atomic_file(folder / PARQUET) as path:
+            import_module("linkwise.study.summary").write([row_record(row) for row in rows], path)
+        written.append(folder / PARQUET)
+    return tuple(written)
+
+
+def row_record(row: Row) -> dict[str, Any]:
+    """A row as a table line: NMSE in % (`nmse` is the median over its links), mappings as JSON."""
+    return {
+        "structure": row.structure,
+        "masses": row.masses,
+        "snr_db": row.snr_db,
+        "method": row.method,
+        "seed": row.seed,
+        "status": row.status,
+        "nmse": row.nmse,
+        "worst": row.worst,
+        "seconds": row.seconds,
+        "links": json.dumps(dict(row.links)),
+        "coefficients": json.dumps(dict(row.coefficients)),
+        "standard_errors": json.dumps(dict(row.standard_errors)),
+        "reason": row.reason,
+        "exact": row.exact,
+        "terms": json.dumps(dict(row.terms)),
+    }
+
+
+_EMPTY = row_record(Row("", 0, 0.0, "", 0, ""))
+
+
+def _write_csv(path: Path, names: Sequence[str], records: Sequence[dict[str, Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({name: csv_cell(value) for name, value in record.items()} for record in records)

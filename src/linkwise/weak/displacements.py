@@ -11,8 +11,8 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+from linkwise.signals.gaps import denser, highest_frequency
 from linkwise.signals.noise import bandwidth, noise_and_bandwidth
-from linkwise.signals.sparse_samples import denser, highest_frequency
 from linkwise.weak.elements import Elimination, elimination_of
 from linkwise.weak.measured_modes import measured_modes
 

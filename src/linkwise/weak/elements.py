@@ -31,8 +31,7 @@ from linkwise.expression import (
     symbols,
     to_text,
 )
-from linkwise.model.law import Law
-from linkwise.model.law_text import VARIABLES
+from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.model.topology import Weights

@@ -16,7 +16,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.model.parameters import MASS
 from linkwise.model.structure import Structure
-from linkwise.records.interpolation import BAND_LIMITED, at_samples
+from linkwise.records.channel import BAND_LIMITED, at_samples
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import frame_acceleration
 from linkwise.weak.displacements import MeasuredDisplacements

@@ -11,13 +11,10 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.estimator import Estimator
-from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.estimates.unseen_term import unseen_remark
-from linkwise.model.rig_support import refuse_rig
-from linkwise.model.structure import Structure
+from linkwise.estimates.causes import NoiseEstimate, unseen_remark
+from linkwise.estimates.estimate import Estimate, Estimator
+from linkwise.estimates.link_estimate import LinkMotion, extremes
+from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record

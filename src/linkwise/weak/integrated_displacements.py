@@ -9,8 +9,8 @@ import numpy as np
 
 from linkwise.model.link import Mass
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.integrate import drift_frequency, highpass, integral, smoothed
+from linkwise.signals.noise import channel_noise
+from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
 
 
 def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:

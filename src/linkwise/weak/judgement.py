@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from linkwise.estimates.unseen_term import UnseenTerm
+from linkwise.estimates.causes import UnseenTerm
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.outliers import has_outliers
+from linkwise.signals.noise import has_outliers
 from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, source_names
 from linkwise.weak.efficient_scores import efficient_scores

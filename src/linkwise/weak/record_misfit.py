@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from linkwise.model.memory_support import refuse_memory
+from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.weak.displacements import read_displacements

@@ -22,8 +22,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
-from linkwise.model.law import Law
-from linkwise.model.law_text import VARIABLES
+from linkwise.model.law import VARIABLES, Law
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.noise_paths import (
     channel_weights,

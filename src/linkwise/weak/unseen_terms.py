@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from linkwise.estimates.causes import UnseenTerm
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.estimates.unseen_term import UnseenTerm
 from linkwise.expression import differentiate, kinks, symbols
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure

@@ -13,7 +13,7 @@ from problems import chain_record
 from structures import HARDENING, asked_oscillator, host, link, oscillator, structure
 
 import linkwise as lw
-from linkwise.identification.validation.coefficients import estimated_again
+from linkwise.identification.validation.answer import estimated_again
 from linkwise.progress import silent
 
 pytestmark = pytest.mark.usefixtures("unrendered")

@@ -16,7 +16,7 @@ from structures import oscillator, row_of_masses, torsion_chain
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.inspection.levels.distortion import distortion
+from linkwise.inspection.levels.quantities import distortion
 
 number = lw.Coefficient.number
 MASS, STIFFNESS, DAMPER = 1.0, 4e3, 1.0  # 10.07 Hz, 0.79 % of critical

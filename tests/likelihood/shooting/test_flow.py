@@ -17,7 +17,7 @@ from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
 from linkwise.likelihood.shooting.tangents import tangents
-from linkwise.model.input_signal import TimeFunction
+from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
 # of the motion, five samples on: ten times what the test of the order allows in the mean of squares

@@ -8,7 +8,7 @@ import pytest
 import linkwise as lw
 from linkwise.likelihood.shooting import segmentation as module
 from linkwise.likelihood.shooting.segmentation import signal_at_points, value_at_points
-from linkwise.records.interpolation import INTERPOLATIONS
+from linkwise.records.channel import INTERPOLATIONS
 
 IDENTICAL = 1e-11  # of the signal, whose times have rounding errors of 1e-13
 

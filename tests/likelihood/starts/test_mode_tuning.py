@@ -8,7 +8,7 @@ from structures import host, link, structure
 import linkwise as lw
 from linkwise.likelihood.starts.linear_part import LinearPart
 from linkwise.likelihood.starts.mode_tuning import _tuned
-from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.noise import channel_noise
 
 
 def test_equivalents_that_rounding_took_past_their_bounds_are_tuned() -> None:

@@ -18,7 +18,7 @@ from linkwise.likelihood.starts.inverse_dynamics import (
     needs_integration,
 )
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.signals.channel_noise import channel_noise
+from linkwise.signals.noise import channel_noise
 
 
 def noisy(n: int, kind: str, seed: int) -> lw.Record:

@@ -14,16 +14,13 @@ from structures import link, oscillator, structure
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.chains import bnes_chain
-from linkwise.model.excitation import Excitation
-from linkwise.model.input_signal import Sampled
+from linkwise.model.excitation import Excitation, Sampled
 from linkwise.model.structure import Structure
-from linkwise.simulation.integrator.compiled import CompiledSystem, compiled_system
-from linkwise.simulation.integrator.interface import Placement
-from linkwise.simulation.integrator.shape import SCALE
-from linkwise.simulation.link_forces import LinkForces
-from linkwise.simulation.motion import SimulatedMotion
-from linkwise.simulation.run import RunOptions, integrate
-from linkwise.simulation.schedule import RunSchedule
+from linkwise.simulation.batch import SimulatedMotion
+from linkwise.simulation.energy import LinkForces
+from linkwise.simulation.integrator.formulas import SCALE, Placement
+from linkwise.simulation.integrator.taylor import CompiledSystem, compiled_system
+from linkwise.simulation.run import RunOptions, RunSchedule, integrate
 from linkwise.simulation.simulate import simulate
 
 

@@ -13,13 +13,10 @@ from linkwise.signals.states import differentiate
 from linkwise.sindy.conventions import noisy_states
 from linkwise.sindy.force_reading import monomial_nmse
 from linkwise.sindy.library import monomial_equations
-from linkwise.sindy.regression.gram import Gram
-from linkwise.sindy.regression.l1 import L1
-from linkwise.sindy.regression.least_squares import LeastSquares
+from linkwise.sindy.regression.gram import Gram, held_out_rows
 from linkwise.sindy.regression.linear_system import DenseSystem, StreamedSystem
 from linkwise.sindy.regression.regressor import RegressionFit, Regressor
-from linkwise.sindy.regression.stlsq import Stlsq
-from linkwise.sindy.regression.sums import held_out_rows
+from linkwise.sindy.regression.regressors import L1, LeastSquares, Stlsq
 
 TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
     "x1'": {"v1": 1.0},

@@ -1,20 +1,40 @@
-"""What is validated: a structure, with what is known of the errors of its coefficients and laws."""
+"""What is validated: a structure, with what is known of the errors of its coefficients and laws.
+
+Errors of sensors that an answer found, taken out of the record that it is compared with.
+
+Whether a record agrees with identified coefficients: they are estimated again from it alone.
+
+Noise of the responses of a record that may have many gaps.
+"""
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from linkwise.errors import StructureError
-from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.sensor_error import SensorErrorEstimate
-from linkwise.estimates.stated_trust import not_trusted, untrusted_remark
+import numpy as np
+import scipy
+
+from linkwise.errors import IdentificationError, RecordError, StructureError
+from linkwise.estimates.causes import SensorErrorEstimate
+from linkwise.estimates.estimate import Estimate, not_trusted, untrusted_remark
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
+from linkwise.identification.validation.result import CoefficientAgreement
+from linkwise.likelihood.estimate import MaximumLikelihood
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import is_between_modes
+from linkwise.model.parameters import coefficient_slots, is_shape, replace_coefficients, replace_shapes
 from linkwise.model.structure import Structure
-from linkwise.model.toml_file import read_structure
+from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
+from linkwise.progress import Progress
+from linkwise.records.joining import without_delays
+from linkwise.records.record import Record
+from linkwise.records.sensor_uncertainty import SensorUncertainty
+from linkwise.signals.noise import noise_variance
 
 _STRUCTURE = "structure.toml"
 
@@ -106,3 +126,182 @@ class _ResultFile:
             return cls(f"no covariance is beside {_STRUCTURE}")
         warning = "" if result.get("trusted") else not_trusted(status)
         return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors, warning)
+
+
+_ORDER = ("offset", "gain", "delay")  # in which they are undone: an offset is added last
+
+
+def without_found_errors(
+    record: Record, errors: Sequence[SensorErrorEstimate], corrected: Mapping[str, Sequence[str]]
+) -> tuple[Record, tuple[str, ...]]:
+    """The record as it would be without the `errors`, and sentences on what was taken out and what was not.
+
+    The standard errors are what is known of the sensors then, in place of what the record states. Errors of the kinds that
+    are `corrected`, by channel, stay: the record is without them. Raises IdentificationError for another kind or channel.
+    """
+    _require_kinds(corrected, record)
+    taken_out, remarks = [], []
+    for error in sorted(errors, key=lambda error: _ORDER.index(error.kind)):
+        if error.channel not in record.channels:
+            continue
+        if error.kind in corrected.get(error.channel, ()):
+            remarks.append(
+                f"The {error.kind} of {error.channel} that the answer found, {error.value:.6g}{_unit(error)}, was not "
+                "removed: what is stated of it for this record counts."
+            )
+            continue
+        try:
+            record = _without(record, error)
+        except RecordError as refusal:
+            remarks.append(
+                f"The {error.kind} of {error.channel} that the answer found was not removed: {refusal}"
+            )
+        else:
+            taken_out.append(f"{error.kind} of {error.channel}")
+    if taken_out:
+        remarks.append(
+            f"Removed from the record, as found by the answer: {', '.join(taken_out)}. If a sensor was exchanged or "
+            f"adjusted since, identify again."
+        )
+    return record, tuple(remarks)
+
+
+def _require_kinds(corrected: Mapping[str, Sequence[str]], record: Record) -> None:
+    for channel, kinds in corrected.items():
+        wrong = next((kind for kind in kinds if kind not in _ORDER), None)
+        if wrong is not None or channel not in record.channels:
+            reason = (
+                f"the {wrong} of a channel; choose from {', '.join(_ORDER)}"
+                if wrong
+                else "a channel of the record"
+            )
+            raise IdentificationError(
+                f"corrected takes errors that the record is without, by channel, got {channel}: {', '.join(kinds)}, which is "
+                f"not {reason}",
+                arguments=("corrected",),
+            )
+
+
+def _unit(error: SensorErrorEstimate) -> str:
+    return "" if error.unit == "1" else f" {error.unit}"
+
+
+def _without(record: Record, error: SensorErrorEstimate) -> Record:
+    """The record without one error; RecordError where it cannot be taken out."""
+    column, values = record.channels.index(error.channel), record.values.copy()
+    if error.kind == "delay":
+        record = without_delays(record, {error.channel: error.value})
+    elif error.kind == "offset":
+        values[:, column] -= error.value
+        record = replace(record, values=values)
+    elif error.value > 0.0:
+        values[:, column] /= error.value
+        record = replace(record, values=values)
+    else:
+        raise RecordError(f"a gain must be positive, got {error.value:g}")
+    stated = record.uncertainty.get(error.channel, SensorUncertainty())
+    known = replace(stated, **{error.kind: error.standard_error})
+    return replace(record, uncertainty={**record.uncertainty, error.channel: known})
+
+
+LEVEL = 1e-3  # probability that a right answer is said to disagree
+
+
+def uncertain(posterior: Posterior) -> Structure:
+    """The structure with its uncertain coefficients as unknowns."""
+    masses = posterior.structure.mass_names
+    selectors = []
+    for name in posterior.names:
+        owner, _, key = name.rpartition(".")
+        selectors.append(f"mass:{owner}" if key == "mass" and owner in masses else name)
+    return posterior.structure.unknown(*selectors)
+
+
+def estimated_again(record: Record, posterior: Posterior, progress: Progress) -> Estimate:
+    """The uncertain coefficients from the record alone, by maximum likelihood that starts at the answer.
+
+    Shapes of hosts, and damping between their modes, stay known to within what the answer says: a record need not show again
+    what they are.
+    """
+    starts = dict(zip(posterior.names, map(float, posterior.values), strict=True))
+    deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
+    free = uncertain(posterior)
+    slots = coefficient_slots(free.masses, free.links, free.hosts)
+    known = {
+        name: Coefficient.unknown(starts[name], sigma=float(deviation))
+        for name, deviation in deviations.items()
+        if _is_of_host(name) and deviation > 0.0 and slots[name].coefficient.same_as is None
+    }
+    masses, links = replace_coefficients(free.masses, free.links, slots, known)
+    structure = replace(free, masses=masses, links=links, hosts=replace_shapes(free.hosts, known))
+    return MaximumLikelihood(starts=starts).estimate([record], structure, progress)
+
+
+def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgreement, ...]:
+    """The answer beside an estimate from another record, coefficient by coefficient, but for those known to within there."""
+    count = len(posterior.names)
+    limit = float(-scipy.special.ndtri(LEVEL / (2 * max(count, 1))))
+    rows = []
+    for index, name in enumerate(posterior.names):
+        if _is_of_host(name):
+            continue
+        own = estimate.coefficient(name)
+        error = math.sqrt(max(posterior.covariance[index, index], 0.0))
+        if own.standard_error is None or not own.standard_error > 0.0:
+            continue
+        rows.append(
+            CoefficientAgreement(
+                name=name,
+                unit=own.unit,
+                value=float(posterior.values[index]),
+                standard_error=error,
+                record_value=own.value,
+                record_error=own.standard_error,
+                z=(own.value - float(posterior.values[index])) / math.hypot(error, own.standard_error),
+                limit=limit,
+            )
+        )
+    return tuple(rows)
+
+
+def _is_of_host(name: str) -> bool:
+    return is_shape(name) or is_between_modes(name)
+
+
+# of the RMS of a channel: interpolated inputs and sensitivities in single precision are not better
+_FLOOR = 1e-5
+_LONGEST = 16  # samples of a gap that is filled: the shortest block in which noise is estimated
+
+
+def sensor_noise(record: Record) -> dict[str, float]:
+    """Standard deviation of the noise of every response: stated, or estimated from samples with the gaps between them filled.
+
+    Filled samples have next to no noise of their own, so the estimate is raised by their share. Long gaps stay, since blocks
+    within one would pass for quiet, unless nothing is left between them.
+    """
+    noise = _estimated(record, _LONGEST)
+    if any(sigma == 0.0 for sigma in noise.values()):
+        noise |= {
+            name: sigma for name, sigma in _estimated(record, len(record)).items() if noise[name] == 0.0
+        }
+    floor = {name: _FLOOR * float(np.sqrt(np.nanmean(record.channel(name) ** 2))) for name in noise}
+    return {name: max(sigma, floor[name]) for name, sigma in noise.items()}
+
+
+def _estimated(record: Record, longest: int) -> dict[str, float]:
+    """Standard deviations with gaps of at most `longest` samples filled; 0 for a channel that has too many others."""
+    values = record.select(record.responses).values.T.copy()
+    raised = np.ones(len(values))
+    for row, name in enumerate(record.responses):
+        present = np.isfinite(values[row])
+        if present.all() or present.sum() <= 3 or name in record.noise:
+            continue
+        at = np.flatnonzero(present)
+        before = np.searchsorted(at, np.arange(len(present)))
+        ends = np.concatenate([[-1], at, [len(present)]])
+        short = ~present & (ends[before + 1] - ends[before] - 1 <= longest)
+        spline = scipy.interpolate.CubicSpline(at, values[row, at])
+        values[row, short] = spline(np.clip(np.flatnonzero(short), at[0], at[-1]))
+        raised[row] = np.sqrt(1.0 + short.sum() / present.sum())
+    sigma = raised * np.sqrt(noise_variance(record, record.responses, values))
+    return dict(zip(record.responses, sigma.tolist(), strict=True))

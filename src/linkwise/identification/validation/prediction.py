@@ -1,19 +1,277 @@
-"""The prediction of a record: one free run, or windows where the motion is chaotic, with what limits its accuracy."""
+"""The prediction of a record: one free run, or windows where the motion is chaotic, with what limits its accuracy.
+
+Free runs: an identified structure under the inputs of a record that it was not identified from.
+
+The prediction of load cells by links alone on a rig, along the recorded motion.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
+from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import SimulationError
-from linkwise.identification.validation.free_run import run_from
+from linkwise.errors import IdentificationError, RecordError, SimulationError
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.identification.validation.answer import uncertain
 from linkwise.identification.validation.windows import WindowPredictor
-from linkwise.model.structure import BASE
+from linkwise.likelihood.prescribed.fit import motion_deviations
+from linkwise.likelihood.prescribed.problem import RigProblem
+from linkwise.likelihood.prescribed.records import BASE_CHANNEL, cell_name, cell_noise, rig_forces
+from linkwise.likelihood.prescribed.search import Minimum, minimise
+from linkwise.likelihood.shooting.system import System
+from linkwise.model.excitation import Sampled
+from linkwise.model.link import refuse_memory
+from linkwise.model.structure import BASE, Structure, refuse_hosts, refuse_rig
 from linkwise.progress import Progress, ProgressReport
-from linkwise.records.checks import LARGEST
+from linkwise.records.channel import BAND_LIMITED, LARGEST, ORDER_OF, Channel
 from linkwise.records.record import Record
+from linkwise.signals.base_frame import framed
+from linkwise.simulation.simulate import simulate
+
+_RELATIVE_STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
+_AFTER = 8  # samples of input beyond the settling: the spline through them then has no end there
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """A simulation of a structure under the inputs of a record, compared with that record.
+
+    Attributes
+    ----------
+    motion : Record
+        The responses of the record as the structure gives them.
+    residual : Record
+        The responses of the record less these.
+    rmse : mapping of str to float
+        Root mean square of the residual after the first `settling` samples, by channel, in its SI unit.
+    settling : int
+        The number of samples that the initial state was fitted to.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
+    >>> run = lw.free_run(chain, record)
+    >>> run.motion.channels, run.settling
+    (('x:m1', 'x:m2'), 50)
+    """
+
+    motion: Record
+    residual: Record
+    rmse: Mapping[str, float]
+    settling: int
+
+    @property
+    def horizon(self) -> float | None:
+        """Time in s past which a chaotic motion cannot be predicted; None if it can throughout.
+
+        Rounding alone has then grown to a part of the motion; an error of the structure or of its initial state gets there
+        sooner.
+        """
+        return None if self.motion.simulated is None else self.motion.simulated.horizon
+
+
+@checked
+def free_run(structure: Structure, record: Record, *, settling: int = 50) -> FreeRun:
+    """Simulate an identified structure under the inputs of a record, from the state that fits its first samples best.
+
+    Use a part of the record that the structure was not identified from. A chaotic structure departs from any record after a
+    while, however well it is identified, since the error of its initial state grows (that of the paper's chains within about a
+    second): the run then validates the time before, and `nmse` compares forces over the whole record.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure, every coefficient a number.
+    record : Record
+        The record. Its forces and base motion drive the structure, interpolated by a spline of the fifth order.
+    settling : int
+        The number of samples to which the displacements and velocities at the start are fitted, by least squares.
+
+    Returns
+    -------
+    FreeRun
+        The motion, and its difference from the record.
+
+    Raises
+    ------
+    RecordError
+        If the record has no response of the structure, has inputs with gaps, or is not longer than the settling.
+    IdentificationError
+        If the motion of the base is not known well enough for a link or a channel.
+    SimulationError
+        If the structure diverges.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record[:500], chain.unknown("nes"))
+    >>> run = lw.free_run(fit.structure, record[500:700])
+    >>> sorted(run.rmse)
+    ['x:m1', 'x:m2']
+    """
+    refuse_rig(structure, "validation")
+    refuse_memory(structure.links, "free runs")
+    refuse_hosts(structure, "free runs")
+    given = record.select([*record.inputs, *_responses(structure, record)])
+    frame = framed(given, structure)
+    record, channels = frame.record, frame.record.responses
+    if not 2 <= settling < len(record):
+        raise RecordError(
+            f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
+        )
+    for name in channels:
+        present = ~np.isnan(record.channel(name))
+        if not (present[:settling].any() and present[settling:].any()):
+            raise RecordError(
+                f"has no sample among the first {settling}, which determine the state, or none after them",
+                channel=name,
+            )
+    state = _initial_state(structure, record.select(channels), _inputs(record, settling + _AFTER), settling)
+    run = _run(structure, channels, state, _inputs(record, len(record)), record.rate, len(record))
+    motion = replace(run, start=record.start).select(channels)
+    residual = record.select(channels).values - motion.values
+    channels = given.responses
+    motion = replace(motion, channels=channels, values=motion.values + frame.shown)
+    rmse = np.sqrt(np.nanmean(residual[settling:] ** 2, axis=0))
+    return FreeRun(
+        motion=motion,
+        residual=Record(
+            record.start, record.rate, channels, residual, source=f"{record.source} less a free run"
+        ),
+        rmse=dict(zip(channels, map(float, rmse), strict=True)),
+        settling=settling,
+    )
+
+
+def _responses(structure: Structure, record: Record) -> tuple[str, ...]:
+    channels = tuple(name for name in record.responses if Channel.parse(name).mass in structure.mass_names)
+    if not channels:
+        raise RecordError(
+            f"no response of {', '.join(structure.mass_names)} is in the record, which holds {', '.join(record.channels)}; "
+            "there is nothing to compare a run with"
+        )
+    return channels
+
+
+def _inputs(record: Record, samples: int) -> dict[str, Sampled]:
+    """The inputs of the first so many samples by channel, on a clock that starts at 0."""
+    inputs = {}
+    for name in record.inputs:
+        kind, _, where = name.partition(":")
+        if where == BASE and kind != "x":
+            continue
+        values = record.channel(name)
+        if np.isnan(values).any():
+            raise RecordError(
+                "samples are missing, and an input drives the motion: fill them first", channel=name
+            )
+        order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
+        inputs[name] = Sampled(0.0, record.rate, values[:samples], order=order)
+    return inputs
+
+
+def _run(
+    structure: Structure,
+    channels: tuple[str, ...],
+    state: Floats,
+    inputs: Mapping[str, Sampled],
+    rate: float,
+    samples: int,
+) -> Record:
+    names = structure.mass_names
+    release = {f"x:{name}": float(x) for name, x in zip(names, state[: len(names)], strict=True)}
+    release |= {
+        f"v:{name}": float(v) for name, v in zip(names, state[len(names) : 2 * len(names)], strict=True)
+    }
+    inside = [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
+    release |= {name: float(value) for name, value in zip(inside, state[2 * len(names) :], strict=True)}
+    forces = {name.partition(":")[2]: signal for name, signal in inputs.items() if name.startswith("force:")}
+    return simulate(
+        structure,
+        duration=(samples - 1) / rate,
+        rate=rate,
+        sensors=channels,
+        release=release,
+        forces=forces,
+        base=inputs.get(f"x:{BASE}"),
+    )
+
+
+def run_from(
+    structure: Structure,
+    record: Record,
+    channels: tuple[str, ...],
+    state: Floats,
+    extra: Mapping[str, Floats] | None = None,
+) -> Record:
+    """The channels of a structure that runs from a state (2 n + S,) under the inputs of a record, by the record's clock.
+
+    `extra` forces in N (N,) by channel are added to those of the record.
+    """
+    inputs = _inputs(record, len(record))
+    for name, force in (extra or {}).items():
+        given = record.channel(name) if name in inputs else 0.0
+        inputs[name] = Sampled(
+            0.0, record.rate, given + force, order=inputs[name].order if name in inputs else 5
+        )
+    run = _run(structure, channels, state, inputs, record.rate, len(record))
+    return replace(run, start=record.start)
+
+
+def _initial_state(
+    structure: Structure, measured: Record, inputs: Mapping[str, Sampled], settling: int
+) -> Floats:
+    """(2 n,) displacements in m and velocities in m/s at the first sample."""
+    first = measured.values[:settling]
+    size = np.sqrt(np.nanmean(first**2, axis=0))
+    weights = np.where(np.isfinite(first), 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    guess, scale = _rough_state(structure, measured[:settling])
+
+    def residual(relative: Floats) -> Floats:
+        run = _run(structure, measured.channels, guess + scale * relative, inputs, measured.rate, settling)
+        return np.asarray((weights * (run.select(measured.channels).values - np.nan_to_num(first))).ravel())
+
+    def slope(relative: Floats) -> Floats:
+        unmoved = residual(relative)
+        steps = _RELATIVE_STEP * np.eye(len(guess))
+        return np.stack([(residual(relative + step) - unmoved) / _RELATIVE_STEP for step in steps], axis=1)
+
+    return np.asarray(
+        guess + scale * scipy.optimize.least_squares(residual, np.zeros(len(guess)), jac=slope).x
+    )
+
+
+def _rough_state(structure: Structure, measured: Record) -> tuple[Floats, Floats]:
+    """A rough state (2 n,) at the first of a few samples, from a parabola through each displacement, and its size (2 n,)."""
+    count = structure.size
+    guess, size = np.zeros(2 * count), np.zeros(2 * count)
+    for i, name in enumerate(structure.mass_names):
+        for kind, place in (("x", i), ("v", count + i)):
+            if f"{kind}:{name}" not in measured.channels:
+                continue
+            values = measured.channel(f"{kind}:{name}")
+            at = np.flatnonzero(np.isfinite(values))[:8]
+            if len(at) < 3:
+                continue
+            fitted = np.polynomial.polynomial.polyfit(at / measured.rate, values[at], 2)
+            guess[place], size[place] = fitted[0], float(np.sqrt(np.nanmean(values**2)))
+            if kind == "x" and f"v:{name}" not in measured.channels:
+                guess[count + i] = fitted[1]
+                size[count + i] = float(np.sqrt(np.nanmean(np.gradient(values, measured.step) ** 2)))
+    for half in (slice(0, count), slice(count, None)):
+        known = size[half][size[half] > 0.0]
+        size[half] = np.where(size[half] > 0.0, size[half], known.mean() if len(known) else 1.0)
+    return guess, size
+
 
 _STEP = 0.1  # of a standard error: departures of runs are linear in it, and grow no larger than the motion
 _LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
@@ -227,3 +485,91 @@ def _after(values: Floats, burn: int) -> Floats:
     late = values.copy()
     late[:burn] = np.nan
     return late
+
+
+_SUBSTEPS = 8  # between samples
+_PRIOR = 1e-6  # of the normal matrix, for combinations of states that the start does not determine
+
+
+def rig_channels(record: Record, structure: Structure) -> Record:
+    """The motion of the base and the forces of the links; RecordError where the record does not hold them."""
+    cells = [cell_name(structure, link) for link in range(len(structure.links))]
+    shown = [name for name in cells if name in record.channels]
+    if not shown or BASE_CHANNEL not in record.channels:
+        raise RecordError(
+            f"links alone on a rig are compared along {BASE_CHANNEL} with {', '.join(cells)}, and the record holds "
+            f"{', '.join(record.channels)}"
+        )
+    return record.select([BASE_CHANNEL, *shown])
+
+
+def rig_prediction(
+    record: Record, structure: Structure, posterior: Posterior | None, burn: int, law_error: float
+) -> tuple[Prediction, dict[str, float]]:
+    """The forces by the laws, with states at the start from the first `burn` samples, and the noise by channel.
+
+    That noise is of the load cell and of the motion, along which the forces are computed.
+    """
+    try:
+        forces = rig_forces(record, structure)
+    except IdentificationError as error:
+        raise RecordError(str(error)) from None
+    noise = cell_noise([record], structure)
+    free = structure if posterior is None or not posterior.names else uncertain(posterior)
+    problem = RigProblem(free, (forces,)).with_substeps(_SUBSTEPS)
+    theta = np.array([structure.coefficient(p.name).value or 0.0 for p in free.parameters])
+    minimum, covariance = _started(RigProblem(structure, (forces,)).with_substeps(_SUBSTEPS), noise, burn)
+    minimum = Minimum(np.append(theta, minimum.unknowns), minimum.cost, minimum.paths, minimum.converged)
+    count, cells = len(record), len(problem.links)
+    slopes = problem.jacobian(minimum.paths).reshape(cells, count, -1)
+    of_states, of_coefficients = slopes[..., len(theta) :], slopes[..., : len(theta)]
+    moved = motion_deviations(problem, minimum).reshape(cells, count)
+    every = problem.records[0].motion.substeps
+    predicted = np.stack([path.force()[::every] for path in minimum.paths], axis=1)
+    predicted[:burn] = np.nan
+    spread = np.zeros((count, cells)) + law_error * np.nanstd(predicted, axis=0)
+    order = [] if posterior is None else [posterior.names.index(p.name) for p in free.parameters]
+    known = np.zeros((0, 0)) if posterior is None else posterior.beside_terms_kept[np.ix_(order, order)]
+    motion = problem.records[0].motion
+    prediction = Prediction(
+        predicted=predicted,
+        by_state=_variance(of_states, covariance),
+        by_coefficients=_variance(of_coefficients, known),
+        by_laws=spread**2,
+        d=np.outer(motion.d[::every], structure.base_incidence),
+        v=np.outer(motion.v[::every], structure.base_incidence),
+        starts=1,
+        window=None,
+        horizon=None,
+    )
+    levels = {
+        cell_name(structure, link): float(np.hypot(noise[link], np.sqrt(np.mean(moved[number] ** 2))))
+        for number, link in enumerate(problem.links)
+    }
+    return prediction, levels
+
+
+def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[Minimum, Floats]:
+    """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
+    weights = np.concatenate(
+        [
+            np.where(np.arange(len(problem.cell(number))) < burn, 1.0 / noise[link], 0.0)
+            for number, (_, link, _) in enumerate(problem.states)
+        ]
+    )
+    start = np.zeros(problem.size)
+    paths = problem.paths(start)
+    if not all(path.converged for path in paths):
+        raise RecordError("the states of a link run away along the recorded motion")
+    minimum = minimise(problem, start, weights) if problem.size else Minimum(start, 0.0, paths, True)
+    slopes = weights[:, None] * problem.jacobian(minimum.paths)
+    normal = slopes.T @ slopes
+    powers = np.concatenate([np.mean(path.states**2, axis=0) for path in minimum.paths])
+    # a state that the start does not show, as behind backlash, is as uncertain as it is large later on
+    normal += _PRIOR * np.diag(normal.diagonal()) + np.diag(1.0 / np.where(powers > 0.0, powers, 1.0))
+    return minimum, np.asarray(np.linalg.inv(normal), dtype=np.float64)
+
+
+def _variance(slopes: Floats, covariance: Floats) -> Floats:
+    """Variances (N, C) of forces with derivatives (C, N, q) by what has this covariance."""
+    return np.asarray(np.einsum("cnq,qr,cnr->nc", slopes, covariance, slopes))

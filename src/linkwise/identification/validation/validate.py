@@ -1,38 +1,213 @@
-"""Validation of an identified structure on a record that it was not identified from."""
+"""Validation of an identified structure on a record that it was not identified from.
+
+Scores of a prediction, channel by channel, beside what noise and the errors of the answer allow.
+
+Where in the motion a prediction fails: over time, over the elongation and velocity of every link, and over frequency.
+
+What stated errors of sensors make a prediction differ from a record.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import isinf
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.identification.validation.answer import ValidatedAnswer
-from linkwise.identification.validation.coefficients import agreements, estimated_again, uncertain
-from linkwise.identification.validation.found_sensors import without_found_errors
-from linkwise.identification.validation.prediction import Prediction, one_step, predict
-from linkwise.identification.validation.profiles import error_profiles, error_spectra
-from linkwise.identification.validation.result import CoefficientAgreement, Validation
-from linkwise.identification.validation.rig import rig_channels, rig_prediction
-from linkwise.identification.validation.scores import channel_scores
-from linkwise.identification.validation.sensor_noise import sensor_noise
-from linkwise.identification.validation.stated_sensors import unknown_sensors, with_stated_sensors
+from linkwise.identification.validation.answer import (
+    LEVEL,
+    ValidatedAnswer,
+    agreements,
+    estimated_again,
+    sensor_noise,
+    uncertain,
+    without_found_errors,
+)
+from linkwise.identification.validation.prediction import (
+    Prediction,
+    one_step,
+    predict,
+    rig_channels,
+    rig_prediction,
+)
+from linkwise.identification.validation.result import (
+    ChannelPrediction,
+    CoefficientAgreement,
+    ErrorProfile,
+    ErrorSpectrum,
+    Validation,
+)
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import Channel
-from linkwise.records.channel_units import in_units_of
+from linkwise.records.channel_units import channel_unit, in_units_of
 from linkwise.records.record import Record
+from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.signals.base_frame import framed
 from linkwise.verdict import Verdict
+
+
+def with_stated_sensors(prediction: Prediction, record: Record) -> Prediction:
+    """The prediction whose errors count those of the sensors of `record`, whose gain, offset or delay is known to within.
+
+    They add to the errors of laws, which are of one kind throughout a record. What is unknown altogether adds nothing.
+    """
+    if not record.uncertainty:
+        return prediction
+    common = record.uncertainty.get(COMMON, SensorUncertainty()).gain
+    variance = np.zeros_like(prediction.by_laws)
+    for column, name in enumerate(record.responses):
+        known, shown = record.uncertainty.get(name, SensorUncertainty()), prediction.predicted[:, column]
+        gain, shared, offset, delay = (
+            0.0 if isinf(sigma) else sigma for sigma in (known.gain, common, known.offset, known.delay)
+        )
+        variance[:, column] = (gain**2 + shared**2) * shown**2 + offset**2
+        if delay:
+            variance[:, column] += (delay * _largest_rate(shown, record.step)) ** 2
+    return replace(prediction, by_laws=prediction.by_laws + variance)
+
+
+def _largest_rate(shown: Floats, step: float) -> Floats:
+    """(N,) the larger absolute slope beside each sample, of which one may be beside a gap of what is predicted."""
+    slopes = np.abs(np.diff(shown)) / step
+    beside: Floats = np.fmax(np.append(np.nan, slopes), np.append(slopes, np.nan))
+    return beside
+
+
+def unknown_sensors(record: Record) -> tuple[str, ...]:
+    """A sentence on errors of sensors that are unknown, which a prediction cannot count."""
+    names = [
+        f"{kind} of {name}"
+        for name, known in record.uncertainty.items()
+        for kind in ("gain", "offset", "delay")
+        if isinf(getattr(known, kind))
+    ]
+    return (f"Errors taken as zero, though stated as unknown: {', '.join(names)}.",) if names else ()
+
+
+_ESTIMATED_NOISE = 1.2  # over the noise that is estimated from a record: how far that may be off
+
+
+def channel_scores(
+    record: Record,
+    structure: Structure,
+    prediction: Prediction,
+    steps: tuple[Floats, Floats],
+    noise: dict[str, float],
+) -> dict[str, ChannelPrediction]:
+    """The scores by channel.
+
+    The squared error is a sum of squares: that of the noise is chi-square distributed with as many degrees of freedom as there
+    are samples; those of initial states with at least one a start; those of coefficients and laws with at least one. Each is
+    allowed its quantile.
+    """
+    names = record.responses
+    level = LEVEL / len(names)
+    once = float(scipy.special.chdtri(1, level))
+    often = float(scipy.special.chdtri(prediction.starts, level)) / prediction.starts
+    scores = {}
+    for column, name in enumerate(names):
+        measured = record.channel(name)
+        error = measured - prediction.predicted[:, column]
+        scored = np.isfinite(error)
+        count, mean_square = int(scored.sum()), float(np.mean(error[scored] ** 2))
+        parts = [
+            float(np.mean(variance[scored, column]))
+            for variance in (prediction.by_state, prediction.by_coefficients, prediction.by_laws)
+        ]
+        square = noise[name] ** 2
+        allowed = square if name in record.noise else square * _ESTIMATED_NOISE**2
+        allowed *= float(scipy.special.chdtri(count, level)) / count
+        spread = float(np.var(measured[scored]))
+        nmse = mean_square / spread if spread > 0.0 else math.inf
+        ahead = measured - steps[0][:, column]
+        scores[name] = ChannelPrediction(
+            name=name,
+            unit=channel_unit(record, name, structure),
+            samples=count,
+            rmse=math.sqrt(mean_square),
+            nmse_percent=100.0 * nmse,
+            fit_percent=100.0 * (1.0 - math.sqrt(nmse)),
+            noise=noise[name],
+            expected=math.sqrt(square + sum(parts)),
+            limit=math.sqrt(allowed + often * parts[0] + once * (parts[1] + parts[2])),
+            one_step_rmse=float(np.sqrt(np.nanmean(ahead**2))),
+            one_step_expected=math.sqrt(square + float(np.nanmean(steps[1][:, column]))),
+        )
+    return scores
+
+
+_BINS = 24
+_SEGMENTS = 8  # of a spectrum, at half overlap
+
+
+def error_profiles(record: Record, structure: Structure, prediction: Prediction) -> tuple[ErrorProfile, ...]:
+    """The error over time, then over d and v of every link along the predicted motion; modes of hosts are no links."""
+    measured = record.select(record.responses).values
+    size = np.nanstd(measured, axis=0)
+    relative = (measured - prediction.predicted) / np.where(size > 0.0, size, 1.0)
+    with np.errstate(invalid="ignore"):
+        counted = np.isfinite(relative).sum(axis=1)
+        square = np.nansum(relative**2, axis=1) / np.maximum(counted, 1)
+    scored = counted > 0
+    quantities = [("time", "s", record.time)]
+    for number, link in enumerate(structure.links):
+        if link.name in structure.modes:
+            continue
+        of_d, of_v = link.law.motion_units
+        quantities.append((f"d of {link.name}", of_d, prediction.d[:, number]))
+        quantities.append((f"v of {link.name}", of_v, prediction.v[:, number]))
+    return tuple(
+        _profile(quantity, unit, values[scored], square[scored]) for quantity, unit, values in quantities
+    )
+
+
+def _profile(quantity: str, unit: str, values: Floats, square: Floats) -> ErrorProfile:
+    low, high = float(values.min()), float(values.max())
+    if not high > low:
+        high = low + max(abs(low), 1e-12)
+    edges = np.linspace(low, high, _BINS + 1)
+    samples, _ = np.histogram(values, edges)
+    total, _ = np.histogram(values, edges, weights=square)
+    error = np.where(samples > 0, 100.0 * np.sqrt(total / np.maximum(samples, 1)), np.nan)
+    return ErrorProfile(quantity, unit, edges, error, samples)
+
+
+def error_spectra(record: Record, predicted: Floats) -> dict[str, ErrorSpectrum]:
+    """Spectra of the channels over their longest stretch without gaps; none where it is too short."""
+    spectra = {}
+    for column, name in enumerate(record.responses):
+        measured = record.channel(name)
+        error = measured - predicted[:, column]
+        stretch = _longest(np.isfinite(error))
+        length = 2 * (stretch.stop - stretch.start) // (_SEGMENTS + 1)
+        if length < 16:
+            continue
+        settings = {"fs": record.rate, "nperseg": length}
+        frequency, density = scipy.signal.welch(measured[stretch], **settings)
+        _, left = scipy.signal.welch(error[stretch], **settings)
+        spectra[name] = ErrorSpectrum(frequency[1:], density[1:], left[1:])
+    return spectra
+
+
+def _longest(present: Floats) -> slice:
+    """The longest run of True."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(int)))
+    starts, stops = ends[::2], ends[1::2]
+    longest = int(np.argmax(stops - starts))
+    return slice(int(starts[longest]), int(stops[longest]))
+
 
 _BURN = 0.05  # of the record
 _FEWEST, _MOST = 50, 300  # samples of the burn, unless it is given

@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import start_states
 from linkwise.model.structure import BASE, Structure
-from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
+from linkwise.records.channel import BAND_LIMITED, HELD, interpolated
 from linkwise.records.record import Record
 
 _PRIOR = 3.0  # deviation of the prior over the RMS of the motion: held only where samples say nothing

@@ -1,3 +1,1 @@
 """Records of one test at several levels: whether the structure moves linearly, and from which level on it does not."""
-
-from linkwise.inspection.levels import text as text

@@ -9,19 +9,25 @@ import numpy as np
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.inspection.levels.acceleration_surface import acceleration_surfaces
-from linkwise.inspection.levels.bridged_gaps import bridged_gaps, forces_bridged
-from linkwise.inspection.levels.distortion import distortion
-from linkwise.inspection.levels.response_function import ResponseFunction
+from linkwise.inspection.levels.quantities import (
+    ResponseFunction,
+    acceleration_surfaces,
+    bridged_gaps,
+    decay_of,
+    decaying_modes,
+    distortion,
+    forces_bridged,
+    motions,
+    ring_downs,
+)
 from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, UNDAMPED, LevelComparison
-from linkwise.inspection.levels.ring_down import decay_of, decaying_modes, motions, ring_downs
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.joining import record_list
 from linkwise.records.record import Record
-from linkwise.records.sequence import record_list
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.short_gaps import short_gaps_bridged
+from linkwise.signals.gaps import short_gaps_bridged
+from linkwise.signals.noise import channel_noise
 
 _SHORTEST = 50  # samples of a decay
 _MOST = 6  # modes that are followed, where their number is not given: those that respond most

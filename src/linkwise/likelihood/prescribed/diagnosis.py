@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.prescribed.covariance import newey_west
 from linkwise.likelihood.prescribed.fit import RigFit
 from linkwise.likelihood.prescribed.records import BASE_CHANNEL, cell_name

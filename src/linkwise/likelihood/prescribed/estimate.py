@@ -10,11 +10,9 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_motion import LinkMotion, extremes
-from linkwise.estimates.noise_estimate import NoiseEstimate
-from linkwise.estimates.sensor_error import SensorErrorEstimate
+from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.prescribed.diagnosis import rig_causes
 from linkwise.likelihood.prescribed.fit import RigFit, rig_fit
 from linkwise.likelihood.prescribed.judgement import judged

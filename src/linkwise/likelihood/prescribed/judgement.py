@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkwise.estimates.cause import Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.prescribed.fit import RigFit
 from linkwise.verdict import Verdict
 

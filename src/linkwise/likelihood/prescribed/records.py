@@ -11,10 +11,9 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.prescribed.motion import PrescribedMotion
 from linkwise.likelihood.prescribed.problem import Forces
 from linkwise.model.structure import BASE, Structure
-from linkwise.records.checks import require_complete
+from linkwise.records.channel import require_complete
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.noise import noise_sigma
+from linkwise.signals.noise import channel_noise, noise_sigma
 from linkwise.signals.smooth import smoothing_spline
 
 BASE_CHANNEL = f"x:{BASE}"

@@ -15,11 +15,10 @@ from linkwise.likelihood.shooting.segmentation import value_at_points
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.likelihood.shooting.uncertain_forces import UncertainForces
-from linkwise.model.input_signal import Sampled
+from linkwise.model.excitation import Sampled
 from linkwise.model.structure import Structure
 from linkwise.model.topology import FIRST_POINT
-from linkwise.records.channel import FORCE, Channel
-from linkwise.records.interpolation import BAND_LIMITED, interpolated
+from linkwise.records.channel import BAND_LIMITED, FORCE, Channel, interpolated
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import frame_acceleration
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.late_sensors import LARGEST
-from linkwise.model.input_signal import Sampled
+from linkwise.model.excitation import Sampled
 
 _POINTS = 9  # odd, so that one of them is no delay; 1e-4 of a signal at 0.29 of the sampling rate is left
 EDGE = 3

@@ -8,8 +8,7 @@ from types import EllipsisType
 
 from linkwise.arrays import Floats
 from linkwise.expression import Expression, Program, differentiate
-from linkwise.model.law import Law
-from linkwise.model.law_text import VARIABLES
+from linkwise.model.law import VARIABLES, Law
 from linkwise.model.slider_corners import smooth_rates
 
 

@@ -15,9 +15,7 @@ from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V,
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.model.structure import Structure
-from linkwise.records.channel import FORCE, Channel
-from linkwise.records.checks import require_complete
-from linkwise.records.interpolation import BAND_LIMITED, HELD, interpolated
+from linkwise.records.channel import BAND_LIMITED, FORCE, HELD, Channel, interpolated, require_complete
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.units import base_exponents

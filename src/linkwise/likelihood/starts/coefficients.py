@@ -22,7 +22,7 @@ from linkwise.likelihood.starts.inverse_dynamics import LinkSignals, link_signal
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.integrate import highpass
+from linkwise.signals.states import highpass
 
 _PERIODS = 1.5  # length of a window: long enough to separate the coefficients
 _CUTOFFS = (2.0, 5.0, 10.0)  # Hz, below which a first guess treats motion as drift

@@ -23,8 +23,8 @@ from linkwise.likelihood.starts.memory import MOST_SAMPLES, MemorySearch, Valley
 from linkwise.likelihood.starts.mode_tuning import tuned_part, with_starts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.integrate import smoothed
+from linkwise.signals.noise import channel_noise
+from linkwise.signals.states import smoothed
 
 _HARDLY_MORE = 1.3  # times the misfit of the best random start
 _APART = 0.6  # relative distance of a parameter beyond which starts are far from each other: a factor of 2.5

@@ -23,11 +23,10 @@ from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.likelihood.starts.mode_tuning import likeliest_change, tuned_modes, tuned_part, with_starts
 from linkwise.likelihood.starts.rigid_motions import require_placed
 from linkwise.likelihood.starts.stable_starts import stable_starts
-from linkwise.model.host_damping import is_between_modes
+from linkwise.model.host import is_between_modes
 from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
-from linkwise.records.checks import require_complete
+from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
 
 _FEWEST = 50  # samples that a smoother needs to forget its start

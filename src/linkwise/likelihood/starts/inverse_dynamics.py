@@ -14,7 +14,7 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.integrate import DRIFT_FREQUENCY, channel_motion, highpass
+from linkwise.signals.states import DRIFT_FREQUENCY, channel_motion, highpass
 
 _OFFSET = 1e-4  # of the power of a parabola: noise, integrated twice, leaves more beside it
 # samples on each side of a window's centre: fewer do not separate an offset and a slope from noise

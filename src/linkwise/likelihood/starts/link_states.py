@@ -11,13 +11,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Bools, Floats
 from linkwise.expression import Number, Program, differentiate, symbols
-from linkwise.model.law import Law
-from linkwise.model.law_programs import rates_program
+from linkwise.model.law import Law, rates_program
 from linkwise.model.slider_corners import slider_parts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.registry import lazy_module
-from linkwise.signals.integrate import smoothed
+from linkwise.signals.states import smoothed
 
 if TYPE_CHECKING:
     from scipy import signal

@@ -22,8 +22,8 @@ from linkwise.likelihood.starts.trials import trial_values, unit_sizes
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.integrate import smoothed
+from linkwise.signals.noise import channel_noise
+from linkwise.signals.states import smoothed
 
 MOST_SAMPLES = 8192  # of a record that the search uses
 _ROUGH_SAMPLES, _ROUGH_TRIALS = 2000, 40  # of a search that only ranks structures

@@ -18,8 +18,8 @@ from linkwise.likelihood.starts.inverse_dynamics import LinkSignals, link_signal
 from linkwise.likelihood.starts.memory import MOST_SAMPLES, MemorySearch, Valley
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.integrate import drift_frequency, highpass, integral, smoothed
+from linkwise.signals.noise import channel_noise
+from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
 
 _CUTOFFS = tuple(
     2.0 ** (-0.5 * k) for k in range(10)

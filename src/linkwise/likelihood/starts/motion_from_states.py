@@ -10,7 +10,7 @@ from linkwise.arrays import Floats
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.integrate import integral, smoothed
+from linkwise.signals.states import integral, smoothed
 
 _AFFINE = 1e-6  # relative difference of slopes of a rate by v up to which it counts as affine
 

@@ -20,7 +20,7 @@ from linkwise.likelihood.starts.link_states import link_states
 from linkwise.likelihood.starts.motion_from_states import motion_from_states
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.integrate import drift_frequency, highpass, integral, smoothed
+from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
 
 # of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
 _UNMEASURED = 0.1

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.model.link_state import unit_dimension
+from linkwise.model.law import unit_dimension
 from linkwise.model.parameters import Parameter
 
 _DECADES = 1.5  # above and below the size that units imply

@@ -15,12 +15,12 @@ from linkwise.likelihood.starts.hosts import equivalent_start, host_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
 from linkwise.model.parameters import MASS, Parameter
 from linkwise.model.structure import Structure
-from linkwise.records.common_samples import common_samples
+from linkwise.records.joining import common_samples
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
-from linkwise.signals.channel_noise import channel_noise
-from linkwise.signals.short_gaps import short_gaps_bridged
+from linkwise.signals.gaps import short_gaps_bridged
+from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import read_densely
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.fit import WeakFit

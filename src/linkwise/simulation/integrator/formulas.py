@@ -9,16 +9,25 @@ States of links with memory are scaled by the same s: their rates are divided by
 
 A law with kinks (abs, sign, max, min) is written on its smooth branches: each kink g has a run-time parameter sigma = sign(g),
 and abs(g) is sigma*g.
+
+What equations of motion are compiled for, and the layout of their run-time parameters.
+
+The interface of integrators: what running a structure needs, whatever library integrates it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import heyoka
+import numpy as np
+from numpy.typing import NDArray
 
+from linkwise.arrays import Floats
 from linkwise.expression import (
     FUNCTIONS,
     Call,
@@ -28,18 +37,180 @@ from linkwise.expression import (
     Product,
     Sum,
     Symbol,
+    add,
     differentiate,
     kink_and_branch,
     kinks,
+    symbols,
+    walk,
 )
-from linkwise.model.law_programs import dissipated_power
-from linkwise.simulation.integrator.shape import (
-    BASE_INPUT,
-    SCALE,
-    ParameterLayout,
-    SystemShape,
-    flat_ends,
-)
+from linkwise.model.law import VARIABLES, dissipated_power
+from linkwise.model.topology import LinkShape, Weights
+
+SCALE = 2.0**-40  # m, a power of two so that scaling causes no rounding
+
+
+BASE_INPUT: Weights = ()
+"""Where the motion of the base acts: on no mass but through links."""
+
+
+class SystemShape(NamedTuple):
+    """The key of compiled equations of motion; structures of equal shape share compiled code.
+
+    `masses` is their number; `links` has for each link its weights, its law and the rates of its states, with masses numbered
+    as in `Structure.topology`; `inputs` has for each driven place the weights of the masses, `BASE_INPUT` for the base, and an
+    expression of t or, for a piecewise polynomial, its order.
+    """
+
+    masses: int
+    links: tuple[LinkShape, ...]
+    inputs: tuple[tuple[Weights, Expression | int], ...] = ()
+
+    @property
+    def states(self) -> list[tuple[int, str]]:
+        """The states of links, each as number of the link and name, in the order of the state vector."""
+        return [(number, name) for number, link in enumerate(self.links) for name in link.states]
+
+    @property
+    def dimension(self) -> int:
+        """Length of the state vector: displacements, velocities and states of links, 2n + S."""
+        return 2 * self.masses + len(self.states)
+
+
+class ParameterLayout:
+    """Slices of the vector of run-time parameters of a shape.
+
+    In this order: `values`, the coefficients link by link in the order of the law; `branches`, the sign of every kink;
+    `unwatched`, an offset for every kink whose crossings are not to be detected; `pieces`, for every piecewise input its start
+    and its coefficients, lowest power first; `inverse_masses`, 1/(m s) of every mass. The last are used by every integrator,
+    as heyoka requires of the last parameter.
+    """
+
+    def __init__(self, shape: SystemShape, kinks: int) -> None:
+        self.coefficients = [coefficient_names(link) for link in shape.links]
+        self.values = slice(0, sum(len(names) for names in self.coefficients))
+        self.branches = slice(self.values.stop, self.values.stop + kinks)
+        self.unwatched = slice(self.branches.stop, self.branches.stop + kinks)
+        self.inputs: list[slice] = []
+        end = self.unwatched.stop
+        for _, kind in shape.inputs:
+            width = kind + 2 if isinstance(kind, int) else 0
+            self.inputs.append(slice(end, end + width))
+            end += width
+        self.pieces = slice(self.unwatched.stop, end)
+        self.inverse_masses = slice(end, end + shape.masses)
+        self.size = end + shape.masses
+
+
+def coefficient_names(link: LinkShape) -> tuple[str, ...]:
+    """The coefficients of a law, and of the rates of its states, in order of appearance."""
+    trees = (link.law, *(rate for _, rate in link.rates))
+    names = dict.fromkeys(name for tree in trees for name in symbols(tree))
+    return tuple(name for name in names if name not in (*VARIABLES, *link.states))
+
+
+def flat_ends(tree: Expression) -> list[Expression]:
+    """Expressions whose zeros are the ends of the flat parts of functions such as exp and tanh.
+
+    On a flat part derivatives are lost in rounding, so a Taylor step taken there would pass over what follows: a pulse in
+    time, or the reversal of a steep F*tanh(v/s). Steps have to end there.
+    """
+    return [
+        add(argument, Number(-end))
+        for node in walk(tree)
+        if isinstance(node, Call)
+        for argument in node.arguments
+        for end in FUNCTIONS[node.function].flat
+    ]
+
+
+Time = float | np.longdouble  # s, in the precision of the integrator
+
+
+class Outcome(Enum):
+    """Why a propagation ended."""
+
+    DONE = "the last time was reached"
+    STEP_LIMIT = "the number of steps was reached"
+    KINK = "a law or an input is not smooth here"
+    NOT_FINITE = "the state is no longer finite"
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where an integrator is: `time` in s, scaled `state` (2n + S,) and `parameters` (P,).
+
+    The state has displacements, velocities and states of links.
+    """
+
+    time: Time
+    state: NDArray[Any]
+    parameters: NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Propagation:
+    """Scaled states (M, 2n + S) at the requested times that were reached, the number of steps, and why it ended."""
+
+    states: NDArray[Any]
+    steps: int
+    outcome: Outcome
+
+
+class Integrator(Protocol):
+    """An integrator of one compiled system; its state moves on with every propagation.
+
+    States are scaled: displacements, velocities and states of links over `shape.SCALE`.
+    """
+
+    @property
+    def dtype(self) -> type[np.floating[Any]]:
+        """The precision: `np.float64` or `np.longdouble`."""
+
+    @property
+    def time(self) -> Time:
+        """Current time in s."""
+
+    @property
+    def state(self) -> NDArray[Any]:
+        """A copy of the scaled state, shape (2n + S,)."""
+
+    @property
+    def parameters(self) -> NDArray[Any]:
+        """A copy of the run-time parameters, shape (P,)."""
+
+    def place(self, placement: Placement) -> None:
+        """Set time, state and parameters."""
+
+    def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
+        """Set some of the parameters."""
+
+    def add_to_state(self, jump: NDArray[Any]) -> None:
+        """Add a scaled jump (2n + S,) to the state."""
+
+    def propagate(
+        self,
+        times: NDArray[Any],
+        *,
+        most_steps: int = 0,
+        longest_step: float = np.inf,
+        log: list[float] | None = None,
+    ) -> Propagation:
+        """Integrate from the current time to the last of `times` (M,) in s.
+
+        At most `most_steps` steps are taken, or any number for 0, of at most `longest_step` in s. The time after each step is
+        appended to `log`.
+        """
+
+    def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
+        """State (2n + S,) and time in s after a `fraction` of the next step, which is at most `longest` in s.
+
+        Time and state move on by the whole step.
+        """
+
+    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
+        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
+
 
 Formula = Any  # heyoka.expression: the library has no type information
 _INPUT = -1  # owner of a kink of an input

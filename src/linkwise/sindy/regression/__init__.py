@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 REGRESSORS: Registry[type[Regressor]] = Registry(
     "regressor",
     {
-        "stlsq": "linkwise.sindy.regression.stlsq:Stlsq",
-        "l1": "linkwise.sindy.regression.l1:L1",
-        "least-squares": "linkwise.sindy.regression.least_squares:LeastSquares",
+        "stlsq": "linkwise.sindy.regression.regressors:Stlsq",
+        "l1": "linkwise.sindy.regression.regressors:L1",
+        "least-squares": "linkwise.sindy.regression.regressors:LeastSquares",
     },
     IdentificationError,
 )

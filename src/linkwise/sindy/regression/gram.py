@@ -4,29 +4,339 @@ Columns are scaled to unit norm, so "small" means the same in every unit. The no
 number, and with it lose half of the digits; they come back by one more pass over the rows: it computes the residual of
 an anchor solution to all digits, and every later fit is a correction of that anchor. Its error is then relative to the
 correction, not to the target. The same holds for the residual over rows that were held out.
+
+Sums over the rows of a linear system, formed block by block, apart for rows that are held out.
+
+Every fifth of a hundred runs of neighbouring rows is held out. Neighbouring samples are strongly correlated: predicting a
+whole run is a test, predicting a row between two fitted ones is not.
+
+Sums over the rows of a linear system about an approximate solution, its anchor.
+
+A least squares solution refined by its residual over the rows, about which later fits are corrections.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve
-from scipy.linalg.blas import dsymm, dsymv, dtrsm
+from scipy.linalg.blas import dgemm, dsymm, dsymv, dsyrk, dtrsm
 from scipy.linalg.lapack import dpotri
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.sindy.regression.anchor import anchored_solution
-from linkwise.sindy.regression.anchored_sums import AnchoredSums
 from linkwise.sindy.regression.cholesky import CholeskyFactor, cholesky, ridged, vanishing
 from linkwise.sindy.regression.linear_system import LinearSystem
-from linkwise.sindy.regression.sums import (
-    held_out_rows,
-    mirror,
-    products,
-)
+
+
+@dataclass(frozen=True, eq=False)
+class AnchoredSums:
+    """Sums over R rows about an anchor, for scaled columns.
+
+    Attributes
+    ----------
+    rows : int
+        Number of rows R.
+    matrix : array of shape (p, p)
+        A'A.
+    slope : array of shape (p, T)
+        A'(b - A anchor).
+    squares : array of shape (T,)
+        ||b - A anchor||^2.
+    norms : array of shape (T,)
+        ||b||.
+    """
+
+    rows: int
+    matrix: Floats
+    slope: Floats
+    squares: Floats
+    norms: Floats
+
+    def shifted(self, change: Floats) -> AnchoredSums:
+        """The same sums about another anchor.
+
+        Parameters
+        ----------
+        change : array of shape (p, T)
+            Change of the anchor.
+
+        Returns
+        -------
+        AnchoredSums
+            The sums about the new anchor.
+        """
+        product = dsymm(1.0, self.matrix, change, lower=1)
+        squares = np.maximum(self.squares + np.sum(change * (product - 2 * self.slope), axis=0), 0.0)
+        return AnchoredSums(self.rows, self.matrix, self.slope - product, squares, self.norms)
+
+    def squares_at(self, change: Floats, target: int) -> float:
+        """Sum of squared residuals away from the anchor.
+
+        Parameters
+        ----------
+        change : array of shape (p,)
+            Difference from the anchor.
+        target : int
+            Index of the target.
+
+        Returns
+        -------
+        float
+            ||b - A (anchor + change)||^2 of the target.
+        """
+        product = dsymv(1.0, self.matrix, change, lower=1)
+        return max(float(self.squares[target] + change @ (product - 2 * self.slope[:, target])), 0.0)
+
+    def restricted(self, retained: Indices, change: Floats, target: int) -> AnchoredSums:
+        """Sums of some columns and one target about an anchor that is zero in the other columns.
+
+        Parameters
+        ----------
+        retained : array of shape (k,)
+            Indices of the columns.
+        change : array of shape (p,)
+            Change of the anchor.
+        target : int
+            Index of the target.
+
+        Returns
+        -------
+        AnchoredSums
+            The sums of k columns and one target.
+        """
+        product = dsymv(1.0, self.matrix, change, lower=1)
+        slope = self.slope[:, target]
+        squares = max(float(self.squares[target] + change @ (product - 2 * slope)), 0.0)
+        return AnchoredSums(
+            self.rows,
+            self.matrix[np.ix_(retained, retained)].T,  # symmetric, and so in Fortran order
+            (slope - product)[retained, None],
+            np.array([squares]),
+            self.norms[target : target + 1],
+        )
+
+
+_RUNS = 100
+_ONE_IN = 5
+_TILE = 128
+_FEWEST = 25  # rows below which none are held out: validation needs five
+
+
+class Products(NamedTuple):
+    """Products over some rows.
+
+    Attributes
+    ----------
+    matrix : array of shape (p, p)
+        A'A.
+    moments : array of shape (p, T)
+        A'b.
+    squares : array of shape (T,)
+        ||b||^2.
+    """
+
+    matrix: Floats
+    moments: Floats
+    squares: Floats
+
+
+class ResidualProducts(NamedTuple):
+    """Products of residuals over some rows.
+
+    Attributes
+    ----------
+    squares : array of shape (T,)
+        ||b - A c||^2.
+    slope : array of shape (p, T)
+        A'(b - A c).
+    """
+
+    squares: Floats
+    slope: Floats
+
+
+def held_out_rows(rows: int) -> Bools:
+    """Rows that are held out for validation.
+
+    Parameters
+    ----------
+    rows : int
+        Number of rows R.
+
+    Returns
+    -------
+    array of bool, shape (R,)
+        True in the middle one of every five runs; nowhere for fewer than 25 rows.
+    """
+    if rows < _FEWEST:
+        return np.zeros(rows, dtype=bool)
+    run = np.arange(rows) * min(_RUNS, rows - rows % _ONE_IN) // rows
+    return np.asarray(run % _ONE_IN == _ONE_IN // 2)
+
+
+def products(system: LinearSystem) -> list[Products]:
+    """Products of the rows for training, and of those held out where there are any.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The equations.
+
+    Returns
+    -------
+    list of Products
+        One or two parts; one symmetric rank-k update per block of rows.
+    """
+    columns, targets = len(system.names), len(system.targets)
+    parts = [
+        Products(np.zeros((columns, columns), order="F"), np.zeros((columns, targets)), np.zeros(targets))
+        for _ in range(1 + bool(held_out_rows(system.rows).any()))
+    ]
+    for part, rows, target in _blocks(system):
+        # syrk reads Fortran order; a block in C order is the transpose of one. It overwrites c.
+        transposed = rows.flags.c_contiguous
+        dsyrk(
+            1.0,
+            rows.T if transposed else rows,
+            beta=1.0,
+            c=parts[part].matrix,
+            trans=not transposed,
+            lower=1,
+            overwrite_c=1,
+        )
+        parts[part].moments[...] += blas_product(rows, target, transposed=True)
+        parts[part].squares[...] += np.sum(target**2, axis=0)
+    for part_products in parts:
+        mirror(part_products.matrix)
+    return parts
+
+
+def residual_products(system: LinearSystem, coefficients: Floats) -> list[ResidualProducts]:
+    """Products of the residuals of given coefficients, computed from the rows themselves.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The equations.
+    coefficients : array of shape (p, T)
+        The coefficients c.
+
+    Returns
+    -------
+    list of ResidualProducts
+        In the parts of `products`.
+    """
+    parts = [
+        ResidualProducts(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
+        for _ in range(1 + bool(held_out_rows(system.rows).any()))
+    ]
+    for part, rows, target in _blocks(system):
+        residual = target - blas_product(rows, coefficients)
+        parts[part].slope[...] += blas_product(rows, residual, transposed=True)
+        parts[part].squares[...] += np.sum(residual**2, axis=0)
+    return parts
+
+
+def mirror(matrix: Floats) -> None:
+    """Copy the lower triangle of a square matrix to its upper one in place, in tiles that fit in the cache.
+
+    Parameters
+    ----------
+    matrix : array of shape (p, p)
+        The matrix, overwritten.
+    """
+    edges = range(0, len(matrix), _TILE)
+    for row in edges:
+        for column in range(0, row, _TILE):
+            tile = matrix[row : row + _TILE, column : column + _TILE]
+            matrix[column : column + _TILE, row : row + _TILE] = tile.T
+        corner = matrix[row : row + _TILE, row : row + _TILE]
+        corner[...] = np.tril(corner) + np.tril(corner, -1).T
+
+
+def blas_product(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
+    """rows @ right, or rows.T @ right, by SciPy's BLAS.
+
+    NumPy links a BLAS of its own; threads of the two libraries that wait for work would slow each other down.
+
+    Parameters
+    ----------
+    rows : array of shape (B, p)
+        In C or Fortran order.
+    right : array of shape (p, T), or (B, T) if transposed
+        The right factor.
+    transposed : bool, optional
+        Multiply by the transpose of `rows`.
+
+    Returns
+    -------
+    array of shape (B, T), or (p, T) if transposed
+        The product.
+    """
+    if rows.flags.c_contiguous:
+        return np.asarray(dgemm(1.0, rows.T, right, trans_a=not transposed))
+    return np.asarray(dgemm(1.0, rows, right, trans_a=transposed))
+
+
+def _blocks(system: LinearSystem) -> Iterator[tuple[int, Floats, Floats]]:
+    """All rows in blocks, first those for training (0), then those held out (1)."""
+    held_out = held_out_rows(system.rows)
+    for part, chosen in enumerate((~held_out, held_out)):
+        for rows, target in system.blocks(np.flatnonzero(chosen)):
+            yield part, rows, target
+
+
+_PASSES = 3  # at most over the rows to refine the anchor; one is enough unless columns are nearly dependent
+_ROUNDING = 1e-13  # a residual this far below its target cannot be refined
+
+
+def anchored_solution(
+    system: LinearSystem, factor: CholeskyFactor, moments: Floats, inverse: Floats, norms: Floats
+) -> tuple[Floats, Floats, list[ResidualProducts]]:
+    """Least squares solution by iterative refinement.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The equations.
+    factor : CholeskyFactor
+        Factor of the Gram matrix of scaled columns, with a ridge where they are dependent.
+    moments : array of shape (p, T)
+        A'b in scaled columns.
+    inverse : array of shape (p,)
+        1 / ||A_j||; zero for columns that are zero throughout.
+    norms : array of shape (T,)
+        ||b||.
+
+    Returns
+    -------
+    anchor : array of shape (p, T)
+        An approximate solution, in scaled coefficients.
+    change : array of shape (p, T)
+        A last correction, not applied.
+    products : list of ResidualProducts
+        Products of the residuals of `anchor`, in the parts of `products`.
+    """
+    anchor = np.asarray(cho_solve(factor, moments))
+    for last in (*[False] * (_PASSES - 1), True):
+        left = [
+            ResidualProducts(part.squares, inverse[:, None] * part.slope)
+            for part in residual_products(system, anchor * inverse[:, None])
+        ]
+        squares = np.sum([part.squares for part in left], axis=0)
+        slope = np.sum([part.slope for part in left], axis=0)
+        change = np.asarray(cho_solve(factor, slope))
+        gain = np.sum(change * slope, axis=0)
+        if last or np.all((gain < squares / 2) | (squares <= (_ROUNDING * norms) ** 2)):
+            break
+        anchor = anchor + change
+    return anchor, change, left
+
 
 _SMALL = 8  # a support below one in eight columns is first solved without the anchor
 _CANCELLING = 3e-5  # residual, as a share of its target, below which ||b||^2 - c'A'b has lost too many digits

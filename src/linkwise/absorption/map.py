@@ -1,0 +1,380 @@
+"""The result of `absorption_map`: quantities over a grid of one or two parameters.
+
+`absorb` over a grid of one or two parameters: thousands of runs, one map for each quantity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from math import prod
+from typing import Any, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, run_ensemble
+from linkwise.absorption.harvesters import SUFFIX, with_harvesters
+from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
+from linkwise.absorption.result import closure_verdict
+from linkwise.absorption.sinks import find_sinks
+from linkwise.argument_types import checked
+from linkwise.arrays import Bools, Floats
+from linkwise.deprecation import Deprecated, DeprecatedAttribute
+from linkwise.display import JudgedView, as_text
+from linkwise.errors import LinkwiseError, SimulationError, StructureError
+from linkwise.model.parameters import is_shape, shape_unit
+from linkwise.model.structure import Structure
+from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.records.channel_units import unit_in
+from linkwise.runtime import available_memory
+from linkwise.simulation.batch import SimulatedMotion
+from linkwise.verdict import Verdict
+
+_EQUAL_RATIOS = 1e-6  # relative differences of ratios below it are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class SweepAxis:
+    """A swept parameter.
+
+    Attributes
+    ----------
+    name : str
+        A coefficient ("nes1.alpha"), a mass ("m2.mass") or a release ("v:m1").
+    unit : str
+        Its SI unit.
+    values : (K,) ndarray
+        Its values.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> axis = lw.SweepAxis("nes1.beta", "N/m^3", np.geomspace(1e5, 1e7, 5))
+    >>> axis.logarithmic
+    True
+    """
+
+    name: str
+    unit: str
+    values: Floats
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the values are a geometric series, and not an arithmetic one."""
+        if len(self.values) < 3 or self.values[0] * self.values[-1] <= 0.0 or np.any(self.values == 0.0):
+            return False
+        ratios, steps = self.values[1:] / self.values[:-1], np.diff(self.values)
+        arithmetic = np.ptp(steps) <= _EQUAL_RATIOS * np.abs(steps).max()
+        return bool(not arithmetic and np.ptp(ratios) <= _EQUAL_RATIOS * np.abs(ratios).max())
+
+
+@dataclass(frozen=True, eq=False)
+class AbsorptionMap(JudgedView):
+    """The result of `absorption_map`; printed, a table of ranges and optima. ``map[name]`` is the grid of a quantity.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure in the middle of the grid.
+    removal : str
+        How the sinks are taken out for comparison, "removed" or "locked".
+    settle : float
+        The part of its peak without sinks below which a mass has settled.
+    duration : float
+        Simulated time in s.
+    axes : tuple of SweepAxis
+        One or two swept parameters, of K and J values.
+    quantities : tuple of AbsorptionQuantity
+        The Q quantities.
+    values : (K, Q) or (K, J, Q) ndarray
+        Their values; NaN for a mass that does not settle and a run that diverges.
+    completed : (K,) or (K, J) ndarray of bool
+        The runs that came to their end.
+    horizon : float or None
+        Time in s past which a chaotic motion cannot be predicted, in the middle of the grid; None if it can throughout.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
+    >>> swept["sinks_share"].shape, bool(swept.completed.all())
+    ((3,), True)
+    >>> list(swept.best("sinks_share"))
+    ['nes1.alpha']
+    """
+
+    structure: Structure
+    removal: str
+    settle: float
+    duration: float
+    axes: tuple[SweepAxis, ...]
+    quantities: tuple[AbsorptionQuantity, ...]
+    values: Floats
+    completed: Bools
+    horizon: float | None
+
+    manner = DeprecatedAttribute(Deprecated("removal", since="0.2.0", until="0.4.0"))
+    alive = DeprecatedAttribute(Deprecated("completed", since="0.2.0", until="0.4.0"))
+
+    def __getitem__(self, name: str) -> Floats:
+        """The values (K,) or (K, J) of the quantity called `name`; LinkwiseError lists all."""
+        names = [quantity.name for quantity in self.quantities]
+        if name not in names:
+            raise LinkwiseError(f"unknown quantity {name!r}; choose from {', '.join(names)}")
+        return np.ascontiguousarray(self.values[..., names.index(name)])
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether the energy balance of every completed run closes."""
+        return (closure_verdict(float(np.nanmax(self["closure"]))),)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences on what this map cannot show."""
+        lines = []
+        diverged = int(np.sum(~self.completed))
+        if diverged:
+            lines.append(
+                f"{diverged} of {self.completed.size} runs diverge: their cells have no value, and the best is "
+                f"chosen among the others. Narrow the range of {' or '.join(axis.name for axis in self.axes)}."
+            )
+        if self.horizon is not None:
+            lines.append(
+                f"In the middle of the grid the motion is chaotic past {self.horizon:.3g} s of {self.duration:g} s: from "
+                "there on each cell is one run of many, and neighbouring cells differ by chance too."
+            )
+        return tuple(lines)
+
+    @checked
+    def best(self, name: str) -> dict[str, float] | None:
+        """The values of the swept parameters at which a quantity is best.
+
+        Parameters
+        ----------
+        name : str
+            The quantity; `AbsorptionQuantity.least_is_best` says what is best.
+
+        Returns
+        -------
+        dict of str to float or None
+            Values by parameter; None if the quantity has no value anywhere.
+
+        Raises
+        ------
+        LinkwiseError
+            If there is no such quantity.
+        """
+        grid = self[name]
+        if not np.isfinite(grid).any():
+            return None
+        least = next(quantity.least_is_best for quantity in self.quantities if quantity.name == name)
+        flat = np.nanargmin(grid) if least else np.nanargmax(grid)
+        index = np.unravel_index(int(flat), grid.shape)
+        return {axis.name: float(axis.values[k]) for axis, k in zip(self.axes, index, strict=True)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data: the axes, and each quantity over them with its range and optimum.
+
+        Returns
+        -------
+        dict
+            The content of absorption.json: the axes, and each quantity over them with its range and optimum; SI units.
+        """
+        return {
+            "method": "absorb",
+            "without": self.removal,
+            "duration": self.duration,
+            "settle": self.settle,
+            "runs": int(self.completed.size),
+            "diverged": int(np.sum(~self.completed)),
+            "horizon": self.horizon,
+            "findings": list(self.findings),
+            **self._judgement(),
+            "axes": [
+                {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
+            ],
+            "quantities": {quantity.name: self._quantity_dict(quantity) for quantity in self.quantities},
+        }
+
+    def _quantity_dict(self, quantity: AbsorptionQuantity) -> dict[str, Any]:
+        grid = self[quantity.name]
+        finite = grid[np.isfinite(grid)]
+        least, largest = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
+        return {
+            "title": quantity.title,
+            "unit": quantity.unit,
+            "least": least,
+            "largest": largest,
+            "without_value": int(grid.size - finite.size),
+            "best_at": self.best(quantity.name),
+            "values": grid.tolist(),
+        }
+
+    def __str__(self) -> str:
+        return as_text(self)
+
+
+_RUN_BYTES, _MASS_BYTES = 4500, 1100  # at most, until the last run has ended, for each run and mass
+
+
+@checked
+def absorption_map(
+    structure: Structure,
+    over: Mapping[str, ArrayLike],
+    options: AbsorptionOptions | None = None,
+    *,
+    workers: int | None = None,
+    progress: Progress = silent,
+    **keywords: Unpack[AbsorptionKeywords],
+) -> AbsorptionMap:
+    """Compare the vibration of a structure with its sinks and without them over a grid of one or two parameters.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure; a swept coefficient may be unknown.
+    over : mapping of str to array_like
+        Values, in SI units, of one or two parameters: coefficients ("nes1.alpha"), masses ("m2.mass") and releases ("v:m1").
+    options : AbsorptionOptions, optional
+        What to simulate. Without names the sinks are those of `structure` or, if a swept coefficient is unknown, those in
+        the middle of the grid.
+    workers : int, optional
+        Number of threads; by default one for each processor.
+    progress : Progress
+        Called with a `ProgressReport` as runs end.
+    **keywords
+        In place of `options`: its fields and the excitation, as in `absorb`.
+
+    Returns
+    -------
+    AbsorptionMap
+        Every quantity over the grid.
+
+    Raises
+    ------
+    StructureError
+        If a parameter does not exist, and as `absorb`.
+    SimulationError
+        If the runs need more memory than there is, and as `absorb`.
+    LinkwiseError
+        If no run comes to its end.
+    TypeError
+        If `structure` is no `Structure`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> found = lw.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
+    >>> found["sinks_share"].shape
+    (3,)
+    >>> found.best("sinks_share")
+    {'nes1.alpha': -150.0}
+    """
+    chosen = AbsorptionOptions.given(options, keywords)
+    equipped = with_harvesters(structure, chosen.harvesters or {})
+    axes = _axes(equipped, over)
+    _require_memory(axes, structure.size)
+    points = list(product(*(axis.values.tolist() for axis in axes)))
+    names = [axis.name for axis in axes]
+    middle = {axis.name: float(axis.values[len(axis.values) // 2]) for axis in axes}
+    comparison = _comparison(structure, middle, chosen)
+    progress(ProgressReport(0.0, f"preparing {len(points)} runs"))
+    variants = Variants.of(equipped, comparison, names)
+    ensemble = run_ensemble(
+        [variants.at(dict(zip(names, point, strict=True))) for point in points],
+        workers=workers,
+        progress=progress,
+    )
+    if not ensemble.completed.any():
+        raise LinkwiseError(
+            f"none of the {len(points)} runs came to its end: the motion diverges over the whole grid; check the ranges of "
+            f"{' and '.join(over)}"
+        )
+    shape = tuple(len(axis.values) for axis in axes)
+    return AbsorptionMap(
+        structure=comparison.structure,
+        removal=comparison.options.without,
+        settle=comparison.options.settle,
+        duration=float(comparison.times[-1]),
+        axes=axes,
+        quantities=ensemble.quantities,
+        values=ensemble.values.reshape(*shape, -1),
+        completed=ensemble.completed.reshape(shape),
+        horizon=_horizon(comparison),
+    )
+
+
+def _horizon(comparison: Comparison) -> float | None:
+    """The predictability horizon in s of a run; None for a motion that diverges, too."""
+    try:
+        return SimulatedMotion.of(comparison.schedule).horizon
+    except SimulationError:
+        return None
+
+
+def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[SweepAxis, ...]:
+    if not 1 <= len(over) <= 2:
+        raise StructureError(f"a sweep takes one or two parameters, got {len(over)}")
+    axes = []
+    for name, given in over.items():
+        values = np.atleast_1d(np.asarray(given, dtype=float))
+        if values.ndim != 1 or not values.size or not np.isfinite(values).all():
+            raise StructureError(
+                f"the values of a swept parameter must be a row of finite numbers, got {given!r}", name
+            )
+        axes.append(SweepAxis(name, _unit(structure, name), values))
+    return tuple(axes)
+
+
+def map_bytes(runs: int, masses: int) -> int:
+    """The memory in bytes of `runs` runs of a structure of `masses` masses, except for their motion."""
+    return runs * (_RUN_BYTES + _MASS_BYTES * masses)
+
+
+def _require_memory(axes: tuple[SweepAxis, ...], masses: int) -> None:
+    runs = prod(len(axis.values) for axis in axes)
+    needed, free = map_bytes(runs, masses), available_memory()
+    if needed > free:
+        raise SimulationError(
+            f"a sweep of {runs} runs needs {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; use fewer values of "
+            f"{' and '.join(axis.name for axis in axes)}"
+        )
+
+
+def _unit(structure: Structure, name: str) -> str:
+    """The SI unit of a parameter; StructureError if it does not exist."""
+    kind, colon, _ = name.partition(":")
+    if colon:
+        if kind not in ("x", "v"):
+            raise StructureError(
+                "a sweep takes coefficients, masses and releases; write a release as x:MASS or v:MASS", name
+            )
+        return unit_in(structure, name)
+    structure.coefficient(name)
+    if is_shape(name):
+        return shape_unit(name, structure.rotations)
+    owner, _, key = name.rpartition(".")
+    if key == "mass" and owner in structure.mass_names:
+        return structure.mass(owner).mass_unit
+    return structure.link(owner).law.units[key]
+
+
+def _comparison(structure: Structure, point: Mapping[str, float], options: AbsorptionOptions) -> Comparison:
+    """The comparison at one point of the grid."""
+    release = {name: value for name, value in point.items() if ":" in name}
+    numbers = {
+        name: value
+        for name, value in point.items()
+        if ":" not in name and not name.rpartition(".")[0].endswith(SUFFIX)
+    }
+    at_point = structure.with_values(numbers) if numbers else structure
+    known = all(structure.coefficient(name).value is not None for name in numbers)
+    sinks = options.sinks or [sink.link for sink in find_sinks(structure if known else at_point)]
+    excitation = replace(options.excitation, release={**options.excitation.release, **release})
+    return Comparison.of(at_point, replace(options, sinks=sinks, excitation=excitation))

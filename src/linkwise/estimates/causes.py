@@ -1,0 +1,643 @@
+"""What would explain a part of what an estimate leaves: errors of sensors, masses and applied forces, and missing terms.
+
+A term that a law may lack without a sign in the records, and what it would make of a coefficient; damping of hosts, too.
+
+An error of a sensor that was found with the coefficients, as an estimate reports it.
+
+A random force on a mass, as an estimate reports it.
+
+Noise of one channel, as an estimate reports it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from linkwise.model.host import in_words, is_between_modes
+from linkwise.model.parameters import MASS
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+from linkwise.registry import Registry
+
+DEGREES = float(np.degrees(1.0))
+"""By which an angle in deg is too large where it is taken for one in rad."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An error that would explain a part of what a fit leaves.
+
+    Attributes
+    ----------
+    kind : str
+        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
+        share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``, a
+        ``"high pass"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a
+        point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
+        applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, one that is a
+        ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"``
+        whose level changes with time, a ``"change"`` of a coefficient at one moment, a missing ``"term"`` of a link, a
+        missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
+    where : str
+        The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
+    size : float
+        The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel shows,
+        its delay behind that, the root mean square of the force for a term or a link, half the square of the time constant for
+        a filter, how many times too large values in another unit are, the corner of a high pass, the frequency of a mode that
+        is lacking, the number of clipped samples, 0 for a sign and for channels that are swapped, the standard deviation of
+        noise, the spectral density of an ambient force, the root mean square of what that of a coloured one departs from its
+        mean by, and the square of that of an unsteady one, the correlation of two forces, what a coefficient changes by.
+    unit : str
+        SI unit of `size`, ``"1"`` for a ratio.
+    gain : float
+        What it would take off -2 log likelihood.
+    standard_error : float
+        Of `size`; 0 for errors of a whole channel, whose size is no small one.
+    term : str
+        The form of a missing term, or of the law of a missing link, else empty.
+    source : str
+        The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mode of a shape, or
+        the moment of a change, else empty.
+    share : float
+        Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
+        the power that is left in the sensors of its host that it explains.
+    remark : str
+        What else looks like it, else empty.
+    shift : float
+        The largest change of a coefficient that it would make, to first order, in standard errors of that coefficient.
+    shifted : str
+        The coefficient with this change.
+    overturned : tuple of str
+        The coefficients that differ from zero by more than two standard errors, and beside it would not, or have the other
+        sign.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> values = record.values.copy()
+    >>> values[:, record.channels.index("x:m2")] *= 1.05
+    >>> wrong = lw.Record(record.start, record.rate, record.channels, values)
+    >>> fit = lw.identify(wrong, chain.unknown("nes"), method="ml")
+    >>> fit.diagnosis[0].kind, fit.diagnosis[0].where
+    ('gain', 'x:m2')
+    """
+
+    kind: str
+    where: str
+    size: float
+    unit: str
+    gain: float
+    standard_error: float
+    term: str = ""
+    source: str = ""
+    share: float = 0.0
+    remark: str = ""
+    shift: float = 0.0
+    shifted: str = ""
+    overturned: tuple[str, ...] = ()
+
+    @property
+    def is_instrument(self) -> bool:
+        """Whether it lies in what was recorded or stated, not in a law."""
+        return self.kind not in ("term", "link")
+
+    @property
+    def description(self) -> str:
+        """In words, with its size."""
+        return CAUSE_KINDS.lookup(self.kind).describe(self)
+
+    def to_dict(self) -> dict[str, str | float]:
+        """What result.json holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of result.json.
+        """
+        return {
+            "cause": self.kind if not self.term else f"term {self.term}",
+            "where": self.where,
+            "size": self.size,
+            "unit": self.unit,
+            "gain": self.gain,
+            "message": f"{self.description} would lower -2 log likelihood by {self.gain:.3g}",
+        }
+
+
+@dataclass(frozen=True)
+class CauseKind:
+    """A kind of cause: its description, the `unit` of its size, "" for that of its channel, and whether it is `relative`.
+
+    A relative size is that of an error of a calibration, which is small where the first order holds.
+    """
+
+    describe: Callable[[Cause], str]
+    unit: str = ""
+    relative: bool = False
+
+
+def _off(subject: str, *, relative: bool = True) -> CauseKind:
+    """Something of the place that is off by a part of itself."""
+    return CauseKind(lambda cause: f"{subject}{cause.where} that is off by {_percent(cause)}", "1", relative)
+
+
+def _noise(source: str) -> CauseKind:
+    """A random force or motion, by its place, size and what else looks like it."""
+    return CauseKind(
+        lambda cause: f"{source} {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
+    )
+
+
+def _late(cause: Cause) -> str:
+    return f"a delay of {1e3 * cause.size:.3g} ms in {cause.where}{_remarked(cause)}"
+
+
+def _other_force(cause: Cause) -> str:
+    side = "larger" if cause.size > 0.0 else "smaller"
+    return f"a force {100.0 * abs(cause.size):.3g} % {side} than {cause.where} shows"
+
+
+def _late_force(cause: Cause) -> str:
+    side = "later" if cause.size > 0.0 else "earlier"
+    return f"a force {1e3 * abs(cause.size):.3g} ms {side} than {cause.where} shows{_remarked(cause)}"
+
+
+def _stated(cause: Cause) -> str:
+    side, sigma = "above" if cause.size > 0.0 else "below", f"{cause.standard_error:.3g}"
+    return f"{cause.where} {abs(cause.size):.3g} {cause.unit} {side} the value that is stated with a sigma of {sigma}"
+
+
+def _low_pass(cause: Cause) -> str:
+    corner = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * abs(cause.size)))
+    return f"a filter of {cause.where}, as a low pass of first order at {corner:.3g} Hz{_remarked(cause)}"
+
+
+def _in_other_unit(cause: Cause) -> str:
+    large = cause.size >= 1.0
+    times, side = f"{cause.size if large else 1.0 / cause.size:g}", "large" if large else "small"
+    examples = {f"{1000.0:g}": ", as mm taken for m", f"{DEGREES:g}": ", as deg taken for rad"}
+    example = examples.get(times, "") if large and cause.where.startswith("x:") else ""
+    return f"another unit of {cause.where}, values {times} times too {side}{example}"
+
+
+def _clipped(cause: Cause) -> str:
+    return f"{cause.size:.0f} clipped sample{'' if cause.size == 1.0 else 's'} of {cause.where}"
+
+
+def _in_channel(error: str) -> CauseKind:
+    """What is added to a channel, in its unit."""
+    return CauseKind(lambda cause: f"{error} of {cause.size:.3g} {cause.unit} in {cause.where}")
+
+
+def _percent(cause: Cause) -> str:
+    return f"{100.0 * cause.size:+.3g} %"
+
+
+def _remarked(cause: Cause) -> str:
+    return f" ({cause.remark})" if cause.remark else ""
+
+
+CAUSE_KINDS: Registry[CauseKind] = Registry(
+    "kind of cause",
+    {
+        "gain": _off("a gain of "),
+        "offset": _in_channel("an offset"),
+        "drift": _in_channel("a drift"),
+        "delay": CauseKind(_late, unit="s"),
+        "crosstalk": CauseKind(
+            lambda cause: f"{_percent(cause)} of {cause.source} in {cause.where}", unit="1", relative=True
+        ),
+        "filter": CauseKind(_low_pass, unit="s^2"),
+        "sign": CauseKind(lambda cause: f"the wrong sign of {cause.where}", unit="1"),
+        "unit": CauseKind(_in_other_unit, unit="1"),
+        "swapped": CauseKind(
+            lambda cause: f"{cause.where} and {cause.source} in each other's place", unit="1"
+        ),
+        "high pass": CauseKind(
+            lambda cause: f"a high pass of {cause.where} at {cause.size:.3g} Hz, as AC coupling is", unit="Hz"
+        ),
+        "clipped": CauseKind(_clipped, unit="1"),
+        "mass": _off("a mass of "),
+        "coefficient": _off("", relative=False),
+        "frequency": _off("a frequency of ", relative=False),
+        "damping": _off("a damping of ", relative=False),
+        "damping between modes": CauseKind(
+            lambda cause: f"damping of {cause.size:.3g} {cause.unit} {in_words(cause.where)}", unit="N s/m"
+        ),
+        "shape": CauseKind(
+            lambda cause: f"a shape of {cause.source} at {cause.where} that is off by {_percent(cause)}",
+            unit="1",
+            relative=True,
+        ),
+        "mode": CauseKind(
+            lambda cause: f"a mode near {cause.size:.3g} Hz that the host {cause.where} lacks", unit="Hz"
+        ),
+        "force gain": CauseKind(_other_force, unit="1", relative=True),
+        "force delay": CauseKind(_late_force, unit="s"),
+        "input noise": _noise("noise of"),
+        "ambient": _noise("an ambient force on"),
+        "coloured force": CauseKind(
+            lambda cause: f"an ambient force on {cause.where} that is not white{_remarked(cause)}", unit="1"
+        ),
+        "correlated forces": CauseKind(
+            lambda cause: (
+                f"a correlation of {cause.size:.2g} between the ambient forces on {cause.where} and {cause.source}"
+            ),
+            unit="1",
+        ),
+        "unsteady force": CauseKind(
+            lambda cause: (
+                f"an ambient force on {cause.where} whose level changes with time{_remarked(cause)}"
+            ),
+            unit="1",
+        ),
+        "change": CauseKind(
+            lambda cause: (
+                f"a change of {cause.where} by {cause.size:+.3g} {cause.unit} near {cause.source}{_remarked(cause)}"
+            )
+        ),
+        "prior": CauseKind(_stated),
+        "term": CauseKind(
+            lambda cause: (
+                f"a force like {cause.term} in {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
+            )
+        ),
+        "link": CauseKind(
+            lambda cause: (
+                f"a link {cause.where} with a force like {cause.term} of {abs(cause.size):.3g} {cause.unit}"
+            )
+        ),
+    },
+)
+"""What a diagnosis may name."""
+
+
+_TOLD = 3  # coefficients, or masses; the others are listed
+_OF_TERMS = "larger amplitudes, a longer record or less noise tell whether they lack such a term"
+_OF_MASSES = (
+    "weigh these masses to better than that, or state how well they are known, as { start = 0.01, sigma = 1e-4 }, which the "
+    "intervals then include"
+)
+
+
+@dataclass(frozen=True)
+class UnseenTerm:
+    """A term that records of exact laws bound so loosely that it could move a coefficient out of its interval.
+
+    Damping between two modes of a host that the host does not have is such a term as well, and so is the force of inertia of a
+    mass that is off the stated one.
+
+    Attributes
+    ----------
+    link : str
+        The link whose law may lack it; of damping between modes the one that would hold it, as ``"wing.mode1+mode2"``, and
+        the mass where that may be off.
+    term : str
+        Its form, such as ``"d**5"``; ``"v"`` of damping between modes, ``"mass"`` of a mass.
+    share : float
+        The largest part of the force in the link, by root mean squares, that it could make: the end of its 95 % interval that
+        is farther from zero. Of damping between modes, the part of the largest that dissipates in every motion, the
+        geometric mean of the damping of the two modes. Of a mass, the part of it by which it may be off, at most a fifth.
+    coefficient : str
+        The coefficient that a term of this size would change most, counted in standard errors.
+    change : float
+        That change if the term is added to the law, in the unit of the coefficient, to first order.
+    standard_errors : float
+        Its size in standard errors of the coefficient.
+    relative_change : float
+        Its size relative to the coefficient.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> term = lw.UnseenTerm("s", "d**5", 0.004, "s.k3", change=-1.2e4, standard_errors=6.1, relative_change=0.03)
+    >>> print(term.description)
+    a force like d**5 in s of up to 0.4 % of the force there, which would change s.k3 by 3 % or 6.1 of its standard errors
+    """
+
+    link: str
+    term: str
+    share: float
+    coefficient: str
+    change: float
+    standard_errors: float
+    relative_change: float
+
+    @property
+    def description(self) -> str:
+        """In words, with its sizes."""
+        part = f"of up to {100.0 * self.share:.2g} %"
+        change = (
+            f"would change {self.coefficient} by {100.0 * self.relative_change:.2g} % or "
+            f"{self.standard_errors:.2g} of its standard errors"
+        )
+        if self.is_mass:
+            return f"a mass of {self.link} that is off by up to {100.0 * self.share:.2g} %, which {change}"
+        term = f"a force like {self.term} in {self.link} {part} of the force there"
+        if is_between_modes(self.link):
+            term = f"damping {in_words(self.link)} {part} of the largest that dissipates"
+        return f"{term}, which {change}"
+
+    @property
+    def is_mass(self) -> bool:
+        """Whether it is an error of a stated mass."""
+        return self.term == MASS
+
+    def to_dict(self) -> dict[str, str | float]:
+        """What result.json holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of result.json.
+        """
+        return {
+            "link": self.link,
+            "term": self.term,
+            "share_percent": 100.0 * self.share,
+            "coefficient": self.coefficient,
+            "change": self.change,
+            "standard_errors": self.standard_errors,
+            "message": self.description,
+        }
+
+
+def unseen_remark(terms: Sequence[UnseenTerm]) -> tuple[str, ...]:
+    """What is told of `unseen_terms`: a sentence on terms, and one on masses; nothing without any."""
+    masses = [term for term in terms if term.is_mass]
+    return (
+        *_remark([term for term in terms if not term.is_mass], "laws", "terms", _OF_TERMS),
+        *_remark(masses, "masses", "masses", _OF_MASSES),
+    )
+
+
+def _remark(terms: Sequence[UnseenTerm], stated: str, kind: str, advice: str) -> tuple[str, ...]:
+    """A sentence on the first ones that move different coefficients, or of different masses; none without any."""
+    of_each: dict[str, UnseenTerm] = {}
+    for term in terms:
+        of_each.setdefault(term.link if term.is_mass else term.coefficient, term)
+    if not terms:
+        return ()
+    first = list(of_each.values())[:_TOLD]
+    more = f" In all, {len(terms)} such {kind} are listed in the result." if len(terms) > len(first) else ""
+    return (
+        f"The records do not rule out {'; '.join(term.description for term in first)}. The intervals hold for the {stated} as "
+        f"stated: {advice}.{more}",
+    )
+
+
+ErrorKind: TypeAlias = Literal["offset", "gain", "delay"]
+
+
+@dataclass(frozen=True)
+class SensorErrorEstimate:
+    """A constant error of a sensor, its gain or its delay, found with the coefficients.
+
+    Attributes
+    ----------
+    channel : str
+        The channel.
+    kind : {"offset", "gain", "delay"}
+        What it is: the sensor shows ``gain * motion(t - delay) + offset``, and the channel of a force that of a force.
+    value, standard_error : float
+        Its size and the standard error of that: of an offset in the SI unit of the channel, of a delay in s.
+    unit : str
+        That unit; 1 of a gain.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> error = lw.SensorErrorEstimate("x:m1", "gain", value=1.02, standard_error=0.001, unit="1")
+    >>> error.description
+    'x:m1 shows 1.02 of its motion (estimated with the other unknowns, standard error 0.001).'
+    """
+
+    channel: str
+    kind: ErrorKind
+    value: float
+    standard_error: float
+    unit: str
+
+    @property
+    def description(self) -> str:
+        """In words, with its standard error."""
+        size = {
+            "offset": f"is off by {self.value:.4g} {self.unit.replace('?', '')}".rstrip() + " throughout",
+            "gain": f"shows {self.value:.6g} of its {self._shown}",
+            "delay": f"is late by {1e3 * self.value:.4g} ms",
+        }[self.kind]
+        error = (
+            f"{1e3 * self.standard_error:.2g} ms" if self.kind == "delay" else f"{self.standard_error:.2g}"
+        )
+        return f"{self.channel} {size} (estimated with the other unknowns, standard error {error})."
+
+    @property
+    def _shown(self) -> str:
+        """What the channel shows."""
+        return {"force": "force", "f": "force", "state": "value"}.get(
+            self.channel.partition(":")[0], "motion"
+        )
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> SensorErrorEstimate:
+        """Read what `to_dict` wrote.
+
+        Parameters
+        ----------
+        document : mapping of str to object
+            Its part of result.json.
+
+        Returns
+        -------
+        SensorErrorEstimate
+            The error.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If something is missing, of another type, or not finite.
+        """
+        kind, value, error = document["kind"], float(document["value"]), float(document["standard_error"])
+        if kind not in get_args(ErrorKind) or not (isfinite(value) and isfinite(error) and error >= 0.0):
+            raise ValueError(f"not an error of a sensor: {dict(document)}")
+        return cls(str(document["channel"]), kind, value, error, str(document["unit"]))
+
+    def to_dict(self) -> dict[str, str | float]:
+        """What result.json holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of result.json.
+        """
+        return {
+            "channel": self.channel,
+            "kind": self.kind,
+            "value": self.value,
+            "standard_error": self.standard_error,
+            "unit": self.unit,
+        }
+
+
+@dataclass(frozen=True)
+class RandomForceEstimate:
+    """A random force on a mass: an ambient one, or the noise of the channel of an applied force or of the base.
+
+    Attributes
+    ----------
+    where : str
+        The mass, or the channel.
+    ambient : bool
+        Whether it is an ambient force.
+    deviation : float
+        Standard deviation of samples of it at the rate of the first record, in its unit.
+    spectral_density : float
+        One-sided amplitude spectral density, in that unit over sqrt(Hz).
+    found : bool
+        Whether it was found; else it was stated.
+    unit : str
+        N of a force, N m of a moment, m or m/s^2 of a base.
+    upper_limit : float or None
+        Where the deviation was looked for and found to be zero, or not certainly above it: what it does not exceed, at 95 %;
+        of an ambient force the spectral density. None for others.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> force = lw.RandomForceEstimate("m1", True, deviation=2.0, spectral_density=0.4, found=True)
+    >>> force.description
+    'An ambient force on m1 of 0.4 N/sqrt(Hz), found with the other unknowns, is allowed for.'
+    """
+
+    where: str
+    ambient: bool
+    deviation: float
+    spectral_density: float
+    found: bool
+    unit: str = "N"
+    upper_limit: float | None = None
+
+    @property
+    def description(self) -> str:
+        """In words, with its size."""
+        if self.upper_limit is not None and self.deviation == 0.0:
+            return self._absence(self.upper_limit)
+        origin = "found with the other unknowns" if self.found else "as stated"
+        unit, chance = (f"{self.unit}/sqrt(Hz)" if self.ambient else self.unit), ""
+        if self.upper_limit is not None:
+            chance = f"; it may be chance, and is below {self.upper_limit:.2g} {unit} (95 %)"
+        if self.ambient:
+            size = f"An ambient force on {self.where} of {self.spectral_density:.3g} {unit}"
+        else:
+            size = f"Noise of {self.where} of {self.deviation:.3g} {unit}"
+        return f"{size}, {origin}, is allowed for{chance}."
+
+    def _absence(self, limit: float) -> str:
+        """That there is none, and the largest that there may be."""
+        kind = "ambient force on" if self.ambient else "noise of"
+        unit = f"{self.unit}/sqrt(Hz)" if self.ambient else self.unit
+        return f"No {kind} {self.where} was found: it is below {limit:.2g} {unit} (95 %)."
+
+    def to_dict(self) -> dict[str, str | float | bool | None]:
+        """What result.json holds of it.
+
+        Returns
+        -------
+        dict
+            Its part of result.json.
+        """
+        return {
+            "where": self.where,
+            "kind": "ambient" if self.ambient else "input noise",
+            "deviation": self.deviation,
+            "deviation_unit": self.unit,
+            "spectral_density": self.spectral_density,
+            "spectral_density_unit": f"{self.unit}/sqrt(Hz)",
+            "found": self.found,
+            "upper_limit": self.upper_limit,
+        }
+
+
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """Noise of a channel.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation in the SI unit of the channel.
+    unit : str
+        The unit.
+    snr_db : float
+        Signal-to-noise ratio in dB, of the mean square of the motion to that of the noise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> noise = lw.identify(record, chain.unknown("nes"), method="weak").noise["x:m1"]
+    >>> noise.unit, round(noise.snr_db)
+    ('m', 40)
+    """
+
+    sigma: float
+    unit: str
+    snr_db: float
+
+    @classmethod
+    def of(cls, record: Record, name: str, sigma: float, unit: str | None = None) -> NoiseEstimate:
+        """Noise of a channel of a record.
+
+        Parameters
+        ----------
+        record : Record
+            The record.
+        name : str
+            Name of the channel.
+        sigma : float
+            Standard deviation of the noise in its SI unit.
+        unit : str, optional
+            That unit, where it is not the one of the channel's kind: of a state of a link.
+
+        Returns
+        -------
+        NoiseEstimate
+            The noise.
+        """
+        noise = cls.from_power(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
+        return noise if unit is None else replace(noise, unit=unit)
+
+    @classmethod
+    def from_power(cls, power: float, name: str, sigma: float) -> NoiseEstimate:
+        """Noise of a channel of known mean square.
+
+        Parameters
+        ----------
+        power : float
+            Mean square of the samples, noise included.
+        name : str
+            Name of the channel.
+        sigma : float
+            Standard deviation of the noise in its SI unit.
+
+        Returns
+        -------
+        NoiseEstimate
+            The noise.
+        """
+        motion = power - sigma**2
+        ratio = (
+            10.0 * np.log10(motion / sigma**2)
+            if sigma > 0.0 and motion > 0.0
+            else (np.inf if sigma == 0.0 else -np.inf)
+        )
+        return cls(float(sigma), Channel.parse(name).unit, float(ratio))

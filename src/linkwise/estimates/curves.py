@@ -1,0 +1,434 @@
+"""The elastic force of a link over its elongation: the identified curve, its band, and samples of the record.
+
+The force of a link along the motion of a record: identified, measured where a load cell shows it, and its work.
+
+Describing function of a link: the linear spring and damper that are equivalent to its law at an amplitude.
+
+For the force f(d, v) of a motion d = A sin(w t) it is the first harmonic of the force over that of the motion (Krylov and
+Bogoliubov 1943):
+
+    k(A) = 1/(pi A) int_0^{2 pi} f sin,   c(A) = 1/(pi A w) int_0^{2 pi} f cos
+
+Means of residuals over parts of the range of a motion: where a law lacks something, they leave what noise explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Floats
+from linkwise.deprecation import Deprecated, deprecated_keyword
+from linkwise.errors import StructureError
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.model.link import refuse_memory
+from linkwise.model.structure import Link, Structure
+
+GRID = 401
+BEYOND = 0.08  # of the visited range, shown on both sides of it
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCurve:
+    """The elastic force f(d, 0) of one link over its elongation d.
+
+    Attributes
+    ----------
+    link : Link
+        The identified link.
+    identified : bool
+        Whether one of its coefficients was unknown.
+    d : array of shape (G,)
+        Elongations in m, from below to above the visited range.
+    force, lower, upper : array of shape (G,)
+        Force in N and its 95 % band; NaN where no interval can be trusted.
+    visited : tuple of float
+        Range of the elongations in the record, in m.
+    wells : tuple of float
+        Stable equilibria in m.
+    true : array of shape (G,) or None
+        The true force in N, where known.
+    sample_d, sample_force : array of shape (P,)
+        Elongations in m and forces in N less the identified damping and memory, at samples of the record; empty where no
+        force is known.
+    samples_are_true : bool
+        Whether these forces are simulated rather than measured.
+    """
+
+    link: Link
+    identified: bool
+    d: Floats
+    force: Floats
+    lower: Floats
+    upper: Floats
+    visited: tuple[float, float]
+    wells: tuple[float, ...]
+    true: Floats | None
+    sample_d: Floats
+    sample_force: Floats
+    samples_are_true: bool
+
+    @property
+    def has_band(self) -> bool:
+        """Whether a coefficient was identified with a trusted interval."""
+        return bool(np.isfinite(self.lower).all() and np.any(self.lower < self.upper))
+
+    @property
+    def frame(self) -> tuple[float, float]:
+        """Smallest and largest force of the curves in N, with a margin."""
+        curves = [self.force, self.lower, self.upper]
+        return _frame(curves if self.true is None else [*curves, self.true])
+
+    @property
+    def outside(self) -> float:
+        """Fraction of the samples outside the frame."""
+        low, high = self.frame
+        hidden = (self.sample_force < low) | (self.sample_force > high)
+        return float(np.mean(hidden)) if len(hidden) else 0.0
+
+    @property
+    def between_wells(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Ranges of d in m and force in N around the wells; None with fewer than two, or where they fill the whole curve."""
+        if len(self.wells) < 2:
+            return None
+        span = max(self.wells) - min(self.wells)
+        low, high = min(self.wells) - 0.3 * span, max(self.wells) + 0.3 * span
+        near = (self.d >= low) & (self.d <= high)
+        if high - low > 0.8 * (self.d[-1] - self.d[0]) or near.sum() < 10:
+            return None
+        return (low, high), _frame([self.force[near], self.lower[near], self.upper[near]])
+
+
+def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -> ForceCurve:
+    """Elastic force of an identified link.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The estimate.
+    name : str
+        Name of the link.
+    truth : Structure, optional
+        The true structure; by default that of a simulated record.
+
+    Returns
+    -------
+    ForceCurve
+        The curve.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link.
+    """
+    link = estimate.link(name)
+    low, high = link.d_range
+    margin = BEYOND * (high - low)
+    d = np.linspace(low - margin, high + margin, GRID)
+    force, lower, upper = estimate.force_band(name, d)
+    simulated = estimate.record.simulated
+    known_truth = truth or (simulated.structure if simulated else None)
+    sample_d, sample_force = _samples(estimate, name)
+    return ForceCurve(
+        link=link.link,
+        identified=bool(link.free),
+        d=d,
+        force=force,
+        lower=lower,
+        upper=upper,
+        visited=(low, high),
+        wells=tuple(well.value for well in link.wells),
+        true=None if known_truth is None else _elastic(known_truth.link(name), d),
+        sample_d=sample_d,
+        sample_force=sample_force,
+        samples_are_true=simulated is not None,
+    )
+
+
+def _elastic(link: Link, d: Floats) -> Floats:
+    """Force in N at rest; with memory, at states of 0."""
+    return link.force(d, 0.0, link.zero_states)
+
+
+def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
+    """Elongation (P,) m and force minus the identified damping and memory (P,) N at the samples of the record.
+
+    The force is the true one of a simulated record, else the measured one, else there is none.
+    """
+    link = estimate.link(name).link
+    index = [link.name for link in estimate.structure.links].index(name)
+    states = link.zero_states
+    simulated, motion = estimate.record.simulated, estimate.motion
+    if simulated is not None:
+        truth, base = simulated.structure, simulated.base
+        rate = None if base is None else np.gradient(base, 1.0 / estimate.record.rate)
+        d = truth.elongations(simulated.displacement, base)[:, index]
+        v = truth.elongations(simulated.velocity, rate)[:, index]
+        true_states = {
+            key.rpartition(".")[2]: s for key, s in simulated.states.items() if key.startswith(f"{name}.")
+        }
+        force = truth.link(name).force(d, v, true_states)
+        known = {state: true_states.get(state, at_rest) for state, at_rest in states.items()}
+        identified = link.force(d, v, known)
+    elif motion.force is not None:
+        d, v, force = motion.d[:, index], motion.v[:, index], motion.force[:, index]
+        with_memory = motion.identified_force if states else None
+        identified = link.force(d, v, states) if with_memory is None else with_memory[:, index]
+    else:
+        return np.empty(0), np.empty(0)
+    elastic = force - (identified - _elastic(link, d))
+    finite = np.isfinite(elastic) & np.isfinite(d)
+    return d[finite], elastic[finite]
+
+
+def _frame(curves: list[Floats]) -> tuple[float, float]:
+    """Smallest and largest force of the curves, with a margin."""
+    finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
+    low, high = float(finite.min()), float(finite.max())
+    margin = 0.12 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+@dataclass(frozen=True, eq=False)
+class ForceLoop:
+    """Force of a link at the N samples of the first record.
+
+    Attributes
+    ----------
+    d, v, identified : array of shape (N,)
+        Elongation in m, rate in m/s and identified force in N.
+    measured : array of shape (N,) or None
+        The force in N that a load cell showed, less its offset.
+    step : float
+        Sampling interval in s.
+    """
+
+    d: Floats
+    v: Floats
+    identified: Floats
+    measured: Floats | None
+    step: float
+
+    @property
+    def largest(self) -> float:
+        """The largest force in N."""
+        shown = self.identified if self.measured is None else np.concatenate([self.identified, self.measured])
+        return float(np.nanmax(np.abs(shown)))
+
+    @property
+    def cycles(self) -> int:
+        """Complete cycles: from one time the elongation rises through the middle of its range to the next."""
+        return max(len(self._rises) - 1, 0)
+
+    @property
+    def energy(self) -> float:
+        """Work in J done on the link a cycle, or over the record where there is no complete cycle."""
+        power = self.identified * self.v * self.step
+        if not self.cycles:
+            return float(np.nansum(power))
+        return float(np.nansum(power[self._rises[0] : self._rises[-1]])) / self.cycles
+
+    @property
+    def energy_text(self) -> str:
+        """What it dissipates, in words."""
+        if not self.cycles:
+            return f"work done on it over the record: {self.energy:.4g} J"
+        many = f"mean of {self.cycles} cycles" if self.cycles > 1 else "of one cycle"
+        return f"energy dissipated a cycle: {self.energy:.4g} J ({many})"
+
+    @property
+    def _rises(self) -> list[int]:
+        low, high = float(np.nanmin(self.d)), float(np.nanmax(self.d))
+        middle, band = 0.5 * (low + high), 0.05 * (high - low)
+        rises, armed = [], False
+        for number, value in enumerate(self.d.tolist()):
+            if value < middle - band:
+                armed = True
+            elif armed and value >= middle:
+                rises.append(number)
+                armed = False
+        return rises
+
+
+def force_loop(estimate: Estimate, name: str) -> ForceLoop:
+    """The force of an identified link along the motion of the first record.
+
+    Raises StructureError if there is no such link, or the force in it is not known along the motion.
+    """
+    link = estimate.link(name).link
+    motion, count = estimate.motion, len(estimate.record)
+    index = [candidate.name for candidate in motion.structure.links].index(name)
+    d, v = motion.d[:count, index], motion.v[:count, index]
+    if motion.identified_force is not None:
+        force = motion.identified_force[:count, index]
+    elif not link.law.states:
+        force = link.force(d, v)
+    else:
+        raise StructureError(
+            "the force of a link with memory is not known without its states", f'link "{name}"'
+        )
+    measured = None if motion.measured_force is None else motion.measured_force[:count, index]
+    return ForceLoop(d, v, np.asarray(force), measured, estimate.record.step)
+
+
+def has_loop(estimate: Estimate, name: str) -> bool:
+    """Whether the force of a link forms loops that are known: of links with memory and of those on a rig."""
+    index = [link.name for link in estimate.structure.links].index(name)
+    forces = estimate.motion.identified_force
+    return forces is not None and bool(np.isfinite(forces[:, index]).any())
+
+
+_POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
+
+
+@dataclass(frozen=True, eq=False)
+class Equivalent:
+    """Equivalent linear spring and damper of a link at A amplitudes.
+
+    Attributes
+    ----------
+    amplitude : array of shape (A,)
+        Amplitudes in m.
+    stiffness : array of shape (A,)
+        Equivalent stiffness in N/m.
+    stiffness_band : array of shape (A, 2)
+        Ends of its 95 % band; NaN where no interval can be trusted.
+    damping : array of shape (A,)
+        Equivalent damping in N s/m.
+    damping_band : array of shape (A, 2)
+        Ends of its 95 % band.
+
+    See Also
+    --------
+    equivalent : Compute it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> lw.equivalent(estimate.link("nes1"), [0.005], 5.0).stiffness_band.shape
+    (1, 2)
+    """
+
+    amplitude: Floats
+    stiffness: Floats
+    stiffness_band: Floats
+    damping: Floats
+    damping_band: Floats
+
+
+@deprecated_keyword("found", Deprecated("link", since="0.2.0", until="0.4.0"))
+@checked
+def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Equivalent:
+    """Equivalent linear spring and damper of an identified link: its describing function.
+
+    Parameters
+    ----------
+    link : LinkEstimate
+        The link, from `Estimate.link`.
+    amplitude : array_like of shape (A,)
+        Amplitudes of the elongation in m.
+    frequency : float
+        Frequency in Hz.
+
+    Returns
+    -------
+    Equivalent
+        Stiffness and damping with their 95 % bands.
+
+    Raises
+    ------
+    StructureError
+        If the link has memory, amplitudes have more than one dimension, or the frequency is not positive.
+
+    Notes
+    -----
+    For d = A sin(w t), k(A) = 1/(pi A) int_0^{2 pi} f sin and c(A) = 1/(pi A w) int_0^{2 pi} f cos over one cycle. The bands
+    follow by the delta method.
+
+    References
+    ----------
+    N. Krylov and N. Bogoliubov, Introduction to Non-linear Mechanics (1943).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> lw.equivalent(estimate.link("nes1"), [0.005, 0.01], 5.0).stiffness.round()
+    array([-81., -25.])
+    """
+    refuse_memory([link.link], "equivalent springs and dampers")
+    a = np.atleast_1d(np.asarray(amplitude, dtype=float))
+    if a.ndim > 1:
+        raise StructureError(f"amplitude must be a number or have the shape (A,), got the shape {a.shape}")
+    if not frequency > 0.0:
+        raise StructureError(f"frequency must be positive, got {frequency} Hz")
+    omega = 2.0 * np.pi * frequency
+    phase = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
+    d, v = np.outer(a, np.sin(phase)), omega * np.outer(a, np.cos(phase))
+    partials = link.link.law.partials(d, v, link.link.values)
+    slopes = [np.broadcast_to(partials.by_coefficient[name], d.shape) for name in link.free]
+    results = []
+    for harmonic, unit in ((np.sin(phase), a), (np.cos(phase), a * omega)):
+        weight = 2.0 * harmonic / _POINTS
+        value = partials.force @ weight / unit
+        gradient = (
+            np.stack([slope @ weight / unit for slope in slopes], axis=1) if slopes else np.zeros((len(a), 0))
+        )
+        results += [value, _band(value, gradient, link)]
+    return Equivalent(a, *results)
+
+
+def _band(value: Floats, gradient: Floats, link: LinkEstimate) -> Floats:
+    """(A, 2) ends of the 95 % band by the delta method."""
+    if link.covariance is None and link.free:
+        return np.full((len(value), 2), np.nan)
+    covariance = np.zeros((0, 0)) if link.covariance is None else link.covariance
+    half = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", gradient, covariance, gradient), 0.0))
+    return np.stack([value - half, value + half], axis=1)
+
+
+_PARTS = 24
+_FEWEST = 20  # samples in a part
+_TWO = 2.0  # standard errors of a mean, between which noise leaves 95 % of them
+
+
+@dataclass(frozen=True, eq=False)
+class MeanResiduals:
+    """Means in parts of the range with equally many samples.
+
+    Attributes
+    ----------
+    place : array of shape (P,)
+        Mean motion in each part, in its unit.
+    mean : array of shape (P,)
+        Mean residuals, in standard deviations of the noise.
+    by_chance : array of shape (P,)
+        What white noise alone leaves in 95 % of the parts, to both sides of zero.
+    """
+
+    place: Floats
+    mean: Floats
+    by_chance: Floats
+
+    @classmethod
+    def along(cls, motion: Floats, residuals: Floats) -> MeanResiduals:
+        """Those of residuals (N,), NaN where a sample is missing, along a motion (N,); of none there is one part, of NaN."""
+        present = np.flatnonzero(~np.isnan(residuals))
+        if not len(present):
+            return cls(*np.full((3, 1), np.nan))
+        order = present[np.argsort(motion[present], kind="stable")]
+        parts = np.array_split(order, max(min(_PARTS, len(order) // _FEWEST), 1))
+        return cls(
+            np.array([motion[part].mean() for part in parts]),
+            np.array([residuals[part].mean() for part in parts]),
+            np.array([_TWO / np.sqrt(len(part)) for part in parts]),
+        )

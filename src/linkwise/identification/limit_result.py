@@ -1,0 +1,461 @@
+"""The result of `limit`: the smallest errors of coefficients, forces and wells that a planned test allows.
+
+The printed limit: noise, the errors of coefficients and forces, wells, and what is not identifiable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Floats
+from linkwise.display import JudgedView, align_columns, as_text, format_value
+from linkwise.errors import IdentificationError
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
+from linkwise.likelihood.fisher_information import Precision
+from linkwise.likelihood.prescribed.state_path import LinkPath
+from linkwise.model.link import Link
+from linkwise.model.parameters import Parameter
+from linkwise.model.structure import Structure
+from linkwise.records.channel_units import channel_unit
+from linkwise.records.record import Record
+from linkwise.verdict import Verdict
+
+# standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
+DETECTION = 3.605
+
+
+@dataclass(frozen=True, eq=False)
+class LinkLimit:
+    """The precision that a planned test allows for one link.
+
+    Attributes
+    ----------
+    name : str
+        The name of the link.
+    nmse : float
+        The expected NMSE of its force in %.
+    force_error : float
+        Root mean square, over the motion, of the standard deviation of its force at rest, in N; with memory, of its force
+        along the motion, from which its states follow.
+    estimate : LinkEstimate
+        Coefficients, wells, barrier and in-well frequencies with the intervals that an estimate at the bound would have.
+
+    References
+    ----------
+    The paper, Eq. 8, for the NMSE.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> planned = lw.limit(chain, duration=0.5, rate=1000.0, noise=40.0, unknown=["nes"], release={"v:m1": 1.0})
+    >>> nes = planned.link("nes1")
+    >>> nes.name, 0.0 < nes.force_error < nes.detectable
+    ('nes1', True)
+    """
+
+    name: str
+    nmse: float
+    force_error: float
+    estimate: LinkEstimate
+
+    @property
+    def detectable(self) -> float:
+        """The smallest force in N that 95 of 100 such tests would distinguish from zero."""
+        return DETECTION * self.force_error
+
+
+@dataclass(frozen=True, eq=False)
+class Limit(JudgedView):
+    """The smallest standard errors that a planned test allows, of p unknowns; printed, a table.
+
+    The bound holds for estimates that look at segments of the record, each with a free start and all with the same laws. Of
+    one segment it is that of the whole record; a fit that links shorter ones comes out below, in chaotic motion several times.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure with its expected numbers.
+    parameters : tuple of Parameter
+        The p unknowns.
+    values : (p,) ndarray
+        Their expected values in SI units.
+    precision : Precision
+        Their covariance at the bound, and the combinations of them that leave no trace in the sensors.
+    noise : mapping of str to float
+        Standard deviation of the noise in each channel, in its SI unit.
+    record : Record
+        The record of the test without noise.
+    segment : float
+        Length of the segments in s.
+
+    See Also
+    --------
+    limit : Plan a test.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> planned = lw.limit(chain, duration=0.5, rate=1000.0, noise=40.0, unknown=["nes"], release={"v:m1": 1.0})
+    >>> [parameter.name for parameter in planned.parameters]
+    ['nes1.alpha', 'nes1.beta', 'nes1.c']
+    >>> planned.standard_errors.shape, planned.findings, planned.trusted
+    ((3,), (), True)
+    """
+
+    structure: Structure
+    parameters: tuple[Parameter, ...]
+    values: Floats
+    precision: Precision
+    noise: Mapping[str, float]
+    record: Record
+    segment: float
+
+    @cached_property
+    def standard_errors(self) -> Floats:
+        """The standard errors (p,) in SI units; infinite for what the sensors do not determine."""
+        return np.asarray(np.sqrt(self.precision.variance(np.eye(len(self.values)))))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """The covariance (p, p) in SI units; rows and columns of what the sensors do not determine are infinite."""
+        covariance = self.precision.root @ self.precision.root.T
+        undetermined = np.isinf(self.standard_errors)
+        covariance[undetermined, :] = covariance[:, undetermined] = np.inf
+        return np.asarray(covariance)
+
+    @property
+    def coefficients(self) -> tuple[CoefficientEstimate, ...]:
+        """The unknowns with their expected values and, where they are identifiable, the intervals at the bound."""
+        return tuple(
+            _coefficient(parameter.name, parameter.unit, float(value), float(error))
+            for parameter, value, error in zip(
+                self.parameters, self.values, self.standard_errors, strict=True
+            )
+        )
+
+    @checked
+    def coefficient(self, name: str) -> CoefficientEstimate:
+        """One unknown with its expected value and, where it is identifiable, its interval at the bound.
+
+        Parameters
+        ----------
+        name : str
+            Its name, such as "nes1.alpha" or "m1.mass".
+
+        Returns
+        -------
+        CoefficientEstimate
+            The unknown, in SI units.
+
+        Raises
+        ------
+        IdentificationError
+            If there is no such unknown; the message lists them.
+        """
+        coefficients = {coefficient.name: coefficient for coefficient in self.coefficients}
+        if name not in coefficients:
+            raise IdentificationError(
+                f'"{name}" is not an unknown of this test; choose from {", ".join(coefficients)}'
+            )
+        return coefficients[name]
+
+    @checked
+    def force_deviation(self, name: str, d: ArrayLike) -> Floats:
+        """The standard deviation of the force of a link at rest (v = 0); with memory, at states of 0.
+
+        Parameters
+        ----------
+        name : str
+            The name of the link.
+        d : array_like
+            Elongations in m.
+
+        Returns
+        -------
+        ndarray
+            The standard deviation in N, in the shape of `d`; infinite where the sensors do not determine the force.
+
+        Raises
+        ------
+        StructureError
+            If there is no such link.
+        """
+        d = np.asarray(d, dtype=float)
+        link = self.structure.link(name)
+        slopes = link.law.partials(d, 0.0, {**link.values, **link.zero_states}).by_coefficient
+        return self._deviation(self.structure.links.index(link), slopes, d.shape)
+
+    def _deviation(self, index: int, slopes: Mapping[str, Floats], shape: tuple[int, ...]) -> Floats:
+        """The standard deviation in N of a force with derivatives by the coefficients of a link."""
+        gradient = np.zeros((*shape, len(self.values)))
+        for column, parameter in enumerate(self.parameters):
+            for member, key in parameter.members:
+                if member == index:
+                    gradient[..., column] += slopes[key]
+        return np.asarray(np.sqrt(self.precision.variance(gradient)))
+
+    @cached_property
+    def links(self) -> tuple[LinkLimit, ...]:
+        """The precision for each link that has an unknown coefficient."""
+        unknown = {index for parameter in self.parameters for index, _ in parameter.members}
+        return tuple(self._link(index) for index in sorted(unknown) if index >= 0)
+
+    @checked
+    def link(self, name: str) -> LinkLimit:
+        """The precision for one link.
+
+        Parameters
+        ----------
+        name : str
+            Name of the link.
+
+        Returns
+        -------
+        LinkLimit
+            What the test allows for it.
+
+        Raises
+        ------
+        IdentificationError
+            If no such link has an unknown coefficient; the message lists those that have.
+        """
+        links = {link.name: link for link in self.links}
+        if name not in links:
+            raise IdentificationError(
+                f'nothing is unknown in a link "{name}" of this test; choose from {", ".join(links)}'
+            )
+        return links[name]
+
+    @cached_property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether the sensors determine every unknown."""
+        all_determined = not self.precision.confounded and np.isfinite(self.standard_errors).all()
+        return (Verdict.UNKNOWNS_DETERMINED if all_determined else Verdict.UNKNOWNS_NOT_DETERMINED,)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences on what the sensors do not determine; empty where they determine everything."""
+        sentences = []
+        for group in self.precision.confounded:
+            names = [self.parameters[i].name for i in group]
+            sentences.append(
+                f"{names[0]} has no effect on these sensors: this test cannot identify it."
+                if len(names) == 1
+                else f"{', '.join(names[:-1])} and {names[-1]} are confounded: these sensors identify a combination of them "
+                "only. Give one of them as known, or add a sensor or a force that moves them differently."
+            )
+        return tuple(sentences)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data.
+
+        Returns
+        -------
+        dict
+            Coefficients and links by name, noise, verdicts and findings; SI units.
+        """
+        return {
+            **self._judgement(),
+            "segment": self.segment,
+            "samples": len(self.record) * len(self.record.responses),
+            "noise": dict(self.noise),
+            "coefficients": {coefficient.name: _as_dict(coefficient) for coefficient in self.coefficients},
+            "links": {
+                link.name: {
+                    "nmse_percent": link.nmse,
+                    "force_error": link.force_error,
+                    "detectable": link.detectable,
+                    "wells": [list(well.interval or (well.value,) * 2) for well in link.estimate.wells],
+                    "barrier": None
+                    if link.estimate.barrier is None
+                    else list(link.estimate.barrier.interval or ()),
+                }
+                for link in self.links
+            },
+            "findings": list(self.findings),
+        }
+
+    def __str__(self) -> str:
+        return as_text(self)
+
+    def _link(self, index: int) -> LinkLimit:
+        link = self.structure.links[index]
+        truth = self.record.simulated
+        assert truth is not None
+        d = self.structure.elongations(truth.displacement, truth.base)[:, index]
+        if link.law.states:
+            path, names = true_path(link, index, self.record), link.law.coefficients
+            force, slopes = path.force(), path.tangents(names).by_unknowns()
+            deviation = self._deviation(index, dict(zip(names, slopes.T, strict=False)), d.shape)
+        else:
+            force, deviation = link.force(d), self.force_deviation(link.name, d)
+        power, mean = float(np.var(force)), float(np.mean(deviation**2))
+        with np.errstate(divide="ignore"):
+            nmse = float(100.0 * np.divide(mean, power)) if mean > 0.0 else 0.0
+        return LinkLimit(link.name, nmse, float(np.sqrt(mean)), self._estimate(index, d))
+
+    def _estimate(self, index: int, d: Floats) -> LinkEstimate:
+        link, truth = self.structure.links[index], self.record.simulated
+        assert truth is not None
+        rate = np.gradient(d, self.record.step)
+        columns = {
+            key: column
+            for column, parameter in enumerate(self.parameters)
+            for member, key in parameter.members
+            if member == index
+        }
+        free = tuple(key for key in link.coefficients if key in columns)
+        selected = [columns[key] for key in free]
+        covariance = self.covariance[np.ix_(selected, selected)]
+        errors = self.standard_errors
+        masses, column = self.structure.mass_values, self.structure.topology.columns[index]
+        return LinkEstimate(
+            link=link,
+            coefficients=tuple(
+                _coefficient(
+                    f"{link.name}.{key}", link.law.units[key], link.values[key], float(errors[columns[key]])
+                )
+                for key in free
+            ),
+            d_range=(float(d.min()), float(d.max())),
+            v_range=(float(rate.min()), float(rate.max())),
+            free=free,
+            covariance=covariance if np.isfinite(covariance).all() else None,
+            moving_mass=1.0 / sum(part**2 / masses[mass] for mass, part in column),
+        )
+
+
+def true_path(link: Link, index: int, record: Record) -> LinkPath:
+    """A link, number `index` of its structure, along the motion of a simulated record."""
+    truth = record.simulated
+    assert truth is not None
+    base_rate = None if truth.base is None else np.gradient(truth.base, record.step)
+    d = truth.structure.elongations(truth.displacement, truth.base)[:, index]
+    v = truth.structure.elongations(truth.velocity, base_rate)[:, index]
+    states = [truth.states[f"{link.name}.{name}"] for name in link.law.states]
+    ordered = tuple(link.values[name] for name in link.law.coefficients)
+    inside = np.stack(states, axis=1) if states else np.zeros((len(d), 0))
+    return LinkPath(link.law, ordered, d, v, record.step, inside, True)
+
+
+def _coefficient(name: str, unit: str, value: float, error: float) -> CoefficientEstimate:
+    half = NORMAL_95 * error
+    interval = (value - half, value + half) if np.isfinite(error) else None
+    return CoefficientEstimate(name, value, unit, False, error, interval)
+
+
+def _as_dict(coefficient: CoefficientEstimate) -> dict[str, Any]:
+    error = coefficient.standard_error
+    assert error is not None
+    return {
+        "value": coefficient.value,
+        "unit": coefficient.unit,
+        "standard_error": error,
+        "relative_percent": 100.0 * error / abs(coefficient.value) if coefficient.value else None,
+        "detectable": DETECTION * error,
+    }
+
+
+Rows = list[tuple[str, ...]]
+
+_MOST_ROWS = 40  # of a table that are printed
+_MOST_NAMES = 6  # of channels that are listed in full
+
+
+@as_text.register
+def limit_text(limit: Limit) -> str:
+    """The whole result as text."""
+    head = (
+        f"{limit.structure.name or 'structure'}: the accuracy that this test allows\n"
+        f"{limit.verdicts[0].value}\n"
+        f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, {_segments(limit)}"
+    )
+    noise: Rows = [
+        ("noise", "deviation"),
+        *((name, _noise_text(limit, name)) for name in limit.noise),
+    ]
+    title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
+    forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in limit.links]
+    blocks = [
+        head,
+        _table(noise),
+        _table([title, *(_coefficient_row(coefficient) for coefficient in limit.coefficients)]),
+        _table([("force of", "expected NMSE", "detectable", ""), *forces]),
+    ]
+    wells = [row for link in limit.links for row in _well_rows(link)]
+    if wells:
+        blocks.append(_table([("", "value", "95 % interval", "unit"), *wells]))
+    if limit.findings:
+        blocks.append("\n".join(f"! {finding}" for finding in limit.findings))
+    return "\n\n".join(blocks)
+
+
+def _segments(limit: Limit) -> str:
+    """What a free start of each segment leaves of the record, in words."""
+    if limit.segment * limit.record.rate >= len(limit.record) - 0.5:
+        return "in one segment with a\nfree start, as a fit of the whole record has it."
+    return (
+        f"in segments of {limit.segment:g} s with free starts;\na fit that links segments, as identify does, comes out "
+        "better, in chaotic motion several times."
+    )
+
+
+def _table(rows: Rows) -> str:
+    """A title and rows in aligned columns; of a long table the first rows and the number of the others."""
+    lines = align_columns(rows)
+    left_out = len(lines) - 1 - _MOST_ROWS
+    if left_out > 0:
+        lines = [*lines[: 1 + _MOST_ROWS], f"  ... and {left_out} more"]
+    return "\n".join(lines)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= _MOST_NAMES else f"{', '.join(names[:4])}, ..., {names[-1]}"
+
+
+def _noise_text(limit: Limit, name: str) -> str:
+    return f"{limit.noise[name]:.3g} {channel_unit(limit.record, name, limit.structure)}".strip()
+
+
+def _coefficient_row(coefficient: CoefficientEstimate) -> tuple[str, ...]:
+    error, value = coefficient.standard_error, format_value(coefficient.value)
+    assert error is not None
+    if not np.isfinite(error):
+        return coefficient.name, value, "not identifiable", "", "", coefficient.unit
+    relative = _percent(100.0 * error / abs(coefficient.value)) if coefficient.value else ""
+    detectable = f"{DETECTION * error:.2g}"
+    return coefficient.name, value, f"{error:.2g}", relative, detectable, coefficient.unit
+
+
+def _percent(share: float) -> str:
+    return f"{share:.2g} %" if np.isfinite(share) else "not identifiable"
+
+
+def _detectable(link: LinkLimit) -> str:
+    unit = link.estimate.link.law.force_unit
+    return f"{link.detectable:.2g} {unit}" if np.isfinite(link.detectable) else "not identifiable"
+
+
+def _well_rows(link: LinkLimit) -> Rows:
+    """Rows of the wells and the barrier of a link that has them."""
+    estimate = link.estimate
+    named = [(f"{link.name} well {number}", well) for number, well in enumerate(estimate.wells, start=1)]
+    named += [(f"{link.name} barrier", estimate.barrier)] if estimate.barrier is not None else []
+    return [_derived_row(label, quantity) for label, quantity in named]
+
+
+def _derived_row(label: str, quantity: DerivedQuantity) -> tuple[str, ...]:
+    if quantity.interval is None:
+        return label, format_value(quantity.value), "not identifiable", quantity.unit
+    error = 0.25 * (quantity.interval[1] - quantity.interval[0])
+    low, high = (format_value(end, error) for end in quantity.interval)
+    return label, format_value(quantity.value, error), f"{low} to {high}", quantity.unit

@@ -1,0 +1,461 @@
+"""From the records of a modal test to a host: modes with standard errors, as priors of a later identification.
+
+The result of a modal test: a host whose modes are known to within their standard errors.
+
+The printed modal test: trust, and the modes with their standard errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Bools, Floats
+from linkwise.display import (
+    JudgedView,
+    align_columns,
+    as_text,
+    format_duration,
+    format_error,
+    format_value,
+    paragraph,
+    remark_lines,
+)
+from linkwise.errors import IdentificationError, RecordError
+from linkwise.likelihood.whiteness import is_white
+from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.output_error import ModalFit, modal_fit
+from linkwise.modal.pursuit import PursuedModes, doubled_mode, pursued_modes, shadow_mode
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host, HostMode
+from linkwise.model.link import ANGLE, LENGTH
+from linkwise.model.rotations import with_units
+from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.channel import ANGULAR_UNITS, BASE, Channel
+from linkwise.records.joining import check_distinct, record_list
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+from linkwise.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class HostEstimate(JudgedView):
+    """A host that was identified from the records of a modal test.
+
+    Attributes
+    ----------
+    host : Host
+        Its modes; frequencies, damping, also between modes, and shapes are known to within their standard errors.
+    faint : tuple of str
+        Modes that hardly stand above the noise, such as ``"beam.mode7"``: each may stand for several, or for what modes above
+        the band give, and its values are stated as known to within wide bounds.
+    chi_square_per_sample : float
+        Power of the residuals over that of the noise.
+    samples : int
+        Number of samples.
+    verdicts : tuple of Verdict
+        What can be said of it.
+    remarks : tuple of str
+        Sentences on what the records do not determine.
+    seconds : float
+        Computing time in s.
+
+    See Also
+    --------
+    identify_host : Identifies it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> known = lw.Coefficient.number
+    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> record = lw.simulate(
+    ...     lw.Structure("test", (), (), (wing,)),
+    ...     forces={"wing.tip": "5*exp(-((t - 0.1)/0.02)**2)"},
+    ...     duration=2.0,
+    ...     rate=200.0,
+    ...     sensors=["a:wing.tip", "a:wing.joint"],
+    ... )
+    >>> found = lw.identify_host(record.with_noise(30.0, seed=1))
+    >>> found.trusted, len(found.host.modes)
+    (True, 1)
+    """
+
+    host: Host
+    faint: tuple[str, ...]
+    chi_square_per_sample: float
+    samples: int
+    verdicts: tuple[Verdict, ...]
+    remarks: tuple[str, ...]
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data.
+
+        Returns
+        -------
+        dict
+            "modes" with frequencies in Hz, damping as a part of the critical one and shapes in 1/sqrt(kg), each with its
+            standard error; where damping couples modes, "damping" with the entry of each pair in N s/m; the fit, verdicts and
+            remarks.
+        """
+        names = self.host.coordinates
+        between = [
+            {
+                "modes": [names[first - 1], names[second - 1]],
+                "value": entry.value,
+                "standard_error": entry.sigma,
+            }
+            for (first, second), entry in self.host.entries.items()
+        ]
+        return {
+            "method": "identify_host",
+            **self._judgement(),
+            "message": " ".join(verdict.value for verdict in self.verdicts),
+            "seconds": self.seconds,
+            "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
+            "host": self.host.name,
+            "modes": [
+                {
+                    "name": name,
+                    "faint": name in self.faint,
+                    "frequency": {"value": mode.frequency.value, "standard_error": mode.frequency.sigma},
+                    "damping": {"value": mode.damping.value, "standard_error": mode.damping.sigma},
+                    "shape": {
+                        point: {"value": size, "standard_error": mode.shape_sigma.get(point, 0.0)}
+                        for point, size in mode.shape.items()
+                    },
+                }
+                for name, mode in zip(self.host.coordinates, self.host.modes, strict=True)
+            ],
+            **({"damping": between} if between else {}),
+            "remarks": list(self.remarks),
+        }
+
+    def __str__(self) -> str:
+        return as_text(self)
+
+
+_FAINT = 10.0
+"""Power of a mode over that of the noise, 10 dB, in its best channel: a mode below it may stand for several."""
+_FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (
+    0.02,
+    0.5,
+    0.2,
+)  # bounds to which such a mode is known, relative
+_STANDS_IN = 4.0
+"""Times what linear modes leave of the response: what they take in beside it of a force that is not linear, which makes their
+errors. Of random motion it is 1.2 for the force of a cubic spring, 1.3 for Coulomb friction, 2.4 for quadratic damping and up
+to 5 for hysteresis; of a decay, whose size changes slowly, more."""
+_UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
+_CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
+
+
+@checked
+def identify_host(
+    record: Record | Sequence[Record],
+    *,
+    modes: int | None = None,
+    name: str | None = None,
+    progress: Progress = silent,
+) -> HostEstimate:
+    """Identify the modes of a linear structure from a test at a low level: hits of a hammer, or a shaker.
+
+    Frequencies, damping and mass-normalised shapes at the points of sensors and forces maximise the likelihood of the samples.
+    They come with standard errors, as priors that `identify` counts when it finds links from records at higher levels.
+
+    Parameters
+    ----------
+    record : Record or sequence of Record
+        One or several records with applied forces (N) and displacements, velocities or accelerations (m, m/s, m/s2) at
+        points ``"HOST.POINT"``, one of them where a force acts. The structure must move linearly, by vibrating modes.
+    modes : int, optional
+        Number of modes; by default as many as the records show by the Bayesian information criterion. A mode that hardly
+        stands above the noise and only moves like its neighbour is left out.
+    name : str, optional
+        Name of the host; by default the part before the dot that all channels share. Where channels have one, no other is
+        taken, since no channel would be at the points of the host.
+    progress : Progress
+        Called with a `ProgressReport` at every mode.
+
+    Returns
+    -------
+    HostEstimate
+        The host, and whether it is to be trusted.
+
+    Raises
+    ------
+    IdentificationError
+        If the records have no force or no motion, no motion at a point of a force, too few samples, or channels of a host of
+        another name.
+    RecordError
+        If two records hold the same samples.
+    TypeError
+        If something else than records is given.
+
+    See Also
+    --------
+    reduce_host : A host from matrices.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> known = lw.Coefficient.number
+    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> record = lw.simulate(
+    ...     lw.Structure("test", (), (), (wing,)),
+    ...     forces={"wing.tip": "5*exp(-((t - 0.1)/0.02)**2)"},
+    ...     duration=2.0,
+    ...     rate=200.0,
+    ...     sensors=["a:wing.tip", "a:wing.joint"],
+    ... )
+    >>> found = lw.identify_host(record.with_noise(30.0, seed=1))
+    >>> round(found.host.modes[0].frequency.value, 2), found.host.points
+    (5.2, ('wing.tip', 'wing.joint'))
+    """
+    started = perf_counter()
+    if modes is not None and modes < 1:
+        raise IdentificationError(f"the number of modes must be positive, got {modes}")
+    records = record_list(record)
+    if not records:
+        raise IdentificationError("a modal test needs at least one record, got none")
+    check_distinct(records)
+    measured = ModalMeasurement.of(records, name)
+    with one_blas_thread():
+        pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.9))
+        if not len(pursued.frequencies):
+            raise IdentificationError(
+                "the response to the force does not stand above the noise, so no mode can be found; hit the structure harder, "
+                "or check the units and the channels of force and motion"
+            )
+        progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
+        fit = modal_fit(measured, pursued)
+        while (
+            modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None
+        ):
+            fit = modal_fit(measured, _without(double, measured, fit))
+        faint = _powers(measured, fit) < _FAINT
+        while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
+            fit = modal_fit(measured, _without(shadow, measured, fit))
+            faint = _powers(measured, fit) < _FAINT
+    chi_square, samples = _chi_square(measured, fit)
+    white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
+    inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    unscaled = _unscaled(fit, errors, faint)
+    if inexact:
+        errors = np.maximum(
+            errors * fit.block_ratios, _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
+        )
+    of_pairs = errors[len(errors) - len(fit.pairs) :]
+    errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
+    host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
+    host = with_units(host, _units(records, host))
+    return HostEstimate(
+        host=host,
+        faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
+        chi_square_per_sample=chi_square,
+        samples=samples,
+        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled), white=white),),
+        remarks=_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
+        seconds=perf_counter() - started,
+    )
+
+
+def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
+    """Units of the points whose channels state one. Raises RecordError for a point that is said to turn and to move."""
+    units: dict[str, str] = {}
+    stated = ((name, unit) for record in records for name, unit in record.units.items())
+    for name, unit in stated:
+        channel = Channel.parse(name)
+        if channel.kind not in ANGULAR_UNITS or channel.mass == BASE:
+            continue
+        point = channel.mass.removeprefix(f"{host.name}.")
+        turns = ANGLE if unit == ANGULAR_UNITS[channel.kind] else LENGTH
+        if units.setdefault(point, turns) != turns:
+            raise RecordError(
+                f"is in {unit}, and another channel of {channel.mass} says that it is displaced in {units[point]}: correct "
+                "the unit of one of them",
+                channel=name,
+            )
+    return {point: unit for point, unit in units.items() if point in host.modes[0].shape}
+
+
+def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedModes:
+    """The modes of a fit without one."""
+    residues = fit.shapes[:, measured.sensed, None] * fit.shapes[:, None, measured.forced]
+    others = np.arange(len(residues)) != mode
+    return PursuedModes(fit.frequencies[others], fit.damping[others], residues[others])
+
+
+def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
+    """(n,) power of what each mode gives over that of the noise, in its best channel."""
+    powers = np.zeros((len(fit.frequencies), len(measured.kinds)))
+    for run in measured.runs:
+        for mode, shape in enumerate(fit.shapes):
+            motions = run.motions(float(fit.frequencies[mode]), float(fit.damping[mode]))
+            motion = np.tensordot(shape[measured.forced], motions[: len(measured.forced)], axes=1)
+            shown = shape[measured.sensed][:, None] * motion[measured.kinds]
+            powers[mode] += np.mean(shown**2, axis=1) / len(measured.runs)
+    return np.asarray((powers / fit.noise**2).max(axis=1))
+
+
+def _chi_square(measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
+    """Power of the residuals over that of the noise in the samples, and the number of samples."""
+    total, samples = 0.0, 0
+    for run, left in zip(measured.runs, fit.residuals, strict=True):
+        total += float(np.nansum((left / run.noise[:, None]) ** 2))
+        samples += int(np.isfinite(left).sum())
+    free = len(fit.covariance) + len(measured.runs) * (2 * len(fit.frequencies) + len(measured.kinds))
+    return total / max(samples - free, 1), samples
+
+
+def _host(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bools) -> Host:
+    """The modes as priors, with wide standard deviations for a faint one."""
+    modes = []
+    for number, shape in enumerate(fit.shapes):
+        frequency, damping = float(fit.frequencies[number]), float(fit.damping[number])
+        own = errors[number].copy()
+        if faint[number]:
+            largest = _FAINT_SHAPE * np.abs(shape).max()
+            floor = [_FAINT_FREQUENCY * frequency, _FAINT_DAMPING * damping, *[largest] * len(shape)]
+            own = np.maximum(own, floor)
+        modes.append(
+            HostMode(
+                Coefficient.unknown(frequency, lower=0.0, sigma=float(own[0])),
+                Coefficient.unknown(damping, lower=0.0, sigma=float(own[1])),
+                dict(zip(measured.points, map(float, shape), strict=True)),
+                dict(zip(measured.points, map(float, own[2:]), strict=True)),
+            )
+        )
+    return Host(measured.host, tuple(modes))
+
+
+def _between(fit: ModalFit, errors: Floats) -> dict[tuple[int, int], Coefficient]:
+    """The damping between modes, counted from 1, as priors that are no wider than what dissipation allows."""
+    least = np.minimum(errors, fit.sizes)
+    return {
+        (first + 1, second + 1): Coefficient.unknown(float(value), sigma=float(error))
+        for (first, second), value, error in zip(fit.pairs, fit.between, least, strict=True)
+    }
+
+
+def _unscaled(fit: ModalFit, errors: Floats, faint: Bools) -> list[int]:
+    """Modes above the noise whose shape has no scale by `errors` (p,): their motion where the force acts is not seen."""
+    of_modes = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
+    relative = of_modes[:, 2:].max(axis=1) / np.abs(fit.shapes).max(axis=1)
+    return [int(number) for number in np.flatnonzero((relative > _UNSCALED) & ~faint)]
+
+
+def _deviation_by_chance(samples: int) -> float:
+    """By how much chi-square a sample differs from 1 where noise explains the residuals."""
+    return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / samples))
+
+
+def _beside_noise(measured: ModalMeasurement, fit: ModalFit) -> tuple[Floats, Floats]:
+    """(C,) sums of squares of what the modes leave beside noise, and of the response."""
+    noise, power, samples = (np.zeros(len(fit.noise)) for _ in range(3))
+    for run in measured.runs:
+        known = np.isfinite(run.responses).sum(axis=1)
+        noise += run.noise**2 * known
+        power += np.nansum(run.responses**2, axis=1)
+        samples += known
+    return np.maximum(fit.noise**2 * samples - noise, 0.0), power
+
+
+def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
+    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
+    beside_noise, power = _beside_noise(measured, fit)
+    return float(np.sqrt(np.max(beside_noise / np.maximum(power, np.finfo(float).tiny))))
+
+
+def _unexplained(measured: ModalMeasurement, fit: ModalFit) -> float:
+    """What the modes leave beside noise: the root of the sum of squares in units of the residuals, as sensitivities are."""
+    beside_noise, _ = _beside_noise(measured, fit)
+    return float(np.sqrt(np.sum(beside_noise / fit.noise**2)))
+
+
+def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool, white: bool) -> Verdict:
+    if not fit.converged:
+        return Verdict.NOT_CONVERGED
+    if abs(chi_square - 1.0) > _deviation_by_chance(samples):
+        return Verdict.NOISE_MISMATCH
+    if unscaled:
+        return Verdict.HARDLY_DETERMINED
+    return Verdict.CONVERGED if white else Verdict.COLOURED_RESIDUALS
+
+
+def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> tuple[str, ...]:
+    remarks = []
+    if left > 0.0:
+        remarks.append(
+            f"Linear modes leave {100.0 * left:.2g} % of the response beside noise. If the structure is not quite linear, "
+            "they are those of this level, and may be others at a lower one; standard errors count that: each is a change "
+            "that moves the response by four times what the modes leave, or that of the scatter between parts of the records."
+        )
+    names = [name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint]
+    if names:
+        remarks.append(
+            f"{', '.join(names)} hardly {'stands' if len(names) == 1 else 'stand'} above the noise and may stand for modes "
+            "beyond the band that the force excites: stated as known to within wide bounds."
+        )
+    if unscaled:
+        remarks.append(
+            f"{', '.join(host.coordinates[number] for number in unscaled)} hardly moves where the force acts, so that the "
+            "scale of its shape is not determined: apply a force at another point with a sensor as well."
+        )
+    return tuple(remarks)
+
+
+_POINTS = 6  # whose shapes are printed
+_SHOWN = 3.0  # standard errors from which damping between modes is printed
+
+
+@as_text.register
+def modal_test_text(estimate: HostEstimate) -> str:
+    """The whole result as text."""
+    host = estimate.host
+    trust = "can be trusted" if estimate.trusted else "NOT to be trusted"
+    status = " ".join(verdict.value for verdict in estimate.verdicts)
+    head = f"{host.name}: {len(host.modes)} modes at {len(host.points)} points, {trust}"
+    numbers = f"{estimate.samples} samples, chi-square {estimate.chi_square_per_sample:.3f}"
+    summary = f"{status} ({numbers}, {format_duration(estimate.seconds)})"
+    points = tuple(host.modes[0].shape)[:_POINTS]
+    rows: list[tuple[str, ...]] = [
+        ("", "frequency [Hz]", "std. error", "damping [%]", "std. error", *points, "std. error")
+    ]
+    for name, mode in zip(host.coordinates, host.modes, strict=True):
+        frequency, damping = mode.frequency, mode.damping
+        errors = [mode.shape_sigma[point] for point in points]
+        rows.append(
+            (
+                name,
+                format_value(frequency.value or 0.0, frequency.sigma),
+                format_error(frequency.sigma),
+                format_value(100.0 * (damping.value or 0.0), 100.0 * damping.sigma),
+                format_error(100.0 * damping.sigma),
+                *(format_value(mode.shape[point], mode.shape_sigma[point]) for point in points),
+                f"up to {format_error(max(errors))}",
+            )
+        )
+    between = [
+        (
+            name,
+            format_value(entry.value or 0.0, entry.sigma),
+            format_error(entry.sigma),
+        )
+        for name, entry in zip(host.damping_links.values(), host.entries.values(), strict=True)
+        if abs(entry.value or 0.0) > _SHOWN * entry.sigma
+    ]
+    blocks = [f"{head}\n{paragraph(summary)}", "\n".join(align_columns(rows))]
+    if host.damping:
+        title = f"damping between modes: {len(host.damping)} pairs are free, {len(between)} of them stand out"
+        table = align_columns([("", "damping [N s/m]", "std. error"), *between]) if between else []
+        blocks.append("\n".join([title, *table]))
+    blocks += [remark_lines(remark) for remark in estimate.remarks]
+    return "\n\n".join(blocks)

@@ -1,0 +1,208 @@
+"""Channels of one place that are no derivatives of each other: delay, gain, offset and drift between them.
+
+What sensors say while nothing moves: levels that are not zero, and levels that change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isclose
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.inspection.channel_signal import ChannelSignal, KinematicFit, RecordSignals
+from linkwise.inspection.result import Alert
+
+_CERTAIN = 7.0  # standard errors from a jackknife over twelve blocks, whose quantiles are wide
+_EXPLAINED = 0.5  # of the power: with less the channels have no common motion to compare
+_DELAY = 0.1  # samples
+_GAIN = 0.01
+_LEVEL = 0.003  # of the root mean square: offset
+_TREND = 0.03  # of the root mean square, over the record
+_FACTORS = {
+    1e3: "1000, as between m and mm",
+    1e-3: "1/1000, as between mm and m",
+    9.80665: "9.81, as between g and m/s^2",
+    1.0 / 9.80665: "1/9.81, as between m/s^2 and g",
+    39.3701: "39.4, as between m and in",
+    0.0254: "0.0254, as between in and m",
+    -1.0: "-1: one of them counts in the opposite direction",
+}
+_NEAR = 0.05  # of a factor
+
+
+def delay(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of channels of one place that are not synchronous."""
+    for fit in _comparable(signals):
+        value, error = fit.delay
+        samples = value * fit.upper.rate
+        if abs(samples) < _DELAY or abs(value) < _CERTAIN * error:
+            continue
+        late, early = (fit.upper, fit.lower) if value > 0.0 else (fit.lower, fit.upper)
+        message = (
+            f"comes {1e3 * abs(value):.3g} ms ({abs(samples):.2g} samples) +- {1e3 * error:.1g} ms later than {early.name} "
+            "says: a delay turns stiffness into damping, by many standard errors; give both the same filter, shift "
+            "the channel by that time, or estimate the delay with the laws"
+        )
+        share = min(1.0, 2.0 * 3.14 * late.highest * abs(value))
+        yield Alert("delay", late.name, message, share, arguments=("delays",))
+
+
+def gain(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of channels of one place that disagree on the size of the motion."""
+    named: list[KinematicFit] = []
+    for fit in _comparable(signals):
+        value, error = fit.gain
+        if abs(value - 1.0) < max(_GAIN, _CERTAIN * error) or any(
+            _accounts_for(earlier, fit) for earlier in named
+        ):
+            continue
+        named.append(fit)
+        lower, upper = fit.lower.name, fit.upper.name
+        known = next(
+            (text for factor, text in _FACTORS.items() if isclose(value, factor, rel_tol=_NEAR)), None
+        )
+        if known is not None or not 0.3 < value < 3.0:
+            message = (
+                f"is {value:.4g} times what {lower} says, a factor of {known or 'no plausible calibration'}: the unit or the "
+                "sign of one of the two is wrong, and so are all coefficients; state the unit in the name of the column"
+            )
+            yield Alert("unit", upper, message, 1e6, arguments=("channels",))
+        else:
+            message = (
+                f"is {value:.4g} +- {error:.1g} times what {lower} says: a wrong gain of 1 % puts coefficients tens of "
+                "standard errors off; calibrate, or estimate the gain with the laws"
+            )
+            yield Alert("gain", upper, message, abs(value - 1.0), arguments=("gains",))
+
+
+def offset(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of velocities and accelerations with a constant error, by the displacement or velocity beside them."""
+    for fit in _comparable(signals):
+        value, error = fit.offset
+        if abs(value) < max(_LEVEL * fit.upper.rms, _CERTAIN * error):
+            continue
+        unit = fit.upper.channel.unit
+        message = (
+            f"has an offset of {value:.3g} +- {error:.1g} {unit}, while {fit.lower.name} has no drift: it acts "
+            "like a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
+        )
+        yield Alert("offset", fit.upper.name, message, abs(value) / fit.upper.rms, arguments=("offsets",))
+
+
+def drift(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of velocities and accelerations with a slow change, by the displacement or velocity beside them."""
+    for fit in _comparable(signals):
+        value, error = fit.trend
+        over = value * signals.record.duration
+        if abs(over) < _TREND * fit.upper.rms or abs(value) < _CERTAIN * error:
+            continue
+        message = (
+            f"drifts by {over:.3g} {fit.upper.channel.unit} over the record, as {fit.lower.name} shows: a drift acts like a "
+            "slow force, and biases stiffness; let the sensor warm up, subtract the trend, or use shorter pieces"
+        )
+        yield Alert(
+            "drift",
+            fit.upper.name,
+            message,
+            0.3 * abs(over) / fit.upper.rms,
+            arguments=("earliest", "latest"),
+        )
+
+
+def _accounts_for(earlier: KinematicFit, fit: KinematicFit) -> bool:
+    """Whether the channel between two others is off alone: what is above it agrees with what is below it."""
+    (first, first_error), (second, second_error) = earlier.gain, fit.gain
+    error = abs(first * second) * float(np.hypot(first_error / first, second_error / second))
+    return earlier.upper is fit.lower and abs(first * second - 1.0) < max(_GAIN, _CERTAIN * error)
+
+
+def _comparable(signals: RecordSignals) -> list[KinematicFit]:
+    return [fit for fit in signals.kinematics if fit.share > _EXPLAINED]
+
+
+_REST_CERTAIN = 8.0  # standard errors, by blocks of the rest
+_BLOCKS = 12
+_REST_LEVEL = 0.005  # of the root mean square
+_CHANGE = 0.02  # of the root mean square, over the record
+_LONG = 0.2  # of the record: a rest that shows a drift
+_SCATTER = 2.0  # times as much as white noise, of block means about the line: what has more still moves
+# standard errors between the slopes of both halves at most: a creep slows down, a drift does not
+_SLOPES_AGREE = 4.0
+
+
+def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of velocities and accelerations that are not zero while nothing moves; a mass may rest in a well."""
+    for signal in signals.responses:
+        rest = signals.rest_of(signal)
+        if rest is None or signal.channel.kind not in "va":
+            continue
+        value, error = _mean(signal.filled[rest])
+        if abs(value) < max(_REST_LEVEL * signal.rms, _REST_CERTAIN * error):
+            continue
+        message = (
+            f"is {value:.3g} +- {error:.1g} {signal.channel.unit} while nothing moves, {_when(signal, rest)}: it acts like "
+            "a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
+        )
+        yield Alert("offset", signal.name, message, abs(value) / signal.rms, arguments=("offsets",))
+
+
+def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of responses that change steadily while nothing moves."""
+    for signal in signals.responses:
+        rest = signals.rest_of(signal)
+        if rest is None or rest.stop - rest.start < _LONG * len(signal.values):
+            continue
+        piece = signal.filled[rest]
+        slope, error = _slope(piece)
+        halves = [_slope(half) for half in np.array_split(piece, 2)]
+        apart = abs(halves[0][0] - halves[1][0])
+        allowed = _SLOPES_AGREE * np.hypot(halves[0][1], halves[1][1])
+        over = slope * len(signal.values)
+        if not _is_line(piece, slope):
+            continue
+        if abs(slope) < _REST_CERTAIN * error or abs(over) < _CHANGE * signal.rms or apart > allowed:
+            continue
+        message = (
+            f"drifts by {slope * signal.rate:.3g} {signal.channel.unit}/s while nothing moves, {_when(signal, rest)}: by "
+            f"{over:.3g} {signal.channel.unit} over the record: it acts like a slow force, and biases stiffness; let the "
+            "sensor warm up, subtract the trend, or use shorter pieces"
+        )
+        yield Alert(
+            "drift",
+            signal.name,
+            message,
+            0.3 * abs(over) / signal.rms,
+            arguments=("drifts", "earliest", "latest"),
+        )
+
+
+def _when(signal: ChannelSignal, rest: slice) -> str:
+    ends = [signal.start + sample / signal.rate for sample in (rest.start, rest.stop - 1)]
+    return f"from {ends[0]:.4g} to {ends[1]:.4g} s"
+
+
+def _mean(values: Floats) -> tuple[float, float]:
+    """Mean and its standard error, from blocks, so that noise need not be white."""
+    means = np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
+    return float(values.mean()), float(means.std(ddof=1) / _BLOCKS**0.5)
+
+
+def _slope(values: Floats) -> tuple[float, float]:
+    """Slope per sample and its standard error, from block means about the line."""
+    middles = np.array(
+        [block.mean() for block in np.array_split(np.arange(len(values), dtype=float), _BLOCKS)]
+    )
+    means = np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
+    centred = middles - middles.mean()
+    slope = float(centred @ means / (centred @ centred))
+    left = means - means.mean() - slope * centred
+    return slope, float(np.sqrt(left @ left / (_BLOCKS - 2) / (centred @ centred)))
+
+
+def _is_line(values: Floats, slope: float) -> bool:
+    """Whether block means scatter about the line as noise of the samples does."""
+    left = values - values.mean() - slope * (np.arange(len(values)) - 0.5 * (len(values) - 1))
+    means = np.array([block.mean() for block in np.array_split(left, _BLOCKS)])
+    return bool(means.std() < _SCATTER * left.std() * (_BLOCKS / len(values)) ** 0.5)

@@ -1,0 +1,402 @@
+"""A host of a structure file: modes in place or in a CSV file, or matrices of a finite-element model in other files.
+
+A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } }`; a shape may be known to within,
+`{ start = 0.62, sigma = 0.02 }`. `frequency_sigma`, `damping_sigma` and `shape_sigma`, such as "2 %", are for all modes. A CSV
+file has the columns frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are reduced to `keep`
+modes and residual attachment modes when the file is read. A point that turns is in rad, `units = { tip_r = "rad" }`; a column
+`tip_r[rad]` of a CSV file and a direction such as 21ry of other files say so themselves.
+
+Damping between modes is given by `damping`, in N s/m at unit modal mass: `[ { modes = [1, 2], damping = 0.3 } ]`, each a
+number, "unknown" or known to within, or the whole matrix `[[0.65, 0.3], [0.3, 0.9]]`, whose diagonal stands for the ratios.
+
+Modes of a modal test from a universal file: its data sets of type 55, one for each real normal mode.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from linkwise.argument_types import checked
+from linkwise.errors import LinkwiseError, StructureError
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host, HostMode, Pair, entries_of
+from linkwise.model.link_file import coefficient_of, decode, read_toml_text
+from linkwise.model.matrices import read_host_matrices
+from linkwise.model.rotations import turns_throughout, with_units
+from linkwise.units import to_si
+
+_DATA_AT_NODES, _NORMAL_MODE = 55, 2
+_DIRECTIONS = {"r1": "x", "r2": "y", "r3": "z", "r4": "rx", "r5": "ry", "r6": "rz"}
+
+
+def modes_of_uff(path: str | Path) -> tuple[HostMode, ...]:
+    """Modes from a universal file; points are named by node and direction, such as "12z".
+
+    Raises StructureError for a file without real normal modes, or modes without a modal mass.
+    """
+    source = str(path)
+    try:
+        pyuff = import_module("pyuff")
+    except ImportError:
+        raise StructureError(
+            "reading modes from universal files needs the library pyuff: install linkwise[files]", source
+        ) from None
+    if not Path(path).is_file():
+        raise StructureError("there is no such file", source)
+    try:
+        sets = pyuff.UFF(source).read_sets()
+    except Exception as error:  # the library raises all kinds of errors on a damaged file
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise StructureError(f"cannot be read as a universal file: {reason[:200]}", source) from None
+    data_sets = [
+        data_set
+        for data_set in (sets if isinstance(sets, list) else [sets])
+        if data_set.get("type") == _DATA_AT_NODES
+    ]
+    normal = [data_set for data_set in data_sets if data_set.get("analysis_type") == _NORMAL_MODE]
+    if not normal:
+        problem = "holds no real normal modes, only other data at nodes" if data_sets else "holds no modes"
+        raise StructureError(
+            f"{problem}; write those of the test as normal modes (data set 55, analysis type 2)", source
+        )
+    moving = [
+        (key, name)
+        for key, name in _DIRECTIONS.items()
+        if any(np.any(np.asarray(data_set.get(key, 0.0)) != 0.0) for data_set in normal)
+    ]
+    return tuple(
+        _mode(data_set, moving, f"{source}, mode {number}") for number, data_set in enumerate(normal, start=1)
+    )
+
+
+def _mode(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> HostMode:
+    mass = float(data.get("modal_m", 0.0))
+    if not mass > 0.0:
+        raise StructureError(
+            f"has the modal mass {mass:g}, which does not scale its shape; it must be positive", where
+        )
+    nodes = [int(node) for node in np.atleast_1d(data["node_nums"])]
+    shape = {
+        f"{node}{name}": float(value) / np.sqrt(mass)
+        for key, name in moving
+        for node, value in zip(
+            nodes, np.atleast_1d(np.real(data.get(key, np.zeros(len(nodes))))), strict=True
+        )
+    }
+    rotations = [point for point in shape if turns_throughout(point)]
+    try:
+        return HostMode(float(data["freq"]), float(data["modal_damp_vis"]), shape, rotations=rotations)
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+
+
+_FREQUENCY, _DAMPING = "frequency", "damping"
+_MODES = 10  # modes of matrices, where the file does not say how many
+
+
+_OF_MATRICES = ("keep", "modal_damping", "rayleigh", "residual")
+
+
+class HostTable(msgspec.Struct, forbid_unknown_fields=True):
+    """A host as written: `modes`, a list of tables or the name of a file of modes; or `matrices` with `points` and options."""
+
+    name: str
+    modes: list[Any] | str | None = None
+    matrices: dict[str, str] | None = None
+    points: dict[str, int | str] = {}
+    keep: int | None = None
+    modal_damping: float | None = None
+    rayleigh: tuple[float, float] | None = None
+    residual: bool | None = None
+    frequency_sigma: str | None = None
+    damping_sigma: str | None = None
+    shape_sigma: str | None = None
+    damping: list[Any] | None = None
+    units: dict[str, str] = {}
+
+
+class _DampingTable(msgspec.Struct, forbid_unknown_fields=True):
+    modes: tuple[int, int]
+    damping: float | str | dict[str, Any]
+
+
+class _ModeTable(msgspec.Struct, forbid_unknown_fields=True):
+    frequency: float | str | dict[str, Any]
+    shape: dict[str, float | dict[str, Any]]
+    damping: float | str | dict[str, Any] = 0.0
+
+
+def host_of(entry: HostTable, index: int, source: str) -> Host:
+    """The host of entry `index` of the file `source`. Raises StructureError with the place of what is wrong."""
+    path = f"host[{index}]"
+    where = f'{source}, {path} "{entry.name}"'
+    if (entry.modes is None) == (entry.matrices is None):
+        raise StructureError("a host has either modes or matrices", where)
+    if entry.modes is not None and entry.points:
+        raise StructureError("points belong to matrices; modes have a shape at every point", where)
+    if entry.modes is None and entry.damping is not None:
+        raise StructureError(
+            'damping belongs to modes; a damping matrix is named in matrices, such as damping = "beam.mat:C"',
+            where,
+        )
+    for key in _OF_MATRICES if entry.modes is not None else ():
+        if getattr(entry, key) is not None:
+            raise StructureError(f"{key} belongs to matrices; modes are taken as they are", where)
+    host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
+    parts = {
+        quantity: part_of(getattr(entry, f"{quantity}_sigma"), f"{source}, {path}.{quantity}_sigma")
+        for quantity in ("frequency", "damping", "shape")
+    }
+    try:
+        return with_units(host, entry.units, entry.points).known_to_within(**parts)
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+
+
+def part_of(text: str | None, where: str = "") -> float:
+    """A part such as "2 %" as a number; 0 for None. Raises StructureError with the place `where`."""
+    if text is None:
+        return 0.0
+    try:
+        number, percent, rest = text.partition("%")
+        if not percent or rest.strip():
+            raise ValueError
+        return 0.01 * float(number)
+    except ValueError:
+        raise StructureError(f'expected a percentage, such as "2 %", got {text!r}', where) from None
+
+
+def _of_modes(entry: HostTable, source: str, path: str) -> Host:
+    where = f'{source}, {path} "{entry.name}"'
+    if isinstance(entry.modes, str):
+        modes = read_modes(Path(source).parent / entry.modes)
+    else:
+        modes = tuple(
+            _mode_of_table(given, source, f"{path}.modes[{number}]")
+            for number, given in enumerate(entry.modes or ())
+        )
+    if entry.damping and all(isinstance(row, list) for row in entry.damping):
+        return _damped_by_matrix(entry.name, modes, entry.damping, where)
+    given = [
+        _damping_entry(table, source, f"{path}.damping[{number}]")
+        for number, table in enumerate(entry.damping or ())
+    ]
+    entries = dict(given)
+    try:
+        if len(entries) < len(given):
+            raise StructureError("the damping between two modes is given twice")
+        return Host(entry.name, modes, damping=entries)
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+
+
+def _damping_entry(given: object, source: str, path: str) -> tuple[Pair, Coefficient]:
+    table = decode(given, _DampingTable, source, path, StructureError)
+    return table.modes, coefficient_of(table.damping, "N s/m", source, f"{path}.damping")
+
+
+def _damped_by_matrix(name: str, modes: tuple[HostMode, ...], rows: list[Any], where: str) -> Host:
+    """A host with a whole modal damping matrix, from its rows; the diagonal as damping ratios of modes that vibrate."""
+    count = len(modes)
+    numbers = [entry for row in rows for entry in row if type(entry) in (int, float)]
+    if len(numbers) != count * count or any(len(row) != count for row in rows):
+        raise StructureError(
+            f"damping must be a matrix of {count} rows of {count} numbers, one for each mode, or a list of tables such as "
+            "{ modes = [1, 2], damping = 0.3 }",
+            where,
+        )
+    entries = entries_of(np.array(rows, dtype=float), where)
+    damped = []
+    for number, mode in enumerate(modes, start=1):
+        own = entries.get((number, number), 0.0)
+        if own and (mode.damping.value or not mode.damping.known):
+            raise StructureError(
+                f"mode {number} has a damping of its own and one on the diagonal of the damping matrix; give one",
+                where,
+            )
+        if own and mode.frequency.value:
+            del entries[number, number]
+            mode = replace(mode, damping=Coefficient.number(own / (4.0 * math.pi * mode.frequency.value)))
+        damped.append(mode)
+    return Host(
+        name, tuple(damped), damping={pair: Coefficient.number(entry) for pair, entry in entries.items()}
+    )
+
+
+def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
+    matrices = entry.matrices or {}
+    if not {"mass", "stiffness"} <= set(matrices) <= {"mass", "stiffness", "damping"}:
+        raise StructureError(
+            'matrices need the keys mass and stiffness, such as { mass = "beam.mat:M", stiffness = "beam.mat:K" }, and may '
+            f"have damping; got {', '.join(matrices) or 'none'}",
+            where,
+        )
+    read = read_host_matrices(**matrices, folder=Path(source).parent)
+    try:
+        reduced = read.reduce(
+            entry.name,
+            entry.points,
+            keep=_MODES if entry.keep is None else entry.keep,
+            modal_damping=entry.modal_damping or 0.0,
+            rayleigh=entry.rayleigh,
+            residual=entry.residual is not False,
+        )
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+    return replace(reduced.host, notes=reduced.notes)
+
+
+def _mode_of_table(given: object, source: str, path: str) -> HostMode:
+    table = decode(given, _ModeTable, source, path, StructureError)
+    stated = table.frequency.values() if isinstance(table.frequency, dict) else (table.frequency,)
+    for text in (
+        value for value in stated if isinstance(value, str) and value != "unknown" and "%" not in value
+    ):
+        _require_frequency(text.lstrip("+-0123456789.eE ") or "Hz", f"{source}, {path}.frequency")
+    frequency = coefficient_of(table.frequency, "Hz", source, f"{path}.frequency")
+    damping = coefficient_of(table.damping, "", source, f"{path}.damping")
+    shape = {
+        point: coefficient_of(value, "", source, f"{path}.shape.{point}")
+        for point, value in table.shape.items()
+    }
+    for point, value in shape.items():
+        if value.value is None or (value.lower, value.upper) != (-math.inf, math.inf):
+            raise StructureError(
+                "expected a number, or a table of start and sigma", f"{source}, {path}.shape.{point}"
+            )
+    try:
+        starts = {point: float(value.value or 0.0) for point, value in shape.items()}
+        return HostMode(frequency, damping, starts).with_shape(shape)
+    except StructureError as error:
+        raise StructureError(error.message, f"{source}, {path}") from None
+
+
+@checked
+def read_modes(path: str | Path) -> tuple[HostMode, ...]:
+    """Read the modes of a host from a CSV or a universal file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A CSV file with the columns ``frequency[Hz]``, ``damping`` (0 without it) and one for the shape at each point, in
+        1/sqrt(kg), ``tip_r[rad]`` for a rotation in rad/(m sqrt(kg)),
+        separated by commas, or by semicolons or tabs, where numbers may have decimal commas; or a universal file
+        (.uff, .unv) with data sets of type 55 in SI units, whose points are named by node and direction, such as ``"12z"``.
+
+    Returns
+    -------
+    tuple of HostMode
+        The modes.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read, or is no such table; the error names the file and the line.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "wing.csv"
+    ...     _ = path.write_text("frequency[Hz],damping,tip\\n5.2,0.01,1.0\\n")
+    ...     lw.read_modes(path)[0].frequency.value
+    5.2
+    """
+    source = str(path)
+    if Path(path).suffix.lower() in (".uff", ".unv"):
+        return modes_of_uff(path)
+    text = read_toml_text(path, StructureError)
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    delimiter = next((mark for mark in ";\t" if mark in first), ",")  # names of points have neither
+    try:
+        lines = list(csv.reader(text.splitlines(), delimiter=delimiter))
+    except csv.Error as error:
+        raise StructureError(f"cannot be read as a CSV file: {error}", source) from None
+    rows = [(number, cells) for number, cells in enumerate(lines, start=1) if any(c.strip() for c in cells)]
+    if len(rows) < 2:
+        raise StructureError(
+            "expected a line of column names, frequency[Hz], damping and the points, and a line for each mode",
+            source,
+        )
+    (_, header), *modes = rows
+    names, units = _columns([name.strip() for name in header], source)
+    if delimiter != ",":  # numbers may have decimal commas
+        modes = [(number, [cell.replace(",", ".") for cell in cells]) for number, cells in modes]
+    return tuple(_mode_of_line(names, units, cells, f"{source}, line {number}") for number, cells in modes)
+
+
+def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]:
+    """The columns, and the units that their names state."""
+    where, names, units = f"{source}, line 1", [], {}
+    for name in header:
+        plain, bracket, bracketed = name.partition("[")
+        key = plain.strip().lower() if plain.strip().lower() in (_FREQUENCY, _DAMPING) else plain.strip()
+        names.append(key)
+        if bracket:
+            units[key] = bracketed.rstrip("] ")
+    repeated = next((name for number, name in enumerate(names) if name in names[:number]), None)
+    if _FREQUENCY not in names or repeated is not None or "" in names:
+        problem = f"the column {repeated} is listed twice" if repeated else "there is no column frequency[Hz]"
+        problem = "a column has no name" if "" in names else problem
+        if _FREQUENCY not in names and any(name.startswith("force:") for name in names):
+            problem += (
+                ", and this is the record of a test: identify its modes, by `structure host` with modes auto"
+            )
+        raise StructureError(f"{problem}; the columns are {', '.join(names)}", where)
+    _require_frequency(units.get(_FREQUENCY, "Hz"), where)
+    for key, unit in units.items():
+        allowed = {_DAMPING: ("", "1", "%")}.get(key, (*_OF_SHAPES, *_OF_ROTATIONS))
+        if key != _FREQUENCY and unit.replace(" ", "") not in allowed:
+            raise StructureError(
+                f"the unit of {key} must be {' or '.join(filter(None, allowed))}, got {unit!r}", where
+            )
+    return names, units
+
+
+_OF_SHAPES = ("1/sqrt(kg)", "kg^-0.5", "kg**-0.5", "1/kg^0.5")
+_OF_ROTATIONS = ("rad", "rad/(msqrt(kg))", "rad/(m*sqrt(kg))", "rad/m/sqrt(kg)")
+
+
+def _require_frequency(unit: str, where: str) -> None:
+    """Raise StructureError unless a unit is one of cycles per time, for which an angle must not be taken."""
+    if any(word in unit.lower() for word in ("rad", "deg", "rpm", "rev", "turn")):
+        raise StructureError(
+            f"a frequency is given in Hz, not in {unit}: divide rad/s by 2 pi, and rpm by 60", where
+        )
+    try:
+        to_si(f"1 {unit}", "Hz")
+    except LinkwiseError:
+        raise StructureError(
+            f"unit of the frequency: expected Hz or what converts to it, such as kHz, got {unit}", where
+        ) from None
+
+
+def _mode_of_line(names: list[str], units: dict[str, str], cells: list[str], where: str) -> HostMode:
+    if len(cells) != len(names):
+        raise StructureError(f"expected {len(names)} cells, as in the first line, got {len(cells)}", where)
+    numbers = {}
+    for name, cell in zip(names, cells, strict=True):
+        try:
+            numbers[name] = float(cell)
+        except ValueError:
+            raise StructureError(
+                f"expected a number in the column {name}, got {cell.strip()!r}", where
+            ) from None
+    frequency, damping = numbers.pop(_FREQUENCY), numbers.pop(_DAMPING, 0.0)
+    try:
+        in_hertz = float(to_si(f"{frequency!r} {units.get(_FREQUENCY, 'Hz')}", "Hz"))
+        damping *= 0.01 if units.get(_DAMPING) == "%" else 1.0
+        rotations = [name for name in numbers if units.get(name, "").replace(" ", "") in _OF_ROTATIONS]
+        return HostMode(in_hertz, damping, numbers, rotations=rotations)
+    except LinkwiseError as error:
+        raise StructureError(str(error), where) from None

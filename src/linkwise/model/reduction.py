@@ -1,0 +1,452 @@
+"""Hosts from matrices of a finite-element model: the lowest modes, and the flexibility of the others at the points.
+
+Modes that are left out still give way under a force at a point: by K^-1 less the sum of phi phi'/w^2 over those kept. The
+residual attachment modes have this flexibility: what is left of the static response to a unit force at each point, made modes
+by the eigenvalues of the matrices in their span. Without them a link would be felt too stiff by a point that is too stiff.
+
+References
+----------
+R. H. MacNeal, Comput. Struct. 1, 581 (1971); S. Rubin, AIAA J. 13, 995 (1975).
+
+A host from matrices, with what their reduction leaves out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import scipy
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Floats
+from linkwise.errors import StructureError
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host, HostMode, Pair
+
+
+@dataclass(frozen=True, eq=False)
+class HostReduction:
+    """A host from matrices, and what the reduction leaves out.
+
+    Attributes
+    ----------
+    host : Host
+        The kept modes and the residual attachment modes.
+    kept : int
+        The number of modes that are natural modes of the matrices.
+    band : float
+        Frequency in Hz at which `error` is computed: half that of the first mode that was left out, or up to a tenth less
+        where a kept mode is in resonance.
+    error : float
+        Relative error of the receptances between the points there, by their Frobenius norm; less at lower frequencies, but
+        for antiresonances.
+    damping_coupling : float
+        Largest motion of one mode, as a part of that of another at resonance, that a damping matrix causes which is not
+        diagonal in the modes [1]_; infinite between modes of one frequency. Pairs of modes with more than 0.1 % are in the
+        `damping` of the host.
+    total_mass : float or None
+        Mass in kg of the model, where its degrees of freedom are named.
+    massless : int
+        Degrees of freedom without mass, which follow the others statically.
+
+    References
+    ----------
+    .. [1] T. K. Hasselman, AIAA J. 14, 1627 (1976).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> from scipy.sparse import csc_array
+    >>> stiffness = csc_array(1e4 * (2.0 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)))
+    >>> reduced = lw.reduce_host("rod", csc_array(0.1 * np.eye(9)), stiffness, {"mid": 5}, keep=2)
+    >>> round(reduced.band, 1)
+    22.8
+    """
+
+    host: Host
+    kept: int
+    band: float
+    error: float
+    damping_coupling: float = 0.0
+    total_mass: float | None = None
+    massless: int = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know before the host is used: what was left out, and what may be wrong with the matrices."""
+        notes = [
+            f"{self.kept} modes and {len(self.host.modes) - self.kept} residual ones; at {self.band:.4g} Hz the receptances "
+            f"at the points are off by {100.0 * self.error:.2g} %"
+        ]
+        pairs = sum(first != second for first, second in self.host.damping)
+        if pairs:
+            notes.append(
+                f"the damping matrix couples {pairs} {'pair' if pairs == 1 else 'pairs'} of modes, one of which moves by "
+                f"up to {100.0 * self.damping_coupling:.3g} % of the other at resonance"
+            )
+        free = sum(mode.frequency.value == 0.0 for mode in self.host.modes)
+        if free:
+            notes.append(
+                f"{free} {'mode is' if free == 1 else 'modes are'} at 0 Hz: the model is free to move; if the structure is "
+                "not, take matrices with its boundary conditions"
+            )
+        if self.massless:
+            notes.append(
+                f"{self.massless} degrees of freedom have no mass and follow the others statically; if they should have mass, "
+                "the mass matrix is not complete"
+            )
+        if self.total_mass is not None:
+            notes.append(f"the model weighs {self.total_mass:.4g} kg, its matrices being taken in SI units")
+        return tuple(notes)
+
+
+_DENSE = 400  # degrees of freedom up to which all eigenvalues are computed
+_ROUNDING = 100.0 * float(
+    np.finfo(float).eps
+)  # of the largest stiffness over mass: a square of a frequency below is 0
+# of the first elastic square of a frequency: makes the static response of a free structure finite
+_SOFT = 1e-3
+_SHIFT = 1e-8  # of the mean stiffness over mass: makes the stiffness of a free structure regular
+# 1/s^2, the largest stiffness over mass of a degree of freedom: any real structure moves faster
+_SLOWEST = 1e-2
+_ROUNDED = 1e-9  # of the largest modal damping: none
+_COUPLED = 1e-3  # of the motion of one mode at resonance: of another that damping between both gives, below which it is none
+_RESIDUAL = 1e-10  # of the largest: residual flexibility that is none
+_NEAR = 0.01  # of a frequency: a mode so close to that of the error is in resonance there
+_BELOW = np.linspace(0.99, 0.9, 10)  # frequencies that are tried then
+
+Matrix: TypeAlias = scipy.sparse.sparray | scipy.sparse.spmatrix
+
+
+@checked
+def reduce_host(
+    name: str,
+    mass: Matrix,
+    stiffness: Matrix,
+    points: Mapping[str, int],
+    *,
+    keep: int = 10,
+    modal_damping: float = 0.0,
+    rayleigh: tuple[float, float] | None = None,
+    residual: bool = True,
+) -> HostReduction:
+    """Reduce the matrices of a finite-element model to a host.
+
+    Parameters
+    ----------
+    name : str
+        Name of the host.
+    mass, stiffness : sparse array or sparse matrix of shape (n, n)
+        The matrices in SI units, in any sparse format, constrained as the structure is; symmetric, the mass positive
+        semidefinite: a degree of freedom may be without mass.
+    points : mapping of str to int
+        Row of the matrices for each point, counted from 1.
+    keep : int, optional
+        Number of the lowest modes that are kept, at most.
+    modal_damping : float, optional
+        Damping of every mode as a part of the critical one.
+    rayleigh : tuple of float, optional
+        Factors a in 1/s and b in s of a damping matrix a M + b K, instead.
+    residual : bool, optional
+        Whether residual attachment modes stand for the modes that are left out.
+
+    Returns
+    -------
+    HostReduction
+        The host and the error of the reduction.
+
+    Raises
+    ------
+    StructureError
+        If a matrix is not square or holds other than finite real numbers, a point is no row, the matrices differ in size or
+        are not symmetric, or there are not so many modes.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> from scipy.sparse import csc_array, diags_array
+    >>> stiffness = csc_array(1e4 * diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(30, 30)))
+    >>> reduced = lw.reduce_host("rod", csc_array(0.1 * np.eye(30)), stiffness, {"mid": 15}, keep=4)
+    >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
+    (4, 5, True)
+    """
+    damping = proportional_damping(modal_damping, rayleigh)
+    return reduce_matrices(
+        name,
+        mass,
+        stiffness,
+        {point: {row: 1.0} for point, row in points.items()},
+        keep=keep,
+        damping=modal_damping if damping is None else damping,
+        residual=residual,
+    )
+
+
+def reduce_matrices(
+    name: str,
+    mass: Matrix,
+    stiffness: Matrix,
+    points: Mapping[str, Mapping[int, float]],
+    *,
+    keep: int,
+    damping: float | tuple[float, float] | Matrix,
+    residual: bool,
+) -> HostReduction:
+    """The same with `points` by the weights of rows, counted from 1, and `damping` as the ratio of every mode, factors of a
+    matrix a M + b K, or a damping matrix (n, n).
+    """
+    mass, stiffness = _real_square("mass", mass), _real_square("stiffness", stiffness)
+    of_damping = None if isinstance(damping, (int, float, tuple)) else _real_square("damping", damping)
+    at_points = _checked(mass, stiffness, of_damping, points, keep)
+    massless = int(np.count_nonzero(mass.diagonal() == 0.0))
+    keep = min(keep, max(mass.shape[0] - massless - 1, 1))
+    squares, shapes = _lowest(mass, stiffness, keep)
+    following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
+    squares, shapes = squares[:keep], shapes[:, :keep]
+    retained = len(squares)
+    if residual:
+        more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
+        squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
+    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    coupling, between = 0.0, dict[Pair, Coefficient]()
+    if of_damping is not None:
+        zeta, coupling, between = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
+    elif isinstance(damping, tuple):
+        zeta = _rayleigh_ratios(frequencies, damping)
+    else:
+        zeta = np.full(len(frequencies), damping)
+    local = at_points.T @ shapes
+    modes = tuple(
+        HostMode(
+            float(frequency),
+            float(ratio),
+            {point: float(value) for point, value in zip(points, column, strict=True)},
+        )
+        for frequency, ratio, column in zip(frequencies, zeta, local.T, strict=True)
+    )
+    square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
+    exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
+    approximate = (local / (squares - square)) @ local.T
+    error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
+    band = float(np.sqrt(square) / (2.0 * np.pi))
+    host = Host(name, modes, damping=between)
+    return HostReduction(host, retained, band, error, coupling, massless=massless)
+
+
+def _apart(omega: float, modes: Floats) -> float:
+    """The angular frequency `omega`, or one somewhat below it that is farther from all `modes` (k,) in resonance."""
+    trials = omega * np.append(1.0, _BELOW)
+    distances = np.abs(trials[:, None] / modes[modes > 0.0] - 1.0).min(axis=1, initial=np.inf)
+    return float(trials[0 if distances[0] > _NEAR else np.argmax(distances)])
+
+
+def proportional_damping(
+    modal_damping: float, rayleigh: tuple[float, float] | None
+) -> float | tuple[float, float] | None:
+    """The one of both that is given, or None; StructureError where both are."""
+    if rayleigh is not None and modal_damping:
+        raise StructureError("give modal damping or Rayleigh damping, not both")
+    return rayleigh if rayleigh is not None else modal_damping or None
+
+
+def _real_square(quantity: str, matrix: Matrix) -> scipy.sparse.csc_array:
+    """The matrix in double precision, by columns; StructureError unless it is square, of finite real numbers."""
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise StructureError(f"the {quantity} matrix must be square, got the shape {matrix.shape}")
+    if matrix.dtype.kind not in "fiu":
+        raise StructureError(
+            f"the {quantity} matrix holds {matrix.dtype} values, not real numbers; damping is given by a matrix of its "
+            "own, modal_damping or rayleigh"
+        )
+    by_columns = scipy.sparse.csc_array(matrix, dtype=float)
+    if not np.isfinite(by_columns.data).all():
+        raise StructureError(f"the {quantity} matrix holds values that are not finite")
+    return by_columns
+
+
+def _checked(
+    mass: scipy.sparse.csc_array,
+    stiffness: scipy.sparse.csc_array,
+    damping: scipy.sparse.csc_array | None,
+    points: Mapping[str, Mapping[int, float]],
+    keep: int,
+) -> Floats:
+    """(n, p) the points as combinations of rows; StructureError for what cannot be reduced."""
+    size = mass.shape[0]
+    others = {"stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
+    for quantity, matrix in others.items():
+        if mass.shape != matrix.shape:
+            raise StructureError(
+                f"the mass matrix has {size} rows and the {quantity} matrix {matrix.shape[0]}; they belong to different models"
+            )
+    if not points:
+        raise StructureError(
+            "a host needs at least one point: name a row of the matrices, such as tip = 1205"
+        )
+    at_points = np.zeros((size, len(points)))
+    for column, (point, weights) in enumerate(points.items()):
+        for row, weight in weights.items():
+            if not 1 <= row <= size:
+                raise StructureError(
+                    f'the point "{point}" is row {row}, but the matrices have rows 1 to {size}, counted from 1'
+                )
+            at_points[row - 1, column] = weight
+    if keep < 1:
+        raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
+    for quantity, matrix in {"mass": mass, **others}.items():
+        largest = float(np.abs(matrix.data).max(initial=0.0))
+        skew = scipy.sparse.coo_array(matrix - matrix.T)
+        if float(np.abs(skew.data).max(initial=0.0)) > 1e-6 * largest:
+            worst = int(np.argmax(np.abs(skew.data)))
+            row, column = (int(places[worst]) for places in skew.coords)
+            raise StructureError(
+                f"the {quantity} matrix is not symmetric: row {row + 1} and column {column + 1} hold "
+                f"{matrix[row, column]:.6g}, row {column + 1} and column {row + 1} {matrix[column, row]:.6g}; a host is a "
+                "linear structure that conserves energy. If the file has one triangle only, add the other"
+            )
+    _require_plausible(mass, stiffness)
+    return at_points
+
+
+def _require_plausible(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> None:
+    """Raise StructureError for matrices that may have been taken for each other."""
+    of_mass, of_stiffness = mass.diagonal(), stiffness.diagonal()
+    if (of_mass < 0.0).any() or not of_mass.any():
+        raise StructureError(
+            "the mass matrix must be positive semidefinite, and has a negative mass or none: check that mass and stiffness "
+            "are not swapped"
+        )
+    loose = np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))
+    if len(loose):
+        raise StructureError(
+            f"row {loose[0] + 1} of the matrices has neither mass nor stiffness: leave this degree of freedom out, or "
+            "constrain it"
+        )
+    fastest = _fastest(mass, stiffness)
+    if 0.0 < fastest < _SLOWEST:
+        raise StructureError(
+            f"with these matrices nothing moves faster than about {np.sqrt(fastest) / (2.0 * np.pi):.2g} Hz: mass and "
+            "stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one system"
+        )
+
+
+def _fastest(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> float:
+    """The largest stiffness over mass of a degree of freedom with mass."""
+    of_mass = mass.diagonal()
+    return float(np.max(stiffness.diagonal()[of_mass > 0.0] / of_mass[of_mass > 0.0]))
+
+
+def _lowest(
+    mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array, keep: int
+) -> tuple[Floats, Floats]:
+    """Squares (k,) of the angular frequencies of the lowest modes and one more, and mass-normalised shapes (n, k)."""
+    size, with_mass = mass.shape[0], int(np.count_nonzero(mass.diagonal()))
+    count = min(keep + 1, with_mass)
+    shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
+    try:
+        if size <= _DENSE and with_mass == size:
+            squares, shapes = scipy.linalg.eigh(
+                stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1)
+            )
+        elif size <= _DENSE:  # 1/(w^2 - shift) exists where the mass matrix is singular
+            inverses, shapes = scipy.linalg.eigh(
+                mass.toarray(), (stiffness - shift * mass).toarray(), subset_by_index=(size - count, size - 1)
+            )
+            squares = 1.0 / inverses + shift
+        else:
+            inverse = scipy.sparse.linalg.LinearOperator(mass.shape, _factor(stiffness - shift * mass).solve)
+            start = np.ones(mass.shape[0])  # eigsh draws one at random otherwise
+            squares, shapes = scipy.sparse.linalg.eigsh(
+                stiffness, count, mass, sigma=shift, which="LM", v0=start, OPinv=inverse
+            )
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise StructureError(
+            f"the modes of the matrices cannot be computed ({error}); the mass matrix must be positive definite, and "
+            "may be swapped with the stiffness"
+        ) from None
+    order = np.argsort(squares)
+    squares, shapes = squares[order], shapes[:, order]
+    rounding = _ROUNDING * _fastest(mass, stiffness)
+    squares = np.where(np.abs(squares) < rounding, 0.0, squares)
+    if (squares < 0.0).any():
+        raise StructureError(
+            "the stiffness matrix has negative eigenvalues: the structure it describes is not stable"
+        )
+    return squares, shapes / np.sqrt(np.einsum("ir,ir->r", shapes, mass @ shapes))
+
+
+def _factor(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
+    """LU factors of a symmetric matrix, ordered and pivoted as one."""
+    try:
+        return scipy.sparse.linalg.splu(
+            scipy.sparse.csc_array(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.1,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        raise StructureError(
+            f"the matrices cannot be factorised ({error}); a degree of freedom is not constrained"
+        ) from None
+
+
+def _residual_modes(
+    mass: scipy.sparse.csc_array,
+    stiffness: scipy.sparse.csc_array,
+    squares: Floats,
+    shapes: Floats,
+    at_points: Floats,
+    following: float,
+) -> tuple[Floats, Floats]:
+    """Squares (p,) and shapes (n, p) of modes with the flexibility at the points that the kept modes lack."""
+    shift = 0.0
+    if (squares == 0.0).any():
+        shift = _SOFT * float(min(squares[squares > 0.0], default=following))
+    static = _factor(stiffness + shift * mass).solve(at_points)
+    static -= shapes @ ((shapes.T @ at_points) / (squares + shift)[:, None])
+    static -= shapes @ (shapes.T @ (mass @ static))  # rounding
+    of_mass, of_stiffness = static.T @ (mass @ static), static.T @ (stiffness @ static)
+    scale = np.sqrt(of_mass.diagonal())
+    scale[scale == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(of_mass / np.outer(scale, scale))
+    basis = (vectors / scale[:, None])[:, values > _RESIDUAL * values.max()]
+    reduced = scipy.linalg.eigh(basis.T @ of_stiffness @ basis, basis.T @ of_mass @ basis)
+    return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
+
+
+def _rayleigh_ratios(frequencies: Floats, factors: tuple[float, float]) -> Floats:
+    omega = 2.0 * np.pi * frequencies
+    if (omega == 0.0).any() and factors[0] != 0.0:
+        raise StructureError(
+            "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
+        )
+    return np.asarray(0.5 * (factors[0] / np.where(omega > 0.0, omega, 1.0) + factors[1] * omega))
+
+
+def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float, dict[Pair, Coefficient]]:
+    """Damping ratios (k,), the largest coupling, and the other entries of a damping matrix (k, k) of mass-normalised modes."""
+    omega, own = 2.0 * np.pi * frequencies, modal.diagonal()
+    largest = float(np.abs(modal).max(initial=0.0))
+    if (own < -_ROUNDED * largest).any():
+        raise StructureError("the damping matrix feeds energy into a mode: its sign may be wrong")
+    forces = np.abs(modal - np.diag(own)) * omega  # of the columns' modes at resonance, on those of the rows
+    apart = np.abs(np.subtract.outer(omega**2, omega**2))
+    coupled = forces > _ROUNDED * largest * omega.max(initial=0.0)
+    coupling = np.zeros_like(modal)
+    with np.errstate(divide="ignore"):
+        coupling[coupled] = forces[coupled] / apart[coupled]
+    rigid = omega == 0.0
+    both_rigid = np.outer(rigid, rigid) & (np.abs(modal) > _ROUNDED * largest)
+    kept_pairs = (np.maximum(coupling, coupling.T) > _COUPLED) | both_rigid
+    rows, columns = np.nonzero(np.triu(kept_pairs))
+    entries = {
+        (row + 1, column + 1): Coefficient.number(float(modal[row, column]))
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
+    }
+    ratios = np.maximum(own, 0.0) / (2.0 * np.where(rigid, np.inf, omega))
+    return np.asarray(ratios), float(coupling.max(initial=0.0)), entries

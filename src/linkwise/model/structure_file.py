@@ -1,0 +1,388 @@
+"""Structures as TOML files; a structure that is written and read back is the same to the last bit.
+
+A coefficient (or a mass) is a number, a string with a unit ("30 kN/m"), "unknown", a table of `start`, `lower`, `upper` for an
+unknown with start value and bounds, a table of `start` and `sigma` for one that is known to within a standard deviation, or
+"=link.coefficient" for a shared one. A state of a link is the text of its rate, or a
+table of `rate`, `initial` and `unit`. A mass with `unit = "rad"`, or in kg m^2, turns.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from linkwise.argument_types import checked
+from linkwise.errors import StructureError
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.host import Host
+from linkwise.model.host_file import HostTable, host_of
+from linkwise.model.law import as_link_states
+from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
+from linkwise.model.link_file import LinkTable, coefficient_of, decode, link_of, parse_toml, read_toml_text
+from linkwise.model.rotations import is_inertia, rotations_of
+from linkwise.model.structure import Structure
+from linkwise.output import atomic_file
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_ESCAPES = {'"': '\\"', "\\": "\\\\", "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
+
+
+class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    mass: float | str | dict[str, Any]
+    unit: str = ""
+
+
+class _StructureTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    mass: list[_MassTable] = []
+    link: list[LinkTable]
+    name: str = ""
+
+
+class _HostedTable(msgspec.Struct, forbid_unknown_fields=True):
+    """A structure with hosts, which needs neither masses nor links."""
+
+    host: list[HostTable]
+    mass: list[_MassTable] = []
+    link: list[LinkTable] = []
+    name: str = ""
+
+
+class _PartialTable(msgspec.Struct, forbid_unknown_fields=True):
+    mass: list[_MassTable]
+    link: list[LinkTable] = []
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class PartialStructure:
+    """The known part of a structure that is to be discovered; a mass need not have a link.
+
+    Attributes
+    ----------
+    masses : tuple of Mass
+        The masses.
+    links : tuple of Link
+        The links that are known to be there.
+    hosts : tuple of Host
+        The hosts.
+
+    See Also
+    --------
+    read_partial_structure : Read it from a file.
+    discover : Discover the rest.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.PartialStructure((lw.Mass("m1", 1.0),), ()).masses[0].name
+    'm1'
+    """
+
+    masses: tuple[Mass, ...]
+    links: tuple[Link, ...]
+    hosts: tuple[Host, ...] = ()
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Names of the points of hosts and of the masses: where links end and sensors sit."""
+        return (
+            *(point for host in self.hosts for point in host.points),
+            *(mass.name for mass in self.masses),
+        )
+
+
+@checked
+def read_structure(path: str | Path) -> Structure:
+    """Read a structure from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Structure
+        The structure in SI units.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read or is not valid; the error names the file and the line or key.
+
+    See Also
+    --------
+    write_structure : Write a structure to a file.
+    parse_structure : Read a structure from a text.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "chain.toml"
+    ...     lw.write_structure(lw.bnes_chain(2), path)
+    ...     lw.read_structure(path) == lw.bnes_chain(2)
+    True
+    """
+    return parse_structure(read_toml_text(path, StructureError), str(path))
+
+
+@checked
+def read_partial_structure(path: str | Path) -> PartialStructure:
+    """Read the known part of a structure that is to be discovered from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A structure file in which links may be missing.
+
+    Returns
+    -------
+    PartialStructure
+        Its masses, links and hosts.
+
+    Raises
+    ------
+    StructureError
+        As of `read_structure`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "masses.toml"
+    ...     _ = path.write_text('mass = [{ name = "m1", mass = "10 g" }]')
+    ...     lw.read_partial_structure(path).masses[0].mass.value
+    0.01
+    """
+    source = str(path)
+    tables = parse_toml(read_toml_text(path, StructureError), source, StructureError)
+    if "host" in tables:
+        hosted = decode(tables, _HostedTable, source, "", StructureError)
+        hosts = _hosts(hosted, source)
+        return PartialStructure(*_masses_and_links(hosted, source, hosts), hosts)
+    table = decode(tables, _PartialTable, source, "", StructureError)
+    return PartialStructure(*_masses_and_links(table, source))
+
+
+@checked
+def write_structure(structure: Structure, path: str | Path) -> None:
+    """Write a structure to a TOML file, from which `read_structure` reads the same structure.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    path : str or Path
+        The file; replaced if it exists.
+
+    Raises
+    ------
+    OutputError
+        If the path is a folder or a device.
+    OSError
+        If the file cannot be written.
+
+    See Also
+    --------
+    format_structure : The text that is written.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "chain.toml"
+    ...     lw.write_structure(lw.bnes_chain(2), path)
+    ...     path.read_text().splitlines()[0]
+    'name = "bistable chain of 2 masses"'
+    """
+    with atomic_file(Path(path)) as own:
+        own.write_text(format_structure(structure), encoding="utf-8", newline="\n")
+
+
+@checked
+def parse_structure(text: str, source: str = "structure") -> Structure:
+    """Read a structure from a TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The text of a structure file.
+    source : str, optional
+        Name of the text in error messages.
+
+    Returns
+    -------
+    Structure
+        The structure in SI units.
+
+    Raises
+    ------
+    StructureError
+        If the text is not valid; the error names the line or key.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> text = lw.format_structure(lw.bnes_chain(2))
+    >>> lw.parse_structure(text) == lw.bnes_chain(2)
+    True
+    """
+    tables = parse_toml(text, source, StructureError)
+    hosts: tuple[Host, ...] = ()
+    table: _StructureTable | _HostedTable
+    if "host" in tables:
+        table = decode(tables, _HostedTable, source, "", StructureError)
+        hosts = _hosts(table, source)
+    else:
+        table = decode(tables, _StructureTable, source, "", StructureError)
+    masses, links = _masses_and_links(table, source, hosts)
+    try:
+        return Structure(table.name, masses, links, hosts)
+    except StructureError as error:
+        raise StructureError(error.message, f"{source}, {error.where}" if error.where else source) from None
+
+
+def _hosts(table: _HostedTable, source: str) -> tuple[Host, ...]:
+    return tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
+
+
+def _masses_and_links(
+    table: _StructureTable | _HostedTable | _PartialTable, source: str, hosts: Collection[Host] = ()
+) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
+    masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
+    rotations = rotations_of(hosts, masses)
+    links = tuple(link_of(entry, index, source, rotations) for index, entry in enumerate(table.link))
+    return masses, links
+
+
+@checked
+def format_structure(structure: Structure) -> str:
+    """The TOML text of a structure.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    str
+        The text of its structure file.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> print(lw.format_structure(lw.bnes_chain(2)).splitlines()[0])
+    name = "bistable chain of 2 masses"
+    """
+    blocks = [f"name = {_string(structure.name)}\n"]
+    blocks += [_host_text(host, structure) for host in structure.hosts]
+    for mass in structure.masses:
+        if mass.name in structure.modes:
+            continue
+        unit = f"unit = {_string(mass.unit)}\n" if mass.unit != LENGTH else ""
+        blocks.append(f"[[mass]]\nname = {_string(mass.name)}\n{unit}mass = {_coefficient_text(mass.mass)}\n")
+    for link in structure.links:
+        if link.name in structure.modes:
+            continue
+        pairs = ", ".join(
+            f"{_key(name)} = {_coefficient_text(value)}" for name, value in link.coefficients.items()
+        )
+        ends = ", ".join(_string(end) for end in link.between)
+        blocks.append(
+            f"[[link]]\nname = {_string(link.name)}\nbetween = [{ends}]\n"
+            f"law = {_string(link.law.text)}\n{_states_text(link)}coefficients = {{ {pairs} }}\n"
+        )
+    return "\n".join(blocks)
+
+
+def _host_text(host: Host, structure: Structure) -> str:
+    """The table of a host, with the frequencies and damping that the structure has now."""
+    host = host.as_in(structure.link)
+    modes = []
+    for mode in host.modes:
+        shape = ", ".join(
+            f"{_key(point)} = {_coefficient_text(mode.shape_value(point))}" for point in mode.shape
+        )
+        modes.append(
+            f"    {{ frequency = {_coefficient_text(mode.frequency)}, damping = {_coefficient_text(mode.damping)}, "
+            f"shape = {{ {shape} }} }},\n"
+        )
+    damping = "".join(
+        f"    {{ modes = [{first}, {second}], damping = {_coefficient_text(entry)} }},\n"
+        for (first, second), entry in host.entries.items()
+    )
+    between = f"damping = [\n{damping}]\n" if damping else ""
+    rotations = ", ".join(
+        f'{_key(point)} = "rad"' for point in host.modes[0].shape if point in host.modes[0].rotations
+    )
+    between += f"units = {{ {rotations} }}\n" if rotations else ""
+    return f"[[host]]\nname = {_string(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
+
+
+def _mass(entry: _MassTable, index: int, source: str) -> Mass:
+    path = f"mass[{index}]"
+    where = f'{source}, {path} "{entry.name}"'
+    unit = entry.unit or (ANGLE if is_inertia(entry.mass) else LENGTH)
+    coefficient = coefficient_of(entry.mass, MASS_UNITS.get(unit, "?"), source, f"{path}.mass")
+    try:
+        return Mass(entry.name, coefficient, unit)
+    except StructureError as error:
+        raise StructureError(error.message, where) from None
+
+
+def _states_text(link: Link) -> str:
+    """The line of the states of a link; empty without memory."""
+    entries = []
+    for name, state in as_link_states(link.states).items():
+        fields = [f"rate = {_string(state.rate)}"]
+        if state.initial != 0.0:
+            fields.append(f"initial = {_string('unknown') if state.initial is None else repr(state.initial)}")
+        if state.unit:
+            fields.append(f"unit = {_string(state.unit)}")
+        text = _string(state.rate) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
+        entries.append(f"{_key(name)} = {text}")
+    return f"states = {{ {', '.join(entries)} }}\n" if entries else ""
+
+
+def _coefficient_text(coefficient: Coefficient) -> str:
+    if coefficient.same_as is not None:
+        return _string(f"={coefficient.same_as}")
+    if coefficient.known:
+        return repr(coefficient.value)
+    fields = {
+        "start": coefficient.value,
+        "lower": coefficient.lower if coefficient.lower > -math.inf else None,
+        "upper": coefficient.upper if coefficient.upper < math.inf else None,
+        "sigma": coefficient.sigma if coefficient.sigma < math.inf else None,
+    }
+    pairs = [f"{name} = {value!r}" for name, value in fields.items() if value is not None]
+    return f"{{ {', '.join(pairs)} }}" if pairs else '"unknown"'
+
+
+def _key(name: str) -> str:
+    return name if _BARE_KEY.fullmatch(name) else _string(name)
+
+
+def _string(text: str) -> str:
+    """A TOML basic string: quotes, backslashes and control characters are escaped."""
+    escaped = "".join(
+        _ESCAPES.get(character)
+        or (f"\\u{ord(character):04X}" if ord(character) < 32 or ord(character) == 127 else character)
+        for character in text
+    )
+    return f'"{escaped}"'

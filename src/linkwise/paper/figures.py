@@ -1,0 +1,256 @@
+"""Figures 2 to 5 of the paper: how the chains move, with their sinks and without.
+
+Figures 6 and 7 of the paper: the sink's force in the cycle whose error is the median of its cell.
+
+Figures 8 and 9 of the paper: error and computing time over the degrees of freedom, ours beside the paper's.
+
+What the figures of a study show, in sentences with figures that are worked out from the same motions.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from linkwise.absorption.comparison import without_sinks
+from linkwise.absorption.sinks import find_sinks
+from linkwise.model.chains import bnes_chain
+from linkwise.model.excitation import Excitation
+from linkwise.model.structure import Link
+from linkwise.paper.tables import (
+    DECIBELS,
+    DURATION,
+    INFORMED_NMSE,
+    INFORMED_SECONDS,
+    RATE,
+    TABLE_2,
+    PaperStudy,
+    start,
+)
+from linkwise.plot import displacements_figure, force_comparison_figure
+from linkwise.plot.studies import CurveStyle, PublishedValues, curve_styles, draw_curves
+from linkwise.plot.style import IDENTIFIED, MEASURED, SERIES, legend_below, sheet
+from linkwise.simulation.simulate import NEIGHBOURS, OrbitEnvelope, orbit_envelope
+from linkwise.study.definition import Study
+from linkwise.study.row import Row
+from linkwise.study.subject import Subject
+from linkwise.study.summary import StudyTable
+
+
+@lru_cache(maxsize=4)
+def chain_motion(masses: int, *, sinks: bool = True) -> OrbitEnvelope:
+    """The paper's run of the chain of so many masses, with its sinks or without the masses that they are."""
+    structure = bnes_chain(masses)
+    if not sinks:
+        drive = Excitation.of(release=start(masses))
+        structure = without_sinks(structure, find_sinks(structure), drive, "removed").structure
+    return orbit_envelope(structure, start(masses), duration=DURATION, rate=RATE)
+
+
+def figure_2() -> Figure:
+    """Responses of the chain of two masses."""
+    return displacements_figure(chain_motion(2), titles=("primary mass m1", "sink m2"))
+
+
+def figure_3() -> Figure:
+    """The primary mass of the chain of two with its sink and without."""
+    return displacements_figure(
+        chain_motion(2), without=chain_motion(2, sinks=False), titles=("primary mass m1",)
+    )
+
+
+def figure_4() -> Figure:
+    """Responses of the chain of eight masses: primary masses on the left, their sinks on the right."""
+    motion = chain_motion(8)
+    titles = [
+        f"primary mass {mass}" if number % 2 == 0 else f"sink {mass}"
+        for number, mass in enumerate(motion.masses)
+    ]
+    return displacements_figure(motion, columns=2, titles=titles)
+
+
+def figure_5() -> Figure:
+    """The primary masses of the chain of eight with their sinks and without."""
+    without = chain_motion(8, sinks=False)
+    titles = [f"primary mass {mass}" for mass in without.masses]
+    return displacements_figure(chain_motion(8), without=without, columns=2, titles=titles)
+
+
+_LEVELS = dict(zip(DECIBELS, (SERIES[2], SERIES[5], SERIES[1]), strict=True))
+
+
+def figure_6(study: Study, table: StudyTable, paper: PaperStudy, classical: str) -> Figure | None:
+    """The chain of two masses: a the force found at 20 dB by the method `classical`, b its error at 40, 30 and 20 dB.
+
+    The maximum likelihood at 20 dB stands beside it. None where the study has no such answer.
+    """
+    return _figure(study, table, paper, 2, classical, shown=DECIBELS[-1:])
+
+
+def figure_7(study: Study, table: StudyTable, paper: PaperStudy, classical: str) -> Figure | None:
+    """The same for the chain of eight masses; a shows all three noise levels."""
+    return _figure(study, table, paper, 8, classical, shown=DECIBELS)
+
+
+def _figure(
+    study: Study, table: StudyTable, paper: PaperStudy, masses: int, classical: str, shown: tuple[float, ...]
+) -> Figure | None:
+    subject_name = paper.named(masses)
+    rows = {level: _middle(table, subject_name, level, classical) for level in DECIBELS}
+    judged = next((row for level in reversed(DECIBELS) if (row := rows[level]) is not None), None)
+    if judged is None or subject_name is None:
+        return None
+    subject = study.subject(subject_name)
+    structure = subject.structure
+    link = _median_link(judged)  # one link for all curves: each has its own range of motion
+    forces: dict[str, Link] = {}
+    styles: dict[str, dict[str, Any]] = {}
+    errors: list[str] = []
+    for level, row in rows.items():
+        if row is not None:
+            name = f"SINDy, {level:g} dB"
+            forces[name] = structure.with_values(row.coefficients).link(link)
+            styles[name] = {"color": _LEVELS[level], "linestyle": (0, (4, 2))}
+            errors.append(f"{row.links[link]:.3g} % at {level:g} dB")
+    for method in paper.likelihood[:1]:
+        ours = _middle(table, subject_name, DECIBELS[-1], method)
+        if ours is not None:
+            name = f"{method}, {DECIBELS[-1]:g} dB"
+            forces[name] = structure.with_values(ours.coefficients).link(link)
+            styles[name] = {"color": IDENTIFIED}
+            errors.append(f"{method} {ours.links[link]:.3g} % at {DECIBELS[-1]:g} dB")
+    return force_comparison_figure(
+        structure.link(link),
+        forces,
+        _visited(subject, link),
+        styles=styles,
+        only_errors=[f"SINDy, {level:g} dB" for level in DECIBELS if level not in shown],
+        title=f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(errors)}",
+    )
+
+
+def _visited(subject: Subject, link: str) -> tuple[float, float]:
+    """The least and the greatest elongation of a link in m along the true motion."""
+    truth = subject.simulate().simulated
+    assert truth is not None  # of a simulation it is there
+    structure = subject.structure
+    d = structure.elongations(truth.displacement, truth.base)[:, structure.links.index(structure.link(link))]
+    return float(d.min()), float(d.max())
+
+
+def _median_link(row: Row) -> str:
+    """Of the judged links the one whose error comes closest to the row's."""
+    error = row.nmse or 0.0
+    return min(row.links, key=lambda link: abs(row.links[link] - error))
+
+
+def _middle(table: StudyTable, name: str | None, level: float, method: str) -> Row | None:
+    """The row that stands for a cell, None where none has coefficients."""
+    cell = None if name is None else table.cell(name, level, method)
+    row = None if cell is None else cell.median_row
+    return row if row is not None and row.coefficients else None
+
+
+def figure_8(table: StudyTable, paper: PaperStudy, classical: str | None = None) -> Figure:
+    """SINDy with all monomials: a to c the error at 40, 30 and 20 dB, d the time of one estimate at 20 dB.
+
+    The paper's values are those of Table 2; it prints no times for d. linkwise's own estimators stand beside them, and other
+    conventions than the one called `classical` behind them.
+    """
+    others = [method for method in paper.classical if method != classical]
+    drawn = {
+        **dict.fromkeys(others, CurveStyle("SINDy, other conventions", MEASURED, "", faint=True)),
+        **curve_styles([method for method in table.methods if method not in (*others, *paper.informed)]),
+    }
+    with sheet(2, 2, height=5.9) as (figure, panels):
+        for letter, axes, decibel in zip("abc", panels, DECIBELS, strict=False):
+            printed = {name: TABLE_2[masses, decibel] for name, masses in paper.masses.items()}
+            draw_curves(axes, table, decibel, "nmse", drawn, PublishedValues("paper, Table 2", printed))
+            axes.set_title(f"{letter}  {decibel:g} dB")
+        draw_curves(panels[3], table, DECIBELS[-1], "seconds", drawn)
+        panels[3].set_title(f"d  time of one estimate, {DECIBELS[-1]:g} dB")
+        legend_below(figure, *panels)
+    return figure
+
+
+def figure_9(table: StudyTable, paper: PaperStudy) -> Figure:
+    """Physics-informed SINDy at 20 dB: a the error, b the time, with linkwise's own estimators beside it."""
+    drawn = curve_styles([method for method in table.methods if method not in paper.classical])
+    level = DECIBELS[-1]
+    error = dict.fromkeys(paper.masses, INFORMED_NMSE)
+    seconds = {name: INFORMED_SECONDS[masses] for name, masses in paper.masses.items()}
+    with sheet(1, 2, height=3.3) as (figure, panels):
+        draw_curves(panels[0], table, level, "nmse", drawn, PublishedValues("paper, physics-informed", error))
+        panels[0].set_title(f"a  {level:g} dB")
+        draw_curves(
+            panels[1], table, level, "seconds", drawn, PublishedValues("paper, physics-informed", seconds)
+        )
+        panels[1].set_title(f"b  time of one estimate, {level:g} dB")
+        legend_below(figure, *panels)
+    return figure
+
+
+def motion_captions() -> dict[str, str]:
+    """Captions of Figures 2 to 5 by the names of their files."""
+    two, eight = chain_motion(2), chain_motion(8)
+    return {
+        "figure_2": _two_masses(two),
+        "figure_3": _compared(
+            two, chain_motion(2, sinks=False), "The paper: faster decay and smaller amplitudes."
+        ),
+        "figure_4": _many(eight),
+        "figure_5": _compared(
+            eight, chain_motion(8, sinks=False), 'The paper: "always lower than the linear" chain.'
+        ),
+    }
+
+
+def _two_masses(motion: OrbitEnvelope) -> str:
+    d = motion.record.channel("x:m2") - motion.record.channel("x:m1")
+    crossings = motion.record.time[1:][np.diff(np.sign(d)) != 0]
+    return (
+        f"The sink crosses between its wells until {crossings[-1]:.2f} s and comes to rest at {1e3 * d[-1]:.1f} mm "
+        "(the paper: until about 2.5 s, +10 mm). "
+        + (
+            "Double precision follows this orbit to its end."
+            if motion.horizon is None
+            else _past(motion.horizon)
+        )
+    )
+
+
+def _many(motion: OrbitEnvelope) -> str:
+    if motion.horizon is None:
+        return "Double precision follows these orbits to their end."
+    return (
+        f"{_past(motion.horizon)} The band is the range of {NEIGHBOURS} neighbours whose starts differ by parts in 10¹²: the "
+        "well that a sink falls into changes from one to the next, so the paper's curves can be compared with these up to the "
+        "dashed line only."
+    )
+
+
+def _past(horizon: float) -> str:
+    return (
+        f"Up to {horizon:.2f} s the curves are the solution; past it every rounding error has grown to the size of the "
+        "motion, and the curve is one of many."
+    )
+
+
+def _compared(motion: OrbitEnvelope, without: OrbitEnvelope, paper: str) -> str:
+    shares = [
+        (
+            mass,
+            np.sqrt(
+                np.mean(motion.record.channel(f"x:{mass}") ** 2)
+                / np.mean(without.record.channel(f"x:{mass}") ** 2)
+            ),
+        )
+        for mass in without.masses
+    ]
+    listed = ", ".join(f"{mass} {100.0 * share:.0f} %" for mass, share in shares)
+    higher = [mass for mass, share in shares if share > 1.0]
+    remark = f" That does not hold for {', '.join(higher)} of this orbit." if higher else " So it is here."
+    return f"Root mean square over {motion.record.duration:g} s against the same mass without sinks: {listed}. {paper}{remark}"

@@ -1,0 +1,616 @@
+"""How sinks cross from well to well.
+
+Primary masses with their sinks and without (paper Figs. 3 and 5).
+
+Where the energy of a structure with sinks goes.
+
+Maps of what sinks do over one or two parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from linkwise.absorption.ensemble import AbsorptionQuantity
+from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
+from linkwise.absorption.map import AbsorptionMap, SweepAxis
+from linkwise.absorption.motion import TAIL
+from linkwise.absorption.result import Absorption
+from linkwise.argument_types import checked
+from linkwise.arrays import Bools, Floats
+from linkwise.errors import LinkwiseError, StructureError
+from linkwise.plot.style import (
+    CHAOS,
+    IDENTIFIED,
+    MEASURED,
+    SERIES,
+    TRUE,
+    VISITED,
+    WELL,
+    axes_for,
+    envelope,
+    label,
+    legend_below,
+    literal,
+    log_scale,
+    place_legend,
+    scale,
+    sheet,
+    wrap_title,
+)
+
+
+@checked
+def absorption(
+    result: Absorption | AbsorptionIntervals,
+    mass: str | None = None,
+    *,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the excursion of a primary mass with sinks and without, each under its envelope, and when it settles.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        An answer of `linkwise.absorb`; one with intervals has a band around the envelope.
+    mass : str, optional
+        Name of a primary mass. By default the first.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s and excursion in m, or in thousands or thousandths of it as the axis label says.
+
+    Raises
+    ------
+    StructureError
+        If there is no such primary mass.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> answer = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> lw.plot.absorption(answer, "m1").get_ylabel()
+    'm1\\nmm'
+    """
+    plain = without_intervals(result)
+    number = _mass_number(plain, mass)
+    with axes_for(ax, legend=legend) as axes:
+        largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
+        factor, unit = scale(largest, plain.unit(plain.masses[number].name))
+        _draw_excursions(axes, plain, number, factor)
+        if isinstance(result, AbsorptionIntervals):
+            _draw_band(axes, result, number, factor)
+        mark_chaos(axes, plain)
+        axes.set_xlabel("time, s")
+        axes.set_ylabel(f"{literal(plain.masses[number].name)}\n{unit}")
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.set_xlim(plain.time[0], plain.time[-1])
+        axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
+        wrap_title(axes, _title(plain))
+    return axes
+
+
+@checked
+def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+    """The primary masses, each in a strip of its own; of more than 8 the first.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.decay_figure(result).axes)
+    1
+    """
+    plain = without_intervals(result)
+    names = [mass.name for mass in plain.masses[:_MOST]]
+    with sheet(len(names), height=1.3 + 1.25 * len(names), share_time=True) as (figure, strips):
+        for axes, name in zip(strips, names, strict=True):
+            absorption(result, name, legend=False, ax=axes)
+            axes.set_title("")
+            axes.label_outer()
+        hidden = len(plain.masses) - len(names)
+        more = f" ({hidden} more masses not shown)" if hidden else ""
+        wrap_title(strips[0], _title(plain) + more)
+        figure.align_ylabels()
+        legend_below(figure, *strips)
+    return figure
+
+
+def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
+    """Mark from when on the motion with sinks is one of many."""
+    horizon = result.with_sinks.horizon
+    if horizon is None:
+        return
+    axes.axvline(horizon, color=TRUE, linewidth=0.8, linestyle=":", label="chaos: one motion of many")
+    if shaded:
+        axes.axvspan(horizon, result.time[-1], color=CHAOS, zorder=-1)
+
+
+def _title(result: Absorption) -> str:
+    name = result.with_sinks.structure.name
+    return (
+        f"{name}, sinks {result.removal} for comparison" if name else f"Sinks {result.removal} for comparison"
+    )
+
+
+def _mass_number(result: Absorption, mass: str | None) -> int:
+    names = [change.name for change in result.masses]
+    if mass is not None and mass not in names:
+        raise StructureError(f"unknown primary mass {mass!r}; choose from {', '.join(names)}")
+    return 0 if mass is None else names.index(mass)
+
+
+def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float) -> None:
+    mass = result.masses[number]
+    runs = (
+        (result.without, mass.without, MEASURED, "without sinks"),
+        (result.with_sinks, mass.with_sinks, IDENTIFIED, "with sinks"),
+    )
+    for run, decay, color, text in runs:
+        x = run.displacement(mass.name) - decay.rest
+        axes.plot(*envelope(result.time, x * factor), color=color, linewidth=0.7, label=text)
+    before_tail = _before_tail(result)
+    for (run, _, _, text), (line, shade) in zip(runs, (("--", "#555555"), ("-", TRUE)), strict=True):
+        bound = run.envelope[before_tail, number] * factor
+        axes.plot(result.time[before_tail], bound, line, color=shade, linewidth=0.9, label=f"envelope {text}")
+    level = mass.level * factor
+    axes.axhspan(-level, level, color=VISITED, zorder=0, label=f"settled: {100 * result.settle:g} %")
+    if mass.with_sinks.settled is not None:
+        axes.axvline(mass.with_sinks.settled, color=WELL, linewidth=1.0, label="settled with sinks")
+
+
+def _draw_band(axes: Axes, result: AbsorptionIntervals, number: int, factor: float) -> None:
+    before_tail = _before_tail(result.absorption)
+    axes.fill_between(
+        result.absorption.time[before_tail],
+        result.lower[before_tail, number] * factor,
+        result.upper[before_tail, number] * factor,
+        color=WELL,
+        alpha=0.35,
+        linewidth=0,
+        zorder=3,
+        label="envelope, 95 % of draws",
+    )
+
+
+def _before_tail(result: Absorption) -> Bools:
+    """Samples after which enough is to come for an envelope."""
+    start, end = result.time[0], result.time[-1]
+    return np.asarray(result.time <= end - TAIL * (end - start))
+
+
+SHOWN = ("settled", "sinks_share", "rms_reduction", "crossings")
+_WIDE = 50.0  # largest over smallest from which colours go by ratio
+_NEVER, _DIVERGED = "#D9D9D9", "#F2B8A0"
+
+
+@checked
+def map(
+    result: AbsorptionMap, quantity: str = "settled", *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw a quantity over the swept parameters: colours over two, a curve over one.
+
+    Parameters
+    ----------
+    result : AbsorptionMap
+        An answer of `linkwise.absorption_map`.
+    quantity : str, default "settled"
+        Name of one of ``result.quantities``, such as ``"sinks_share"``, ``"rms_reduction"`` or ``"crossings"``.
+    legend : bool, default True
+        Add a legend to the axes where there are cells without a number.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; a colour bar is put beside them. By default those of a new figure, which is ``ax.figure`` of the
+        returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: the swept parameters in their SI units, parts of 1 in %.
+
+    Raises
+    ------
+    LinkwiseError
+        If there is no such quantity.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    >>> lw.plot.map(swept, "sinks_share").get_ylabel()
+    '%'
+    """
+    values, unit = _shown(result, quantity)
+    with axes_for(ax, width=4.6, height=3.4, colorbars=len(result.axes) == 2) as axes:
+        if len(result.axes) == 2:
+            _draw_map(axes, result, values, unit)
+        else:
+            _draw_curve(axes, result, values, unit)
+        axes.set_title(literal(_quantity(result, quantity).title))
+        handles = _missing(result, [quantity])
+        if legend and handles:
+            axes.legend(handles=handles)
+    return axes
+
+
+@checked
+def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
+    """One panel a quantity.
+
+    Parameters
+    ----------
+    result : AbsorptionMap
+        What `linkwise.absorption_map` returned.
+    names : sequence of str
+        Names of the quantities, a panel each.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    LinkwiseError
+        If there is no such quantity, or none is named.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
+    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.map_figure(swept, ["sinks_share", "rms_reduction"]).axes)
+    2
+    """
+    if not names:
+        raise LinkwiseError("names must hold at least one quantity, got none")
+    rows = -(-len(names) // 2)
+    with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows, colorbars=True) as (figure, panels):
+        for axes, name in zip(panels, names, strict=False):
+            map(result, name, legend=False, ax=axes)
+        for axes in panels[len(names) :]:
+            axes.remove()
+        handles = _missing(result, names)
+        if handles:
+            place_legend(figure, handles, [str(handle.get_label()) for handle in handles], 2)
+    return figure
+
+
+def _quantity(result: AbsorptionMap, name: str) -> AbsorptionQuantity:
+    return next(candidate for candidate in result.quantities if candidate.name == name)
+
+
+def _shown(result: AbsorptionMap, name: str) -> tuple[Floats, str]:
+    """Values as they are read: parts of 1 in %."""
+    values, unit = result[name], _quantity(result, name).unit
+    part = unit == "" and not name.startswith("crossings")
+    return (100.0 * values, "%") if part else (values, unit)
+
+
+def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
+    across, up = result.axes
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    positive = finite[finite > 0.0]
+    by_ratio = unit != "%" and positive.size == finite.size > 0 and high > _WIDE * low
+    norm = LogNorm(low, high) if by_ratio else Normalize(low, high if high > low else low + 1.0)
+    axes.set_facecolor(_NEVER)
+    edges = _edges(across), _edges(up)
+    mesh = axes.pcolormesh(*edges, values.T, norm=norm, cmap="viridis", rasterized=True)
+    if not result.completed.all():
+        diverged = np.where(result.completed, np.nan, 0.0)
+        axes.pcolormesh(*edges, diverged.T, cmap=ListedColormap([_DIVERGED]), rasterized=True)
+    _scale_axes(axes, across, up)
+    axes.grid(False)
+    if finite.size:  # a bar would show numbers that nothing has
+        axes.figure.colorbar(mesh, ax=axes, label=unit or None)
+
+
+def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
+    (across,) = result.axes
+    axes.plot(across.values, values, ".-" if len(values) <= 60 else "-", color=IDENTIFIED, markersize=4)
+    for missing, color in ((~result.completed, WELL), (np.isnan(values) & result.completed, MEASURED)):
+        if missing.any():
+            axes.plot(
+                across.values[missing],
+                np.zeros(int(missing.sum())),
+                "x",
+                color=color,
+                markersize=5,
+                clip_on=False,
+                transform=axes.get_xaxis_transform(),
+            )
+    _scale_axes(axes, across, None)
+    edges = _edges(across)
+    axes.set_xlim(min(edges), max(edges))
+    axes.set_ylabel(unit or "number")
+
+
+def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
+    axes.set_xlabel(_axis_label(across))
+    if across.logarithmic and across.values[0] > 0.0:
+        log_scale(axes, "x")
+    if up is not None:
+        axes.set_ylabel(_axis_label(up))
+        if up.logarithmic and up.values[0] > 0.0:
+            log_scale(axes, "y")
+
+
+def _axis_label(axis: SweepAxis) -> str:
+    return literal(f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name)
+
+
+def _edges(axis: SweepAxis) -> Floats:
+    """(K + 1,) edges of cells around the values."""
+    values = axis.values
+    if len(values) == 1:
+        half = 0.5 * abs(values[0]) or 0.5
+        return np.array([values[0] - half, values[0] + half])
+    if axis.logarithmic and values[0] > 0.0:
+        return np.asarray(np.exp(_middles(np.log(values))))
+    return _middles(values)
+
+
+def _middles(values: Floats) -> Floats:
+    inner = 0.5 * (values[1:] + values[:-1])
+    return np.concatenate([[2.0 * values[0] - inner[0]], inner, [2.0 * values[-1] - inner[-1]]])
+
+
+def _missing(result: AbsorptionMap, names: Sequence[str]) -> list[Patch]:
+    """What the colours of cells without a number mean, where there are such."""
+    handles = []
+    over_two = len(result.axes) == 2
+    if any(np.any(np.isnan(result[name]) & result.completed) for name in names):
+        color = _NEVER if over_two else MEASURED
+        handles.append(Patch(color=color, label=f"did not settle within {result.duration:g} s"))
+    if not result.completed.all():
+        handles.append(Patch(color=_DIVERGED if over_two else WELL, label="the motion diverges"))
+    return handles
+
+
+_MOST = 8  # strips that one page can hold
+
+
+@checked
+def crossings(
+    result: Absorption | AbsorptionIntervals,
+    sink: str | None = None,
+    *,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the elongation of a sink over time, the tops between its wells, and its passages over them.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        An answer of `linkwise.absorb`.
+    sink : str, optional
+        Name of the link that is the sink. By default the first.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s and elongation in m, or in thousands or thousandths of it as the axis label says.
+
+    Raises
+    ------
+    StructureError
+        If there is no such sink.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> answer = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> lw.plot.crossings(answer, "nes1").get_xlabel()
+    'time, s'
+    """
+    plain = without_intervals(result)
+    names = [entry.sink.link for entry in plain.sinks]
+    if sink is not None and sink not in names:
+        raise StructureError(f"unknown sink {sink!r}; choose from {', '.join(names)}")
+    shown = plain.sinks[0 if sink is None else names.index(sink)]
+    law = plain.with_sinks.structure.link(shown.sink.link).law
+    with axes_for(ax, legend=legend) as axes:
+        factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])
+        time, elongation = envelope(plain.time, shown.elongation * factor)
+        axes.plot(time, elongation, color=IDENTIFIED, linewidth=0.7, label="elongation")
+        for top in shown.tops:
+            axes.axhline(top * factor, color=TRUE, linewidth=0.6, linestyle=":", label="top between wells")
+        if len(shown.crossings):
+            axes.plot(
+                shown.crossings,
+                np.full(len(shown.crossings), 0.97),
+                "|",
+                color=WELL,
+                markersize=7,
+                transform=axes.get_xaxis_transform(),
+                label="crossing",
+            )
+        mark_chaos(axes, plain)
+        count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
+        axes.set_title(literal(f"{shown.sink.link}: {count}"))
+        axes.set_xlabel("time, s")
+        axes.set_ylabel(unit)
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.set_xlim(plain.time[0], plain.time[-1])
+    return axes
+
+
+@checked
+def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+    """The sinks, each in a strip of its own; of more than 8 the first.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.crossings_figure(result).axes)
+    1
+    """
+    names = [entry.sink.link for entry in without_intervals(result).sinks[:_MOST]]
+    with sheet(len(names), height=1.2 + 1.3 * len(names), share_time=True) as (figure, strips):
+        for axes, name in zip(strips, names, strict=True):
+            crossings(result, name, legend=False, ax=axes)
+            axes.label_outer()
+        figure.align_ylabels()
+        legend_below(figure, *strips)
+    return figure
+
+
+_SINKS, _OTHERS = 5, 4  # bands of links that can be told apart
+_GREYS = ("#404040", "#6E6E6E", "#939393", "#B4B4B4", "#C8C8C8")
+_PALE = "#EBEBEB"
+_POINTS = 1500  # of a band
+
+
+@checked
+def energy(
+    result: Absorption | AbsorptionIntervals,
+    *,
+    with_sinks: bool = True,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw where the energy went: what each link has dissipated and what is still there, over time.
+
+    Sinks lie below in colours, the other links above them in greys, what is left on top.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        An answer of `linkwise.absorb`.
+    with_sinks : bool, default True
+        Draw the run with the sinks, or the one without them.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s, and parts of the energy put in, in %.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> answer = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> lw.plot.energy(answer).get_ylabel()
+    'share of the energy put in, %'
+    """
+    plain = without_intervals(result)
+    with axes_for(ax, legend=legend) as axes:
+        _draw_bands(axes, plain, with_sinks=with_sinks)
+        if with_sinks:
+            mark_chaos(axes, plain, shaded=False)
+        axes.set_title("with sinks" if with_sinks else literal(f"sinks {plain.removal}"))
+        axes.set_xlabel("time, s")
+        axes.set_ylabel("share of the energy put in, %")
+    return axes
+
+
+@checked
+def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+    """Where the energy went with the sinks and, beside it, without them.
+
+    Parameters
+    ----------
+    result : Absorption or AbsorptionIntervals
+        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
+    >>> len(lw.plot.energy_figure(result).axes)
+    2
+    """
+    with sheet(columns=2, height=3.4) as (figure, panels):
+        energy(result, legend=False, ax=panels[0])
+        energy(result, with_sinks=False, legend=False, ax=panels[1])
+        panels[1].set_ylabel("")
+        panels[1].tick_params(labelleft=False)
+        legend_below(figure, *panels, columns=4)
+    return figure
+
+
+def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:
+    """Sinks from below, then the other links, then what is left."""
+    run = result.with_sinks if with_sinks else result.without
+    remaining = 100.0 * run.remaining
+    shares = {name: 100.0 * energy / run.total for name, energy in run.dissipated_by.items()}
+    colors = {name: color for name, color in _colors(result).items() if name in shares}
+    bands = [shares[name] for name in colors]
+    labels = [label(name) for name in colors]
+    others = [share for name, share in shares.items() if name not in colors]
+    if others and float(sum(share[-1] for share in others)) > 0.0:
+        bands.append(np.sum(others, axis=0))
+        labels.append("other links")
+    thin = slice(None, None, max(1, len(result.time) // _POINTS))
+    axes.stackplot(
+        result.time[thin],
+        *(band[thin] for band in [*bands, remaining]),
+        labels=[*labels, "still there"],
+        colors=[*colors.values(), *[_GREYS[-1]] * (len(labels) - len(colors)), _PALE],
+        linewidth=0.0,
+    )
+    axes.set_xlim(result.time[0], result.time[-1])
+    axes.set_ylim(0.0, max(100.0, float((sum(shares.values()) + remaining).max())))
+    axes.grid(False)
+
+
+def _colors(result: Absorption) -> dict[str, str]:
+    """The links and hosts with a band of their own in both runs: sinks in the colours of the series, the others in greys."""
+    run = result.with_sinks
+    names = list(run.dissipated_by)
+    by_share = sorted(names, key=lambda name: -run.share(name))
+    largest = [name for name in by_share if name in result.absorbing][:_SINKS]
+    largest += [name for name in by_share if name not in result.absorbing][:_OTHERS]
+    sinks, others = iter(SERIES), iter(_GREYS)
+    ordered = sorted(
+        (name for name in names if name in largest), key=lambda name: name not in result.absorbing
+    )
+    return {name: next(sinks) if name in result.absorbing else next(others) for name in ordered}

@@ -1,0 +1,386 @@
+"""The models that survive a selection: by how much their forces of a link depart from that of the selected one.
+
+The evidence for every term of a discovery.
+
+How the terms of a discovery were chosen: the path over model sizes, and the next best models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from linkwise.argument_types import checked
+from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
+from linkwise.discovery.text import runner_up_changes
+from linkwise.plot.style import (
+    IDENTIFIED,
+    MEASURED,
+    TRUE,
+    VISITED,
+    WELL,
+    axes_for,
+    legend_below,
+    literal,
+    log_scale,
+    scale,
+    sheet,
+)
+
+_POINTS = 201
+_FAINTEST = 0.02  # of the weight of all models: others are not drawn
+
+
+@checked
+def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw by how much the forces of a link depart from that of the selected model: of others that survive, and averaged.
+
+    Each of the models is a line, the wider the more weight it has. The band is that of the force averaged over them.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        An answer of `linkwise.discover`.
+    link : str
+        Name of the link.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: elongation and force in m and N, or in thousands or thousandths of them as the axis labels say.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> lw.plot.departures(found, "m2-m1").get_xlabel()
+    'elongation d, mm'
+    """
+    estimate, average = discovery.estimate.link(link), discovery.average
+    d = np.linspace(*estimate.d_range, _POINTS)
+    selected = estimate.force_band(d)[0]
+    averaged, lower, upper = (force - selected for force in average.force_band(estimate, d))
+    shifts = average.shifts(estimate, d)
+    drawn = [lower, upper, shifts[average.weights >= _FAINTEST]]
+    largest = max(
+        (float(np.max(np.abs(forces[np.isfinite(forces)]), initial=0.0)) for forces in drawn), default=0.0
+    )
+    law, of_d = estimate.link.law, estimate.link.law.motion_units[0]
+    (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), of_d), scale(largest, law.force_unit)
+    with axes_for(ax, legend=legend) as axes:
+        if np.isfinite(lower).all():
+            band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, linewidth=0)
+            band.set_label("95 % band, averaged")
+        others = [number for number in range(1, len(shifts)) if average.weights[number] >= _FAINTEST]
+        for number in others:
+            width = 0.5 + 2.5 * float(average.weights[number])
+            label = "other models that survive" if number == others[0] else None
+            axes.plot(d * to_d, shifts[number] * to_f, color=MEASURED, linewidth=width, label=label)
+        axes.plot(d * to_d, averaged * to_f, color=WELL, linewidth=1.0, label="averaged")
+        axes.axhline(0.0, color=IDENTIFIED, linewidth=0.5 + 2.5 * float(average.weights[0]), label="selected")
+        axes.set_xlabel(f"elongation d, {unit_d}")
+        axes.set_ylabel(f"force less that selected, {unit_f}")
+        axes.set_title(
+            literal(f"{link}: models that survive, the selected one with {average.weights[0]:.0%}")
+        )
+    return axes
+
+
+@checked
+def departures_figure(discovery: Discovery, link: str) -> Figure:
+    """The departures of the models that survive on a figure of their own.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        What `linkwise.discover` returned.
+    link : str
+        Name of the link.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> len(lw.plot.departures_figure(found, "m2-m1").axes)
+    1
+    """
+    with sheet() as (figure, [axes]):
+        departures(discovery, link, legend=False, ax=axes)
+        legend_below(figure, axes)
+    return figure
+
+
+_SELECTED = 40  # terms that are drawn
+_LONGEST = 20  # letters of a function that leave room for the bars
+_DROPPED = 16  # and those below them
+_ROW = 0.19  # inches
+
+
+@checked
+def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw what each term kept explains, and what each of the nearest dropped terms would explain.
+
+    A bar is the misfit that the term takes away, a stroke its penalty: a term belongs into the answer where the bar is longer.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        An answer of `linkwise.discover`.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: -2 log likelihood (no unit), a row for every term.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> len(lw.plot.evidence(found).get_yticklabels()) >= len(found.kept)
+    True
+    """
+    selected, dropped = _rows(discovery)
+    rows = [*selected, *dropped]
+    with axes_for(ax, legend=legend, height=_height(len(rows))) as axes:
+        _bars(axes, selected, 0, IDENTIFIED, "kept")
+        _bars(axes, dropped, len(selected), MEASURED, "dropped")
+        if rows:
+            penalties = [term.penalty for term in rows]
+            axes.plot(penalties, range(len(rows)), "|", color=WELL, markersize=9, label="penalty of the term")
+        names = [f"{term.name}: {_label(term)}{'' if term.certain else '  (in doubt)'}" for term in rows]
+        axes.set_yticks(range(len(rows)), [literal(name) for name in names])
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.grid(False, axis="y")
+        log_scale(axes, "x", linear_to=10.0)
+        axes.set_xlim(0.0, None)
+        axes.set_xlabel("reduction of the misfit by the term, in -2 log likelihood")
+        axes.set_title(f"evidence term by term{_left_out(discovery, len(selected), len(dropped))}")
+        axes.axhline(len(selected) - 0.5, color=TRUE, linewidth=0.6)
+    return axes
+
+
+@checked
+def evidence_figure(discovery: Discovery) -> Figure:
+    """The evidence term by term on a figure of its own, as high as there are terms.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        What `linkwise.discover` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> len(lw.plot.evidence_figure(discovery).axes)
+    1
+    """
+    with sheet(height=_height(sum(map(len, _rows(discovery))))) as (figure, [axes]):
+        evidence(discovery, legend=False, ax=axes)
+        legend_below(figure, axes)
+    return figure
+
+
+def _rows(discovery: Discovery) -> tuple[Sequence[TermEvidence], Sequence[TermEvidence]]:
+    """The terms kept that are drawn, the most certain first, and the dropped ones nearest to being kept."""
+    return discovery.kept[:_SELECTED], sorted(_identifiable(discovery), key=lambda term: term.margin)[
+        :_DROPPED
+    ]
+
+
+def _identifiable(discovery: Discovery) -> list[TermEvidence]:
+    """The dropped terms that the record identifies beside those that were kept."""
+    return [term for term in discovery.terms if not term.kept and term.identifiable]
+
+
+def _left_out(discovery: Discovery, selected: int, dropped: int) -> str:
+    """How many terms are not drawn, in brackets."""
+    counts = ((len(discovery.kept) - selected, "kept"), (len(_identifiable(discovery)) - dropped, "dropped"))
+    listed = ", ".join(f"{count} more {kind}" for count, kind in counts if count)
+    return f" ({listed})" if listed else ""
+
+
+def _height(rows: int) -> float:
+    """Inches of a figure of so many rows."""
+    return 1.5 + _ROW * max(rows, 4)
+
+
+def _label(term: TermEvidence) -> str:
+    """The function of a term, its beginning if it is long."""
+    return term.term if len(term.term) <= _LONGEST else f"{term.term[: _LONGEST - 1]}…"
+
+
+def _bars(axes: Axes, terms: Sequence[TermEvidence], start: int, color: str, text: str) -> None:
+    if terms:
+        rows = range(start, start + len(terms))
+        axes.barh(rows, [term.z**2 for term in terms], color=color, height=0.6, label=text)
+
+
+_RUNNERS_UP = 10
+_FAR = 100.0  # a margin from which a linear scale shows nothing of the others
+
+
+@checked
+def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw misfit and criterion against the number of terms, with the chosen model marked.
+
+    Scales are linear to 10 and logarithmic beyond.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        An answer of `linkwise.discover`.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: numbers of terms, and -2 log likelihood (no unit).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> lw.plot.path(found).get_xlabel()
+    'terms'
+    """
+    with axes_for(ax, legend=legend) as axes:
+        terms = [point.terms for point in discovery.path]
+        for values, color, text in (
+            ([point.cost for point in discovery.path], MEASURED, "misfit, above the largest model's"),
+            (
+                [point.criterion for point in discovery.path],
+                IDENTIFIED,
+                "criterion, above the chosen model's",
+            ),
+        ):
+            axes.plot(terms, values, "o-", color=color, markersize=3, label=text)
+        for point in discovery.path:
+            if point.chosen:
+                axes.plot(
+                    point.terms,
+                    point.criterion,
+                    "o",
+                    color=WELL,
+                    markersize=8,
+                    zorder=5,
+                    clip_on=False,
+                    label="chosen",
+                )
+                axes.axvline(point.terms, color=WELL, linewidth=0.8, zorder=0)
+        axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
+        log_scale(axes, "y", linear_to=10.0)
+        axes.set_ylim(min((point.criterion for point in discovery.path), default=0.0) - 0.5, None)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel("terms")
+        axes.set_ylabel("-2 log likelihood")
+        axes.set_title("models of all sizes")
+    return axes
+
+
+@checked
+def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
+    """Draw how much worse the criterion of the next best models is.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        An answer of `linkwise.discover`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: a bar for each of the ten best models, best first, in -2 log likelihood (no unit).
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> lw.plot.runners_up(found).get_title("left")
+    'the next best models'
+    """
+    models = discovery.runners_up[:_RUNNERS_UP]
+    with axes_for(ax) as axes:
+        rows = np.arange(len(models))
+        axes.axvspan(0.0, CERTAIN, color=VISITED, zorder=0)
+        axes.barh(rows, [model.margin for model in models], color=IDENTIFIED, height=0.6)
+        axes.set_yticks(rows, [literal(change) for change in runner_up_changes(discovery)[:_RUNNERS_UP]])
+        axes.invert_yaxis()
+        axes.grid(False, axis="y")
+        if max((model.margin for model in models), default=0.0) > _FAR:
+            log_scale(axes, "x", linear_to=10.0)
+        axes.set_xlabel("criterion above the chosen model's")
+        axes.set_title("the next best models")
+    return axes
+
+
+@checked
+def path_figure(discovery: Discovery) -> Figure:
+    """The path and, beside it, the next best models.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        What `linkwise.discover` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> len(lw.plot.path_figure(discovery).axes)
+    2
+    """
+    with sheet(columns=2, width=8.0, height=3.6) as (figure, [left, right]):
+        path(discovery, legend=False, ax=left)
+        runners_up(discovery, ax=right)
+        legend_below(figure, left, columns=4)
+    return figure

@@ -1,0 +1,312 @@
+"""What a fit leaves of the channels, against time, frequency and the motion of links.
+
+Shapes of the modes of hosts at their points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Floats
+from linkwise.display import near_miss
+from linkwise.errors import RecordError, StructureError
+from linkwise.estimates.curves import MeanResiduals
+from linkwise.estimates.estimate import Estimate
+from linkwise.inspection.channel_signal import Spectrogram
+from linkwise.model.host import Host
+from linkwise.model.structure import Structure
+from linkwise.plot.style import (
+    IDENTIFIED,
+    MEASURED,
+    SERIES,
+    WELL,
+    axes_for,
+    envelope,
+    label,
+    literal,
+    log_scale,
+    scale,
+    sheet,
+    wrap_title,
+)
+
+_MOST = 4  # channels that still can be read on one page
+_SHARED = 2  # first columns, with the same axis for all channels
+_ORDINATES = ("", "density / white", "mean / noise")  # over time, over frequency, over the motion of a link
+
+
+@checked
+def residuals(
+    estimate: Estimate, channel: str, quantity: str = "time", *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw what a fit leaves of a channel, in standard deviations of its noise.
+
+    Over time all of it; over frequency its spectral density beside that of white noise; over the motion of a link its mean
+    in parts of the range, beside the band in which noise alone leaves 95 % of such means.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        An estimate by maximum likelihood.
+    channel : str
+        A response of its record.
+    quantity : str, default "time"
+        ``"time"``, ``"frequency"``, ``"d of LINK"`` or ``"v of LINK"``.
+    legend : bool, default True
+        Add a legend to the axes where noise is drawn.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: the quantity in the unit on the axis, and residuals over the noise.
+
+    Raises
+    ------
+    RecordError
+        If the estimate has no residuals of such a channel, or there is no such quantity.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> lw.plot.residuals(lw.identify(record, chain.unknown("nes")), "x:m2", "d of nes1").get_ylabel()
+    'x:m2 / noise'
+    """
+    left = estimate.motion.residuals or {}
+    if channel not in left:
+        known = ", ".join(left) or "none: maximum likelihood alone tells them"
+        raise RecordError(
+            f"there are no residuals of {channel!r}{near_miss(channel, left)}; choose from {known}"
+        )
+    quantities = ("time", "frequency", *(f"{kind} of {link}" for link in _links(estimate) for kind in "dv"))
+    if quantity not in quantities:
+        raise RecordError(
+            f"unknown quantity {quantity!r}{near_miss(quantity, quantities)}; choose from {', '.join(quantities)}"
+        )
+    with axes_for(ax, legend=legend and quantity != "time") as axes:
+        if quantity == "time":
+            axes.plot(*envelope(estimate.motion.time, left[channel]), color=IDENTIFIED, linewidth=0.6)
+            axes.set_xlabel("time, s")
+        elif quantity == "frequency":
+            _over_frequency(axes, left[channel], estimate.record.rate)
+        else:
+            _over_motion(axes, left[channel], estimate, quantity)
+        axes.set_ylabel(f"{literal(channel)} / noise")
+    return axes
+
+
+def _links(estimate: Estimate) -> list[str]:
+    return [link.name for link in estimate.structure.links]
+
+
+def _over_frequency(axes: Axes, values: Floats, rate: float) -> None:
+    """The spectral density in units of that of white noise."""
+    spectrogram = Spectrogram.of(values, rate)
+    density = spectrogram.mean[1:-1] * (0.5 * rate)
+    axes.plot(spectrogram.frequency[1:-1], density, color=IDENTIFIED, linewidth=0.9, label="residuals")
+    axes.axhline(1.0, color=WELL, linestyle="--", linewidth=0.8, label="white noise")
+    if density.any():
+        log_scale(axes, "y")
+    axes.set_xlim(0.0, 0.5 * rate)
+    axes.set_xlabel("frequency, Hz")
+
+
+def _over_motion(axes: Axes, values: Floats, estimate: Estimate, quantity: str) -> None:
+    """Means over parts of the range with equally many samples."""
+    kind, _, link = quantity.partition(" of ")
+    along = (estimate.motion.d if kind == "d" else estimate.motion.v)[:, _links(estimate).index(link)]
+    means = MeanResiduals.along(along, values)
+    of_d, of_v = estimate.structure.link(link).law.motion_units
+    factor, unit = scale(float(np.max(np.abs(along))), of_d if kind == "d" else of_v)
+    place, chance = factor * means.place, means.by_chance
+    axes.fill_between(place, -chance, chance, color=MEASURED, alpha=0.3, linewidth=0.0, label="95 % of noise")
+    axes.plot(place, means.mean, color=IDENTIFIED, linewidth=1.2, marker="o", markersize=2.5, label="mean")
+    axes.set_xlabel(f"{literal(quantity)}, {unit}")
+
+
+@checked
+def residuals_figure(estimate: Estimate) -> Figure:
+    """What a fit leaves of each channel over time, frequency and the motion of a link; of more than 4 channels the first.
+
+    The link is one at the mass of the channel, the last of them.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        An estimate by maximum likelihood.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    RecordError
+        If the estimate has no residuals.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> len(lw.plot.residuals_figure(lw.identify(record, chain.unknown("nes"))).axes)
+    8
+    """
+    names = list(estimate.motion.residuals or {})[:_MOST]
+    if not names:
+        raise RecordError("there are no residuals to draw: maximum likelihood alone tells them")
+    with sheet(len(names), 4, width=11.0, height=0.9 + 1.6 * len(names)) as (figure, panels):
+        for row, name in enumerate(names):
+            link = _link_at(estimate, name)
+            for column, quantity in enumerate(("time", "frequency", f"d of {link}", f"v of {link}")):
+                axes = residuals(estimate, name, quantity, legend=False, ax=panels[4 * row + column])
+                axes.locator_params(axis="x", nbins=4)
+                if column:
+                    axes.set_ylabel(_ORDINATES[min(column, _SHARED)])
+                if column < _SHARED and row + 1 < len(names):
+                    axes.set_xlabel("")
+                    axes.tick_params(labelbottom=False)
+    return figure
+
+
+def _link_at(estimate: Estimate, channel: str) -> str:
+    """The last link that ends at the place that a channel shows, or the last of all."""
+    place = channel.rpartition(":")[2]
+    links = estimate.structure.links
+    return next(
+        (link.name for link in reversed(links) if place in (*link.between, link.name)), links[-1].name
+    )
+
+
+_STYLES = ("-", "--", ":", "-.")  # in this order once the colours are used up
+_HEIGHT = 3.0  # inches of a panel
+
+
+@checked
+def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw the shapes of the modes of a host at its points, with two standard deviations either way where they are not known.
+
+    A host has no geometry: the points stand side by side in its order, and the lines between them only guide the eye.
+
+    Parameters
+    ----------
+    host : Host
+        The host.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: mass-normalised shapes in 1/sqrt(kg), rad/(m sqrt(kg)) of points that turn.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> wing = lw.Host("wing", (lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62}),))
+    >>> [text.get_text() for text in lw.plot.shapes(wing).get_xticklabels()]
+    ['tip', 'joint']
+    """
+    points = list(host.modes[0].shape)
+    places = np.arange(len(points), dtype=float)
+    with axes_for(ax, legend=legend) as axes:
+        axes.axhline(0.0, color="black", linewidth=0.6)
+        for number, mode in enumerate(host.modes):
+            deviations = [mode.shape_sigma.get(point, 0.0) for point in points]
+            axes.errorbar(
+                places,
+                [mode.shape[point] for point in points],
+                [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
+                if any(deviations)
+                else None,
+                color=SERIES[number % len(SERIES)],
+                linestyle=_STYLES[number // len(SERIES) % len(_STYLES)],
+                marker="o",
+                markersize=3.5,
+                linewidth=1.0,
+                capsize=2.0,
+                label=label(f"mode {number + 1}{_frequency(mode.frequency.value)}"),
+            )
+        axes.set_xticks(places, [literal(point) for point in points])
+        turning = len(host.rotations)
+        units = ["1/√kg"] * (turning < len(points)) + ["rad/(m √kg)"] * (turning > 0)
+        axes.set_ylabel(f"shape, {' or '.join(units)}")
+    return axes
+
+
+@checked
+def shapes_figure(structure: Structure) -> Figure:
+    """Shapes of the modes of every host of a structure, one below the other; points that turn in a panel of their own.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StructureError
+        If the structure has no host.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> wing = lw.Host("wing", (lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62}),))
+    >>> len(lw.plot.shapes_figure(lw.Structure("wing", (), (), (wing,))).axes)
+    1
+    """
+    hosts = [part for host in structure.hosts for part in _by_unit(host)]
+    if not hosts:
+        raise StructureError("the structure has no host, whose shapes could be drawn")
+    with sheet(len(hosts), height=_HEIGHT * len(hosts), colorbars=True) as (
+        figure,
+        panels,
+    ):  # beside which there is room
+        for host, axes in zip(hosts, panels, strict=True):
+            shapes(host, legend=False, ax=axes)
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+            wrap_title(axes, host.name)
+    return figure
+
+
+def _by_unit(host: Host) -> list[Host]:
+    """The host with the points that move along a line, and with those that turn, whose shapes have another size."""
+    turning = host.modes[0].rotations
+    still = [point for point in host.modes[0].shape if point not in turning]
+    groups = [points for points in (still, sorted(turning, key=list(host.modes[0].shape).index)) if points]
+    return [host] if len(groups) == 1 else [_at(host, points) for points in groups]
+
+
+def _at(host: Host, points: list[str]) -> Host:
+    """The host with some of its points."""
+    modes = (
+        replace(
+            mode,
+            shape={point: mode.shape[point] for point in points},
+            shape_sigma={point: sigma for point, sigma in mode.shape_sigma.items() if point in points},
+            rotations=mode.rotations & frozenset(points),
+        )
+        for mode in host.modes
+    )
+    return replace(host, modes=tuple(modes))
+
+
+def _frequency(value: float | None) -> str:
+    return "" if value is None else f", {value:.4g} Hz"

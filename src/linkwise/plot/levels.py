@@ -1,0 +1,488 @@
+"""Odd and even distortion over the level of a periodic test.
+
+Frequencies and damping of modes over the level of a test.
+
+Response functions and their coherence at every level of a test.
+
+Frequency and damping of modes over their amplitude as they ring down.
+
+Restoring force per mass at a sensor over displacement and velocity, before any model.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Indices
+from linkwise.inspection.levels.result import LevelComparison, ring_name
+from linkwise.plot.style import (
+    MEASURED,
+    SERIES,
+    axes_for,
+    label,
+    legend_below,
+    literal,
+    log_scale,
+    scale,
+    scattered,
+    sheet,
+)
+
+
+@checked
+def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw odd and even distortion, and the scatter of periods, over the level of a periodic force.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: force in N, and power over that of the response in dB. Levels without a period are left out.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
+    >>> [line.get_label() for line in lw.plot.distortion(found).lines]
+    ['odd', 'even', 'scatter']
+    """
+    kinds = (("odd", SERIES[1], "s"), ("even", SERIES[0], "o"), ("noise", MEASURED, "x"))
+    with axes_for(ax, legend=legend) as axes:
+        for name, colour, marker in kinds:
+            points = [
+                (level, getattr(level_distortion, name))
+                for level, level_distortion in zip(comparison.levels, comparison.distortions, strict=True)
+                if level_distortion is not None and getattr(level_distortion, name) is not None
+            ]
+            text = "scatter" if name == "noise" else name
+            if points:
+                levels, powers = np.array(points).T
+                axes.plot(
+                    levels, powers, color=colour, marker=marker, markersize=4, linewidth=1.0, label=text
+                )
+        log_scale(axes, "x")
+        axes.set_xlabel(literal(comparison.level_name))
+        axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
+    return axes
+
+
+@checked
+def distortion_figure(comparison: LevelComparison) -> Figure:
+    """Odd and even distortion, and the scatter of periods, over the level on a figure of its own.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
+    >>> len(lw.plot.distortion_figure(found).axes)
+    1
+    """
+    with sheet() as (figure, [axes]):
+        distortion(comparison, legend=False, ax=axes)
+        legend_below(figure, axes)
+    return figure
+
+
+@checked
+def level_modes(
+    comparison: LevelComparison,
+    quantity: Literal["frequency", "damping"] = "frequency",
+    *,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw how the frequencies or the damping of modes move with the level, with two standard errors either way.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    quantity : {"frequency", "damping"}, optional
+        What is drawn.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: peak of the force or the motion, change of the frequency in %, or damping in % of critical.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> lw.plot.level_modes(found).get_ylabel()
+    'change of frequency, %'
+    """
+    values, errors = 100.0 * comparison.damping, 100.0 * comparison.damping_errors
+    if quantity == "frequency":
+        values = 100.0 * comparison.frequency_changes
+        errors = 100.0 * comparison.frequency_errors / comparison.frequencies[0]
+    values = np.where(comparison.lost, np.nan, values)
+    with axes_for(ax, legend=legend) as axes:
+        for mode in range(values.shape[1]):
+            axes.errorbar(
+                comparison.levels,
+                values[:, mode],
+                2.0 * errors[:, mode],
+                color=SERIES[mode % len(SERIES)],
+                marker="o",
+                markersize=3.5,
+                linewidth=1.0,
+                capsize=2.0,
+                label=label(f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"),
+            )
+        log_scale(axes, "x")
+        axes.set_xlabel(literal(comparison.level_name))
+        axes.set_ylabel("change of frequency, %" if quantity == "frequency" else "damping, % of critical")
+    return axes
+
+
+@checked
+def levels_figure(comparison: LevelComparison) -> Figure:
+    """Changes of frequencies and damping of modes over the level.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> len(lw.plot.levels_figure(found).axes)
+    2
+    """
+    with sheet(1, 2, height=3.2) as (figure, panels):
+        level_modes(comparison, "frequency", legend=False, ax=panels[0])
+        level_modes(comparison, "damping", legend=False, ax=panels[1])
+        legend_below(figure, panels[0])
+    return figure
+
+
+_RANGE = (0.15, 1.0)  # of lightness, of the lowest and the highest level
+
+
+@checked
+def level_response(
+    comparison: LevelComparison,
+    quantity: Literal["magnitude", "coherence"] = "magnitude",
+    *,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the response function of every level, or its coherence; higher levels are darker.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    quantity : {"magnitude", "coherence"}, optional
+        What is drawn.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, and the response per N, or a part of 1.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> lw.plot.level_response(found, "coherence").get_ylabel()
+    'coherence'
+    """
+    first = comparison.responses[0]
+    with axes_for(ax, legend=legend) as axes:
+        shades = np.linspace(*_RANGE, len(comparison.levels))
+        for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
+            values = response.magnitude if quantity == "magnitude" else response.coherence
+            colour = _lighter(SERIES[0], float(shade))
+            axes.plot(
+                response.frequency,
+                values,
+                color=colour,
+                linewidth=0.9,
+                label=label(f"{level:.3g} {comparison.unit}"),
+            )
+        if quantity == "magnitude":
+            log_scale(axes, "y")
+            axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
+        else:
+            axes.set_ylabel("coherence")
+            axes.set_ylim(-0.03, 1.03)
+        highest = max(
+            response.frequency[np.isfinite(response.magnitude)].max() for response in comparison.responses
+        )
+        axes.set_xlim(0.0, float(highest))
+        axes.set_xlabel("frequency, Hz")
+    return axes
+
+
+@checked
+def level_responses_figure(comparison: LevelComparison) -> Figure:
+    """The response function of every level, and its coherence.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> len(lw.plot.level_responses_figure(found).axes)
+    2
+    """
+    with sheet(2, height=4.6, share_time=True) as (figure, panels):
+        level_response(comparison, "magnitude", legend=False, ax=panels[0])
+        level_response(comparison, "coherence", legend=False, ax=panels[1])
+        panels[0].label_outer()
+        figure.align_ylabels()
+        legend_below(figure, panels[0], columns=4)
+    return figure
+
+
+def _lighter(colour: str, share: float) -> tuple[float, float, float]:
+    """From white at 0 to the colour itself at 1."""
+    red, green, blue = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+    return 1.0 - share * (1.0 - red), 1.0 - share * (1.0 - green), 1.0 - share * (1.0 - blue)
+
+
+@checked
+def ring_down(
+    comparison: LevelComparison,
+    quantity: Literal["frequency", "damping"] = "frequency",
+    *,
+    number: int = 0,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the frequency or the damping of a mode over its amplitude as it rings down, with two standard errors either way.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    quantity : {"frequency", "damping"}, optional
+        What is drawn.
+    number : int, default 0
+        Place of the mode in ``comparison.ring_downs``.
+    legend : bool, default True
+        Add a legend to the axes, which names the mode.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: amplitude in the unit of its channel, and Hz or %.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> lw.plot.ring_down(found).get_ylabel()
+    'frequency, Hz'
+    """
+    ring = comparison.ring_downs[number]
+    values, errors = ring.frequency, ring.frequency_error
+    if quantity == "damping":
+        values, errors = 100.0 * ring.damping, 100.0 * ring.damping_error
+    with axes_for(ax, legend=legend) as axes:
+        axes.errorbar(
+            ring.amplitude,
+            values,
+            2.0 * errors,
+            fmt=".",
+            color=SERIES[(ring.mode - 1) % len(SERIES)],
+            elinewidth=0.8,
+            label=label(ring_name(ring)),
+        )
+        log_scale(axes, "x")
+        axes.ticklabel_format(axis="y", useOffset=False)
+        axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {ring.unit}")
+        axes.set_ylabel("frequency, Hz" if quantity == "frequency" else "damping, %")
+    return axes
+
+
+@checked
+def ring_down_figure(comparison: LevelComparison) -> Figure:
+    """Frequency and damping of each mode that rings down over its amplitude, in a row of its own.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> len(lw.plot.ring_down_figure(found).axes)
+    2
+    """
+    rows = len(comparison.ring_downs)
+    with sheet(rows, 2, height=0.6 + 1.9 * rows) as (figure, panels):
+        for number, ring in enumerate(comparison.ring_downs):
+            ring_down(comparison, "frequency", number=number, legend=False, ax=panels[2 * number])
+            ring_down(comparison, "damping", number=number, legend=False, ax=panels[2 * number + 1])
+            panels[2 * number].set_title(ring_name(ring), loc="left")
+    return figure
+
+
+_AT_REST = 0.05  # of the largest velocity: samples that show the force of the stiffness alone
+
+
+@checked
+def acceleration_surface(
+    comparison: LevelComparison,
+    *,
+    number: int = 0,
+    section: bool = False,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the acceleration at a sensor, with the sign reversed, over displacement and velocity: restoring force per mass.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+    number : int, default 0
+        Place of the sensor in ``comparison.surfaces``.
+    section : bool, default False
+        Draw the section at no velocity over displacement in place of the surface: a straight line where the stiffness is
+        linear.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes; a colour bar is set
+        beside those of a surface.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: displacement in m, and velocity in m/s or restoring force per mass in m/s^2, with prefixes as the
+        labels say.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> lw.plot.acceleration_surface(found, section=True).get_ylabel()
+    'restoring force per mass, m/s^2'
+    """
+    surface = comparison.surfaces[number]
+    velocity, force = surface.velocity, -surface.acceleration
+    to_d, unit_d = scale(float(np.abs(surface.displacement).max()), surface.unit)
+    to_v, unit_v = scale(float(np.abs(velocity).max()), f"{surface.unit}/s")
+    of_force = f"restoring force per mass, {surface.unit}/s^2"
+    some: slice | Indices = scattered(len(force))
+    if section:
+        some = np.flatnonzero(np.abs(velocity) < _AT_REST * np.abs(velocity).max())
+    with axes_for(ax, legend=legend, colorbars=not section) as axes:
+        axes.set_xlabel(f"displacement of {literal(surface.channel)}, {unit_d}")
+        if section:
+            axes.plot(
+                surface.displacement[some] * to_d,
+                force[some],
+                ".",
+                color=SERIES[0],
+                markersize=2.0,
+                label="at no velocity",
+            )
+            axes.set_ylabel(of_force)
+        else:
+            bound = float(np.abs(force).max())
+            points = axes.scatter(
+                surface.displacement[some] * to_d,
+                velocity[some] * to_v,
+                c=force[some],
+                s=2.0,
+                cmap="RdBu_r",
+                vmin=-bound,
+                vmax=bound,
+                rasterized=True,
+                label="while no force acts",
+            )
+            axes.figure.colorbar(points, ax=axes, label=of_force)
+            axes.set_ylabel(f"velocity, {unit_v}")
+    return axes
+
+
+@checked
+def acceleration_surfaces_figure(comparison: LevelComparison) -> Figure:
+    """Restoring force per mass at each sensor that moves most, over displacement and velocity and at no velocity.
+
+    Parameters
+    ----------
+    comparison : LevelComparison
+        What `linkwise.compare_levels` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> len(lw.plot.acceleration_surfaces_figure(found).axes)  # one for the colours
+    3
+    """
+    rows = len(comparison.surfaces)
+    with sheet(rows, 2, height=0.6 + 2.4 * rows, colorbars=True) as (figure, panels):
+        for number in range(rows):
+            acceleration_surface(comparison, number=number, legend=False, ax=panels[2 * number])
+            acceleration_surface(
+                comparison, number=number, section=True, legend=False, ax=panels[2 * number + 1]
+            )
+    return figure

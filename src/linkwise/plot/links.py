@@ -1,0 +1,649 @@
+"""The force of a link: what was measured, what was identified, how certain it is.
+
+The force of a link with memory over its elongation and its rate: loops, and the energy that they dissipate.
+
+The restoring-force surface of a link: its force over elongation and rate, where the record visited it.
+
+The force of a link as several methods identified it, beside the true one, and the error of each (paper, Figs. 6 and 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Floats
+from linkwise.errors import LinkwiseError, StructureError
+from linkwise.estimates.curves import ForceCurve, force_curve, force_loop
+from linkwise.estimates.estimate import Estimate
+from linkwise.model.structure import Link, Structure
+from linkwise.plot.style import (
+    IDENTIFIED,
+    MEASURED,
+    SERIES,
+    TRUE,
+    VISITED,
+    WELL,
+    axes_for,
+    force_title,
+    heading,
+    label,
+    legend_below,
+    literal,
+    log_scale,
+    scale,
+    scattered,
+    sheet,
+    wrap_title,
+    wrapped,
+)
+
+
+@checked
+def force(
+    estimate: Estimate,
+    link: str,
+    *,
+    truth: Structure | None = None,
+    near_wells: bool = False,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the elastic force of a link over its elongation.
+
+    Shown are the identified curve with its 95 % band, the wells, the range of elongations that the record visited, samples of
+    the record less the identified damping, and the true curve where it is known.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        An answer of `linkwise.identify`; of a discovery its ``estimate``.
+    link : str
+        Name of the link.
+    truth : Structure, optional
+        The true structure, to draw its force beside. A simulated record knows its own.
+    near_wells : bool, default False
+        Show only what lies between the wells. A link with less than two wells is shown over its whole range.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: elongation and force in m and N, or in thousands or thousandths of them as the axis labels say.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> ax = lw.plot.force(fit, "nes1")
+    >>> ax.get_xlabel()
+    'elongation d, mm'
+    """
+    curve = force_curve(estimate, link, truth)
+    with axes_for(ax, legend=legend) as axes:
+        _draw(axes, curve)
+        near = curve.between_wells
+        if near_wells and near is not None:
+            to_d, _, to_f, _ = _scales(curve)
+            axes.set_xlim(near[0][0] * to_d, near[0][1] * to_d)
+            axes.set_ylim(near[1][0] * to_f, near[1][1] * to_f)
+        wrap_title(axes, force_title(curve.link))
+    return axes
+
+
+@checked
+def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = None) -> Figure:
+    """The force of a link on a figure of its own, with a second panel near the wells where there are two or more.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What `linkwise.identify` returned.
+    link : str
+        Name of the link.
+    truth : Structure, optional
+        The true structure, to draw its force beside.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> len(lw.plot.force_figure(fit, "nes1").axes)
+    2
+    """
+    near = force_curve(estimate, link, truth).between_wells
+    with sheet(columns=1 if near is None else 2) as (figure, panels):
+        force(estimate, link, truth=truth, legend=False, ax=panels[0])
+        if near is not None:
+            force(estimate, link, truth=truth, near_wells=True, legend=False, ax=panels[1])
+            panels[0].set_title("")
+            panels[1].set_title("near the wells")
+            title = wrapped(force_title(estimate.link(link).link), figure.get_figwidth())
+            heading(figure, title)
+        legend_below(figure, panels[0])
+    return figure
+
+
+def _scales(curve: ForceCurve) -> tuple[float, str, float, str]:
+    """Factor and unit of the elongation, then of the force."""
+    return (
+        *scale(max(abs(end) for end in curve.visited), curve.link.law.motion_units[0]),
+        *scale(max(abs(end) for end in curve.frame), curve.link.law.force_unit),
+    )
+
+
+def _draw(axes: Axes, curve: ForceCurve) -> None:
+    to_d, unit_d, to_f, unit_f = _scales(curve)
+    low, high = curve.visited
+    inside = (curve.d >= low) & (curve.d <= high)
+    d, elastic = curve.d * to_d, curve.force * to_f
+    axes.axvspan(low * to_d, high * to_d, color=VISITED, zorder=0, label="range visited")
+    if len(curve.sample_d):
+        some = scattered(len(curve.sample_d))
+        axes.plot(
+            curve.sample_d[some] * to_d,
+            curve.sample_force[some] * to_f,
+            ".",
+            color=MEASURED,
+            markersize=1.5,
+            rasterized=True,
+            zorder=1,
+            label=_samples_label(curve),
+        )
+    if curve.true is not None:
+        axes.plot(d, curve.true * to_f, color=TRUE, linewidth=2.6, alpha=0.45, zorder=2, label="true")
+    if curve.has_band:
+        lower, upper = curve.lower * to_f, curve.upper * to_f
+        axes.fill_between(
+            d, lower, upper, color=IDENTIFIED, alpha=0.25, linewidth=0, zorder=3, label="95 % band"
+        )
+    axes.plot(d, elastic, color=IDENTIFIED, linestyle=(0, (4, 3)), linewidth=0.8, zorder=4)
+    name = "identified" if curve.identified else "known"
+    axes.plot(d[inside], elastic[inside], color=IDENTIFIED, zorder=5, label=name)
+    if curve.wells:
+        wells = [well * to_d for well in curve.wells]
+        axes.plot(wells, [0.0] * len(wells), "o", color=WELL, markersize=5, zorder=6, label="wells")
+    axes.set_xlim(d[0], d[-1])
+    axes.set_ylim(curve.frame[0] * to_f, curve.frame[1] * to_f)
+    axes.set_xlabel(f"elongation d, {unit_d}")
+    at_rest = "v = 0 and states of 0" if curve.link.states else "v = 0"
+    axes.set_ylabel(f"force at {at_rest}, {unit_f}")
+
+
+def _samples_label(curve: ForceCurve) -> str:
+    """What the samples are, and how many of them lie beyond the frame."""
+    identified = "damping and memory" if curve.link.states else "damping"
+    description = f"{'true' if curve.samples_are_true else 'measured'} minus {identified}"
+    return f"{description} ({100 * curve.outside:.0f} % outside)" if curve.outside >= 0.005 else description
+
+
+@checked
+def loop(
+    estimate: Estimate, link: str, *, over: str = "d", legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the force of a link over its elongation or its rate, along the motion of the record.
+
+    Shown are the identified force, with the states of a link with memory, and that which a load cell showed.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        An answer of `linkwise.identify`.
+    link : str
+        Name of the link.
+    over : {"d", "v"}, default "d"
+        What the force is drawn over.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link, or the force in it is not known.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> law = lw.Law.parse("k*d + c*v")
+    >>> damper = lw.Link("damper", ("base", "ground"), law, {"k": 400.0, "c": 20.0})
+    >>> rig = lw.Structure("rig", (), (damper,))
+    >>> record = lw.simulate(rig, duration=4.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, rig.unknown("damper"))
+    >>> lw.plot.loop(fit, "damper").get_ylabel()
+    'force, N'
+    """
+    if over not in ("d", "v"):
+        raise StructureError(f'a loop is drawn over "d" or "v", got "{over}"')
+    forces = force_loop(estimate, link)
+    values, quantity = (forces.d, "elongation d") if over == "d" else (forces.v, "rate v")
+    law = estimate.link(link).link.law
+    to_x, unit_x = scale(float(np.nanmax(np.abs(values))), law.motion_units[("d", "v").index(over)])
+    to_f, unit_f = scale(forces.largest, law.force_unit)
+    with axes_for(ax, legend=legend) as axes:
+        if forces.measured is not None:
+            axes.plot(
+                values * to_x,
+                forces.measured * to_f,
+                color=MEASURED,
+                linewidth=0.7,
+                zorder=1,
+                label="measured",
+            )
+        axes.plot(
+            values * to_x,
+            forces.identified * to_f,
+            color=IDENTIFIED,
+            linewidth=0.9,
+            zorder=2,
+            label="identified",
+        )
+        axes.set_xlabel(f"{quantity}, {unit_x}")
+        axes.set_ylabel(f"force, {unit_f}")
+        wrap_title(axes, force_title(estimate.link(link).link))
+    return axes
+
+
+@checked
+def loop_figure(estimate: Estimate, link: str) -> Figure:
+    """The force of a link over its elongation and over its rate, on a figure of its own.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What `linkwise.identify` returned.
+    link : str
+        Name of the link.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link, or the force in it is not known.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> law = lw.Law.parse("k*d + c*v")
+    >>> damper = lw.Link("damper", ("base", "ground"), law, {"k": 400.0, "c": 20.0})
+    >>> rig = lw.Structure("rig", (), (damper,))
+    >>> record = lw.simulate(rig, duration=4.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, rig.unknown("damper"))
+    >>> len(lw.plot.loop_figure(fit, "damper").axes)
+    2
+    """
+    with sheet(columns=2) as (figure, panels):
+        loop(estimate, link, legend=False, ax=panels[0])
+        loop(estimate, link, over="v", legend=False, ax=panels[1])
+        for panel in panels:
+            panel.set_title("")
+        title = f"{force_title(estimate.link(link).link)}; {force_loop(estimate, link).energy_text}"
+        heading(figure, wrapped(title, figure.get_figwidth()))
+        legend_below(figure, panels[0])
+    return figure
+
+
+_SURFACE_POINTS = 81  # points of the surface either way
+_MARGIN = 0.05  # of the visited ranges, around them
+
+
+@checked
+def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw the identified force of a link over its elongation and rate as a map, with the motion of the record.
+
+    Where no sample lies near the law is an extrapolation.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        An answer of `linkwise.identify`; of a discovery its ``estimate``.
+    link : str
+        Name of a link without memory.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes; a colour bar is set
+        beside them.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: elongation in m and rate in m/s, or in thousands or thousandths of them as the axis labels say.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link, or it has memory, so that its force is not a function of elongation and rate.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> ax = lw.plot.surface(fit, "nes1")
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('elongation d, mm', 'rate v, m/s')
+    """
+    link_estimate = estimate.link(link)
+    if link_estimate.link.law.states:
+        raise StructureError(
+            "has memory, so that its force is not a function of elongation and rate; draw its loops",
+            f'link "{link}"',
+        )
+    index = [structure_link.name for structure_link in estimate.structure.links].index(link)
+    ranges = [np.array(link_estimate.d_range), np.array(link_estimate.v_range)]
+    widths = [_MARGIN * float(np.ptp(limits)) for limits in ranges]
+    d, v = (
+        np.linspace(limits[0] - width, limits[1] + width, _SURFACE_POINTS)
+        for limits, width in zip(ranges, widths, strict=True)
+    )
+    force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_SURFACE_POINTS, _SURFACE_POINTS))
+    law = link_estimate.link.law
+    to_d, unit_d = scale(float(np.abs(d).max()), law.motion_units[0])
+    to_v, unit_v = scale(float(np.abs(v).max()), law.motion_units[1])
+    largest = float(np.abs(force).max())
+    to_f, unit_f = scale(largest, law.force_unit)
+    some = scattered(len(estimate.motion.d))
+    with axes_for(ax, legend=legend, colorbars=True) as axes:
+        bound = max(largest * to_f, np.finfo(float).tiny)
+        mesh = axes.pcolormesh(
+            d * to_d, v * to_v, force * to_f, cmap="RdBu_r", vmin=-bound, vmax=bound, rasterized=True
+        )
+        axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
+        if np.any(force > 0.0) and np.any(force < 0.0):
+            axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
+        axes.plot(
+            estimate.motion.d[some, index] * to_d,
+            estimate.motion.v[some, index] * to_v,
+            ".",
+            color=TRUE,
+            markersize=1.2,
+            alpha=0.5,
+            rasterized=True,
+            label="motion of the record",
+        )
+        axes.set_xlabel(f"elongation d, {unit_d}")
+        axes.set_ylabel(f"rate v, {unit_v}")
+        wrap_title(axes, force_title(link_estimate.link))
+    return axes
+
+
+@checked
+def surface_figure(estimate: Estimate, link: str) -> Figure:
+    """The restoring-force surface of a link on a figure of its own.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What `linkwise.identify` returned.
+    link : str
+        Name of a link without memory.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StructureError
+        If there is no such link, or it has memory.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> len(lw.plot.surface_figure(fit, "nes1").axes)  # one for the colours
+    2
+    """
+    with sheet(colorbars=True, height=4.2) as (figure, [axes]):
+        surface(estimate, link, ax=axes)
+    return figure
+
+
+LineStyles = Mapping[str, Mapping[str, Any]]
+_CURVE_POINTS = 801
+_DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there
+
+
+@checked
+def force_comparison(
+    true: Link,
+    identified: Mapping[str, Link],
+    d_range: tuple[float, float],
+    *,
+    styles: LineStyles | None = None,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the elastic force of a link as several methods identified it, beside the true one.
+
+    Parameters
+    ----------
+    true : Link
+        The true link.
+    identified : dict of str to Link
+        Links as they were identified, by what the legend calls them.
+    d_range : tuple of float, shape (2,)
+        The least and the greatest elongation in m.
+    styles : dict of str to dict, optional
+        Properties of the line of a label, as ``Axes.plot`` of matplotlib takes them. By default solid lines, each in a colour
+        of its own.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: elongation and force in m and N, or in thousands or thousandths of them as the axis labels say.
+
+    Raises
+    ------
+    LinkwiseError
+        If the elongations do not begin below their end.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> sink, stiffer = lw.bnes_chain(2).link("nes1"), lw.bnes_chain(2, beta=1.1e6).link("nes1")
+    >>> ax = lw.plot.force_comparison(sink, {"weak form": stiffer}, (-0.02, 0.02))
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['theory', 'weak form']
+    """
+    d = _elongations(d_range)
+    force = true.force(d)
+    to_f, unit_f = scale(float(np.abs(force).max()), true.law.force_unit)
+    lines = _lines(identified, styles)
+    with axes_for(ax, legend=legend) as axes:
+        shown = _over_elongation(axes, d, true.law.motion_units[0])
+        axes.plot(shown, force * to_f, color=TRUE, linewidth=3.0, alpha=0.35, label="theory")
+        for name, link in identified.items():
+            axes.plot(shown, link.force(d) * to_f, **{"label": label(name), **lines[name]})
+        axes.set_ylabel(f"force at v = 0, {unit_f}")
+    return axes
+
+
+@checked
+def force_errors(
+    true: Link,
+    identified: Mapping[str, Link],
+    d_range: tuple[float, float],
+    *,
+    styles: LineStyles | None = None,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the errors of forces that several methods identified over the elongation, in % of the largest true force.
+
+    The paper divides by the force itself, which is zero at every equilibrium; by its largest value the error is finite
+    everywhere.
+
+    Parameters
+    ----------
+    true : Link
+        The true link.
+    identified : dict of str to Link
+        Links as they were identified, by what the legend calls them.
+    d_range : tuple of float, shape (2,)
+        The least and the greatest elongation in m.
+    styles : dict of str to dict, optional
+        Properties of the line of a label, as ``Axes.plot`` of matplotlib takes them. By default solid lines, each in a colour
+        of its own.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: elongation in m, or in mm or um as the axis label says, and % on a logarithmic axis.
+
+    Raises
+    ------
+    LinkwiseError
+        If the elongations do not begin below their end.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> sink, stiffer = lw.bnes_chain(2).link("nes1"), lw.bnes_chain(2, beta=1.1e6).link("nes1")
+    >>> lw.plot.force_errors(sink, {"weak form": stiffer}, (-0.02, 0.02)).get_ylabel()
+    'error, % of the largest force'
+    """
+    d = _elongations(d_range)
+    force = true.force(d)
+    largest = max(float(np.abs(force).max()), np.finfo(float).tiny)
+    errors = {name: 100.0 * np.abs(link.force(d) - force) / largest for name, link in identified.items()}
+    lines = _lines(identified, styles)
+    with axes_for(ax, legend=legend) as axes:
+        shown = _over_elongation(axes, d, true.law.motion_units[0])
+        for name, error in errors.items():
+            axes.plot(shown, error, **{"label": label(name), **lines[name]})
+        peaks = [float(error.max()) for error in errors.values() if error.any()]
+        if peaks:
+            log_scale(axes, "y")
+            axes.set_ylim(bottom=_DEPTH * min(peaks))
+        axes.set_ylabel("error, % of the largest force")
+    return axes
+
+
+@checked
+def force_comparison_figure(
+    true: Link,
+    identified: Mapping[str, Link],
+    d_range: tuple[float, float],
+    *,
+    styles: LineStyles | None = None,
+    only_errors: Collection[str] = (),
+    title: str = "",
+) -> Figure:
+    """The true force of a link with those identified in one panel, and their errors in another.
+
+    Parameters
+    ----------
+    true : Link
+        The true link.
+    identified : dict of str to Link
+        Links as they were identified, by what the legend calls them.
+    d_range : tuple of float, shape (2,)
+        The least and the greatest elongation in m.
+    styles : dict of str to dict, optional
+        Properties of the line of a label, as ``Axes.plot`` of matplotlib takes them.
+    only_errors : collection of str, optional
+        Labels whose forces are left out of the first panel.
+    title : str, optional
+        A title above both panels.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> sink, stiffer = lw.bnes_chain(2).link("nes1"), lw.bnes_chain(2, beta=1.1e6).link("nes1")
+    >>> len(lw.plot.force_comparison_figure(sink, {"weak form": stiffer}, (-0.02, 0.02)).axes)
+    2
+    """
+    styles = _lines(identified, styles)
+    drawn = {name: link for name, link in identified.items() if name not in only_errors}
+    with sheet(1, 2, height=3.7) as (figure, (left, right)):
+        force_comparison(true, drawn, d_range, styles=styles, legend=False, ax=left)
+        force_errors(true, identified, d_range, styles=styles, legend=False, ax=right)
+        left.set_title("a  force")
+        right.set_title("b  relative error")
+        legend_below(figure, left, right)
+        if title:
+            heading(figure, literal(title), size=9.0)
+    return figure
+
+
+def _elongations(d_range: tuple[float, float]) -> Floats:
+    """(G,) elongations in m over the range."""
+    least, greatest = d_range
+    if not (np.isfinite(least) and np.isfinite(greatest) and least < greatest):
+        raise LinkwiseError(
+            f"d_range must be the least and the greatest elongation in m, got {least} and {greatest}"
+        )
+    return np.linspace(least, greatest, _CURVE_POINTS)
+
+
+def _over_elongation(axes: Axes, d: Floats, unit: str) -> Floats:
+    """(G,) elongations in the unit of the axis, which is set up for them."""
+    to_d, unit_d = scale(float(np.abs(d).max()), unit)
+    axes.set_xlim(d[0] * to_d, d[-1] * to_d)
+    axes.set_xlabel(f"elongation d, {unit_d}")
+    return d * to_d
+
+
+def _lines(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:
+    """The properties of each line; colours go with the place among all that are identified."""
+    given = styles or {}
+    return {
+        name: {"color": SERIES[number % len(SERIES)], **given.get(name, {})}
+        for number, name in enumerate(identified)
+    }

@@ -1,0 +1,570 @@
+"""Time histories of a record.
+
+Spectra of the channels of a record.
+
+Channels of a record over time and frequency at once, and how they go together over frequency.
+
+Displacements of masses over time with the range of neighbouring orbits, with and without sinks (paper, Figs. 2 to 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from linkwise.argument_types import checked
+from linkwise.errors import LinkwiseError, RecordError
+from linkwise.estimates.estimate import Estimate
+from linkwise.inspection.channel_signal import Coherence, Spectrogram
+from linkwise.inspection.result import Inspection
+from linkwise.plot.style import (
+    IDENTIFIED,
+    MEASURED,
+    SERIES,
+    TRUE,
+    VISITED,
+    WELL,
+    axes_for,
+    envelope,
+    heading,
+    label,
+    legend_below,
+    literal,
+    log_scale,
+    scale,
+    sheet,
+    wrap_title,
+)
+from linkwise.records.record import Record
+from linkwise.simulation.simulate import OrbitEnvelope
+
+_MOST = 10  # strips that still can be read on one page
+_KINDS = {"x": "displacement", "v": "velocity", "a": "acceleration", "force": "force"}
+
+
+@checked
+def histories(
+    record: Record | Estimate,
+    channels: Sequence[str] | None = None,
+    *,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw channels of a record over time.
+
+    Gaps stay open; of a long record the extremes of every few samples are drawn, which looks the same.
+
+    Parameters
+    ----------
+    record : Record or Estimate
+        A record, or an estimate, whose record is drawn.
+    channels : sequence of str, optional
+        Names such as ``"x:m1"``. By default all, inputs first, at most 10.
+    legend : bool, default True
+        Add a legend to the axes where there are several channels.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s; values in the unit on the axis or, where the channels have several, in the legend.
+
+    Raises
+    ------
+    RecordError
+        If there is no such channel, or none is given.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> ax = lw.plot.histories(record, ["x:m1", "x:m2"])
+    >>> ax.get_ylabel()
+    'displacement, mm'
+    """
+    source = record.record if isinstance(record, Estimate) else record
+    names = _shown(source) if channels is None else tuple(channels)
+    if not names:
+        raise RecordError(f"no channel to draw; choose from {', '.join(source.channels)}")
+    units = {source.unit(name) for name in names}
+    together = _largest(source, names)
+    with axes_for(ax, legend=legend and len(names) > 1) as axes:
+        for name in names:
+            values = source.channel(name)
+            largest = together if len(units) == 1 else _largest(source, [name])
+            factor, unit = scale(largest, source.unit(name))
+            text = label(name if len(units) == 1 else f"{name}, {unit}")
+            color = SERIES[source.channels.index(name) % len(SERIES)]
+            axes.plot(*envelope(source.time, values * factor), color=color, linewidth=0.7, label=text)
+        axes.set_ylabel(_value_label(names, scale(together, units.pop())[1] if len(units) == 1 else ""))
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.set_xlim(source.time[0], source.time[-1])
+        axes.set_xlabel("time, s")
+    return axes
+
+
+@checked
+def histories_figure(record: Record) -> Figure:
+    """Each channel over time in a strip of its own; of more than 10 channels the first.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> len(lw.plot.histories_figure(record).axes)
+    2
+    """
+    names = _shown(record)
+    with sheet(len(names), height=0.9 + 0.95 * len(names), share_time=True) as (figure, strips):
+        for axes, name in zip(strips, names, strict=True):
+            histories(record, [name], ax=axes)
+            axes.label_outer()
+        hidden = len(record.channels) - len(names)
+        more = f" ({hidden} more channels not shown)" if hidden else ""
+        wrap_title(strips[0], f"{record.source or 'record'}{more}")
+        figure.align_ylabels()
+    return figure
+
+
+def _shown(record: Record) -> tuple[str, ...]:
+    """Inputs, then responses, as many as one page can hold."""
+    return (*record.inputs, *record.responses)[:_MOST]
+
+
+def _largest(record: Record, names: Sequence[str]) -> float:
+    """The largest absolute value of the channels, in their SI unit."""
+    return max(float(np.nanmax(np.abs(record.channel(name)), initial=0.0)) for name in names)
+
+
+def _value_label(names: Sequence[str], unit: str) -> str:
+    """The name of one channel, the kind of several, and the unit that they share."""
+    if len(names) == 1:
+        return f"{literal(names[0])}\n{unit}"
+    kinds = {name.partition(":")[0] for name in names}
+    if not unit or len(kinds) > 1:
+        return f"value, {unit}" if unit else "value"
+    kind = kinds.pop()
+    return f"{_KINDS.get(kind, kind)}, {unit}"
+
+
+@checked
+def spectrum(
+    record: Record, name: str, noise: float | None = None, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the amplitude spectral density of a channel over frequency.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    name : str
+        Name of the channel.
+    noise : float, optional
+        Standard deviation of its noise in its SI unit: the level of white noise is drawn.
+    legend : bool, default True
+        Add a legend to the axes where the noise is drawn.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, density in the unit of the channel per root Hz.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> ax = lw.plot.spectrum(record, "x:m1")
+    >>> ax.get_xlabel()
+    'frequency, Hz'
+    """
+    spectrogram = Spectrogram.of(record.channel(name), record.rate)
+    density = np.sqrt(spectrogram.mean[1:-1])
+    color = SERIES[record.channels.index(name) % len(SERIES)]
+    noisy = noise is not None and noise > 0.0 and bool(density.any())
+    with axes_for(ax, legend=legend and noisy) as axes:
+        if density.any():
+            axes.plot(spectrogram.frequency[1:-1], density, color=color, linewidth=0.9, label=label(name))
+            log_scale(axes, "y")
+        if noise is not None and noisy:
+            level = noise * (2.0 / record.rate) ** 0.5
+            axes.axhline(
+                level, color=WELL if color != WELL else MEASURED, linestyle="--", linewidth=0.8, label="noise"
+            )
+        axes.set_xlim(0.0, 0.5 * record.rate)
+        axes.set_xlabel("frequency, Hz")
+        axes.set_ylabel(f"{literal(name)}\n{record.unit(name)}/√Hz")
+    return axes
+
+
+@checked
+def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
+    """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        What `linkwise.inspect` returned.
+    number : int, default 0
+        Place of the record in ``inspection.records``, from 0.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> len(lw.plot.spectra_figure(lw.inspect(record)).axes)
+    2
+    """
+    record = inspection.records[number]
+    names = (*record.inputs, *record.responses)[:_MOST]
+    of = {summary.name: summary.noise for summary in inspection.channels_of(number)}
+    with sheet(len(names), height=0.9 + 1.1 * len(names), share_time=True) as (figure, strips):
+        for axes, name in zip(strips, names, strict=True):
+            spectrum(record, name, of[name], legend=False, ax=axes)
+            axes.label_outer()
+        figure.align_ylabels()
+    return figure
+
+
+_DECADES = 8.0  # of the power that colours tell apart, below its largest value
+
+
+@checked
+def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
+    """Draw the spectral density of a channel over time and frequency, dark where it is large.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    name : str
+        Name of the channel.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s, frequency in Hz; colours are logarithmic over eight decades at most.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> lw.plot.spectrogram(record, "x:m1").get_xlabel()
+    'time, s'
+    """
+    density = Spectrogram.of(record.channel(name), record.rate)
+    largest = float(density.power.max(initial=0.0))
+    with axes_for(ax) as axes:
+        if largest > 0.0:
+            power = np.maximum(density.power.T, largest * 10.0**-_DECADES)
+            norm = LogNorm(max(float(np.quantile(power, 0.05)), largest * 10.0**-_DECADES), largest)
+            axes.pcolormesh(
+                record.start + density.time,
+                density.frequency,
+                power,
+                norm=norm,
+                cmap="Greys",
+                rasterized=True,
+            )
+        axes.set_ylim(0.0, 0.5 * record.rate)
+        axes.set_xlabel("time, s")
+        axes.set_ylabel(f"{literal(name)}\nHz")
+    return axes
+
+
+@checked
+def coherence(
+    record: Record, first: str, second: str, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the coherence of two channels over frequency: the part of the power of one that follows linearly from the other.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    first, second : str
+        Names of the channels.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, coherence from 0 to 1, and what independent noise exceeds in one of 20 frequencies.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> lw.plot.coherence(record, "x:m1", "x:m2").get_xlabel()
+    'frequency, Hz'
+    """
+    estimate = Coherence.of(record.channel(first), record.channel(second), record.rate)
+    with axes_for(ax, legend=legend) as axes:
+        axes.plot(
+            estimate.frequency[1:], estimate.values[1:], color=SERIES[0], linewidth=0.9, label="coherence"
+        )
+        axes.axhline(estimate.by_chance, color=MEASURED, linestyle="--", linewidth=0.8, label="noise")
+        axes.set_xlim(0.0, 0.5 * record.rate)
+        axes.set_ylim(0.0, 1.0)
+        axes.set_xlabel("frequency, Hz")
+        axes.set_ylabel(f"{literal(first)}\n{literal(second)}")
+    return axes
+
+
+@checked
+def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
+    """Each channel of one record over time and frequency, in a strip of its own; of more than 10 channels the first.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        What `linkwise.inspect` returned.
+    number : int, default 0
+        Place of the record in ``inspection.records``, from 0.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> len(lw.plot.spectrograms_figure(lw.inspect(record)).axes)
+    2
+    """
+    record = inspection.records[number]
+    names = (*record.inputs, *record.responses)[:_MOST]
+    with sheet(len(names), height=0.9 + 1.3 * len(names), share_time=True) as (figure, strips):
+        for axes, name in zip(strips, names, strict=True):
+            spectrogram(record, name, ax=axes)
+            axes.label_outer()
+        figure.align_ylabels()
+    return figure
+
+
+@checked
+def coherences_figure(inspection: Inspection, number: int = 0) -> Figure:
+    """The coherence of each channel of one record with the next; of more than 10 pairs the first.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        What `linkwise.inspect` returned.
+    number : int, default 0
+        Place of the record in ``inspection.records``, from 0.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> len(lw.plot.coherences_figure(lw.inspect(record)).axes)
+    1
+    """
+    record = inspection.records[number]
+    pairs = list(pairwise((*record.inputs, *record.responses)))[:_MOST]
+    with sheet(max(len(pairs), 1), height=0.9 + 1.1 * max(len(pairs), 1), share_time=True) as (
+        figure,
+        strips,
+    ):
+        for axes, (first, second) in zip(strips, pairs, strict=False):
+            coherence(record, first, second, legend=False, ax=axes)
+            axes.label_outer()
+        figure.align_ylabels()
+    return figure
+
+
+_PANEL_HEIGHT = 1.5  # inches
+_BLOCK = 10  # samples of a range drawn as one: narrower than a line
+
+
+@checked
+def displacement(
+    envelope: OrbitEnvelope,
+    mass: str,
+    *,
+    without: OrbitEnvelope | None = None,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the displacement of a mass after a release over time, with sinks and without them where both are given.
+
+    Past the horizon of a chaotic motion the axes are shaded and the range of neighbouring orbits is shown: the curve is one
+    of many there.
+
+    Parameters
+    ----------
+    envelope : OrbitEnvelope
+        What `linkwise.orbit_envelope` returned.
+    mass : str
+        Name of the mass.
+    without : OrbitEnvelope, optional
+        The motion of the same mass in the structure without its sinks, drawn beside.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s, displacement in m, mm or um as the axis label says.
+
+    Raises
+    ------
+    RecordError
+        If there is no such mass.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> lw.plot.displacement(motion, "m1").get_ylabel()
+    'x, mm'
+    """
+    for argument, given in (("envelope", envelope), ("without", without or envelope)):
+        if mass not in given.masses:
+            raise RecordError(f'{argument}: no mass "{mass}"; the masses are {", ".join(given.masses)}')
+    shown = [envelope] if without is None else [without, envelope]
+    factor, unit = scale(
+        max(float(np.abs(_displacement(motion, mass)).max()) for motion in shown),
+        envelope.record.unit(f"x:{mass}"),
+    )
+    time = envelope.record.time
+    names = [("this orbit", IDENTIFIED)]
+    if without is not None:
+        names = [("without sinks", MEASURED), ("with sinks", IDENTIFIED)]
+    with axes_for(ax, legend=legend) as axes:
+        _draw_range(axes, envelope, mass, factor)
+        for motion, (name, color) in zip(shown, names, strict=True):
+            x = _displacement(motion, mass) * factor
+            axes.plot(motion.record.time, x, color=color, linewidth=0.8, zorder=3, label=name)
+        axes.set_xlim(time[0], time[-1])
+        axes.set_xlabel("time, s")
+        axes.set_ylabel(f"x, {unit}")
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+    return axes
+
+
+@checked
+def displacements_figure(
+    envelope: OrbitEnvelope,
+    *,
+    without: OrbitEnvelope | None = None,
+    columns: int = 1,
+    titles: Sequence[str] = (),
+) -> Figure:
+    """The displacement of every mass after a release in a panel of its own, lettered row by row.
+
+    Parameters
+    ----------
+    envelope : OrbitEnvelope
+        What `linkwise.orbit_envelope` returned.
+    without : OrbitEnvelope, optional
+        The motion without sinks, drawn beside; its masses are those that have a panel.
+    columns : int, default 1
+        Number of panels side by side.
+    titles : sequence of str, optional
+        A title for every panel. By default the names of the masses.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    LinkwiseError
+        If there is no column, or the number of titles is not that of the panels.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> len(lw.plot.displacements_figure(motion).axes)
+    2
+    """
+    masses = (without or envelope).masses
+    if columns < 1:
+        raise LinkwiseError(f"columns must be at least 1, got {columns}")
+    if len(titles) not in (0, len(masses)):
+        raise LinkwiseError(
+            f"titles must have one entry for each of the {len(masses)} panels, got {len(titles)}"
+        )
+    rows = -(-len(masses) // columns)
+    with sheet(rows, columns, height=0.8 + _PANEL_HEIGHT * rows) as (figure, panels):
+        for number, (axes, mass) in enumerate(zip(panels, masses, strict=False)):
+            displacement(envelope, mass, without=without, legend=False, ax=axes)
+            letter = f"{'abcdefghijklmnopqrstuvwxyz'[number % 26]}  " if len(masses) > 1 else ""
+            axes.set_title(literal(f"{letter}{(titles if len(titles) else masses)[number]}"))
+            if number < len(masses) - columns:
+                axes.set_xlabel("")
+                axes.tick_params(labelbottom=False)
+        for axes in panels[len(masses) :]:
+            axes.set_visible(False)
+        figure.align_ylabels()
+        if len(panels[0].get_legend_handles_labels()[1]) > 1:
+            legend_below(figure, panels[0], columns=4)
+        if envelope.horizon is not None:
+            told_apart = f"Past {envelope.horizon:.2f} s no orbit can be told apart from its neighbours"
+            heading(figure, f"{told_apart}: the curve is one of many.", size=9.0)
+    return figure
+
+
+def _displacement(envelope: OrbitEnvelope, mass: str) -> np.ndarray:
+    return envelope.record.channel(f"x:{mass}")
+
+
+def _draw_range(axes: Axes, envelope: OrbitEnvelope, mass: str, factor: float) -> None:
+    """Shade what lies past the horizon, and the range of neighbouring orbits there, in m times `factor`."""
+    time, horizon = envelope.record.time, envelope.horizon
+    if horizon is None or horizon >= time[-1]:
+        return
+    column = envelope.masses.index(mass)
+    starts = np.arange(int(np.searchsorted(time, horizon)), len(time), _BLOCK)
+    axes.axvspan(horizon, time[-1], color=VISITED, zorder=0, label="past the horizon")
+    axes.fill_between(
+        time[starts],
+        np.minimum.reduceat(envelope.least[:, column], starts) * factor,
+        np.maximum.reduceat(envelope.greatest[:, column], starts) * factor,
+        color=IDENTIFIED,
+        alpha=0.22,
+        linewidth=0,
+        zorder=1,
+        label="range of neighbouring orbits",
+    )
+    axes.axvline(horizon, color=TRUE, linewidth=0.7, linestyle=(0, (3, 2)), zorder=4)

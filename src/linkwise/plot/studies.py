@@ -1,0 +1,357 @@
+"""Error and time of every method of a study over its structures: medians, and the spread of the seeds.
+
+Success maps: how often methods of a study have exactly the true links and terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from linkwise.argument_types import checked
+from linkwise.arrays import Floats
+from linkwise.errors import StudyError
+from linkwise.plot.style import (
+    MEASURED,
+    SERIES,
+    TRUE,
+    WELL,
+    axes_for,
+    label,
+    legend_below,
+    literal,
+    log_scale,
+    sheet,
+)
+from linkwise.study.row import Row
+from linkwise.study.success_map import SuccessMap
+from linkwise.study.summary import Cell, StudySummary, StudyTable
+
+QUANTITIES = {"nmse": "NMSE of the force, %", "seconds": "time of one estimate, s"}
+_KNOWN = {"ml": (SERIES[0], "o"), "weak": (SERIES[4], "^"), "physics-informed": (SERIES[2], "D")}
+_OTHERS, _MARKERS = (SERIES[1], SERIES[5], SERIES[3], MEASURED), "sv<>"
+
+
+@dataclass(frozen=True)
+class CurveStyle:
+    """How the curve of a method is drawn and what the legend calls it.
+
+    A `faint` curve is one of several that stand behind the others: it has no marker and no spread.
+    """
+
+    label: str
+    color: str
+    marker: str
+    faint: bool = False
+
+
+@dataclass(frozen=True)
+class PublishedValues:
+    """Numbers that a paper prints, by structure, to stand beside those of a study; `label` says which they are."""
+
+    label: str
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@checked
+def study(
+    result: StudySummary | StudyTable | Iterable[Row],
+    quantity: str = "nmse",
+    *,
+    snr_db: float | None = None,
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the error, or the time, of every method of a study over its structures.
+
+    A curve joins the medians over seeds; a band around it covers their 5 to 95 % quantiles, a failed case counting as worse
+    than any answer.
+
+    Parameters
+    ----------
+    result : StudySummary or StudyTable or iterable of Row
+        What `linkwise.study_summary`, `linkwise.run_study` or `linkwise.read_rows` returns.
+    quantity : {"nmse", "seconds"}, default "nmse"
+        The error of the force in % (paper Eq. 8), or the time of one estimate in s.
+    snr_db : float, optional
+        The noise level in dB. By default the noisiest of the study.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: degrees of freedom, or names of structures where several have the same number, against % or s.
+
+    Raises
+    ------
+    StudyError
+        If the study has no cell, not this noise level, or there is no such quantity.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> rows = [
+    ...     lw.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2}, seconds=0.9),
+    ...     lw.Row("bnes-4", 4, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.3}, seconds=1.8),
+    ... ]
+    >>> lw.plot.study(rows).get_xlabel()
+    'degrees of freedom'
+    """
+    table = _table(result)
+    if quantity not in QUANTITIES:
+        raise StudyError(f"unknown quantity {quantity!r}; choose from {', '.join(map(repr, QUANTITIES))}")
+    level = table.decibels[-1] if snr_db is None else snr_db
+    if level not in table.decibels:
+        levels = ", ".join(f"{decibel:g}" for decibel in table.decibels)
+        raise StudyError(f"no cell at {level:g} dB; choose from {levels} dB")
+    with axes_for(ax, legend=legend) as axes:
+        draw_curves(axes, table, level, quantity, curve_styles(table.methods))
+        axes.set_title(f"{level:g} dB")
+    return axes
+
+
+@checked
+def accuracy_figure(result: StudySummary | StudyTable | Iterable[Row]) -> Figure:
+    """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them.
+
+    Parameters
+    ----------
+    result : StudySummary or StudyTable or iterable of Row
+        What `linkwise.study_summary`, `linkwise.run_study` or `linkwise.read_rows` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> len(lw.plot.accuracy_figure(lw.read_rows("results/mine")).axes)
+    2
+    """
+    table = _table(result)
+    count = len(table.decibels) + 1
+    rows = -(-count // 2)
+    with sheet(rows, 2, height=0.9 + 2.3 * rows) as (figure, panels):
+        for letter, axes, decibel in zip("abcdefghijklmnopqrstuvwxyz", panels, table.decibels, strict=False):
+            study(table, snr_db=decibel, legend=False, ax=axes)
+            axes.set_title(f"{letter}  {decibel:g} dB")
+        last = panels[count - 1]
+        study(table, "seconds", snr_db=table.decibels[-1], legend=False, ax=last)
+        last.set_title(f"{chr(ord('a') + count - 1)}  time of one estimate, {table.decibels[-1]:g} dB")
+        for axes in panels[count:]:
+            axes.set_visible(False)
+        legend_below(figure, *panels[:count])
+    return figure
+
+
+def curve_styles(methods: Sequence[str]) -> dict[str, CurveStyle]:
+    """A style for each method; linkwise's own estimators look the same in every figure, whatever stands beside them."""
+    others = cycle(zip(_OTHERS, _MARKERS, strict=False))
+    return {method: CurveStyle(method, *(_KNOWN.get(method) or next(others))) for method in methods}
+
+
+def draw_curves(
+    axes: Axes,
+    table: StudyTable,
+    snr_db: float,
+    quantity: str,
+    styles: Mapping[str, CurveStyle],
+    published: PublishedValues | None = None,
+) -> None:
+    """Draw the medians of each method of `styles` over the structures, the spread of errors, and what a paper prints."""
+    for method, style in styles.items():
+        cells = [table.cell(structure, snr_db, method) for structure in table.structures]
+        values = _values(cells, quantity)
+        if np.isfinite(values).any():
+            _draw_curve(axes, style, values)
+        if quantity == "nmse" and not style.faint:
+            low, high = _values(cells, "low"), _values(cells, "high")
+            axes.fill_between(
+                range(len(cells)), low, high, color=style.color, alpha=0.16, linewidth=0, zorder=2
+            )
+    if published is not None:
+        _draw_published(axes, table, published)
+    counts = list(table.masses.values())
+    distinct = len(set(counts)) == len(counts)
+    ticks = [str(count) for count in counts] if distinct else [literal(name) for name in table.structures]
+    slanted: dict[str, Any] = {} if distinct else {"rotation": 25, "ha": "right", "rotation_mode": "anchor"}
+    axes.set_xticks(range(len(ticks)), ticks, **slanted)
+    axes.set_xlim(-0.3, len(ticks) - 0.7)
+    axes.set_xlabel("degrees of freedom" if distinct else "structure")
+    if axes.lines:
+        log_scale(axes, "y")
+    axes.set_ylabel(QUANTITIES[quantity])
+
+
+def _table(result: StudySummary | StudyTable | Iterable[Row]) -> StudyTable:
+    if isinstance(result, StudyTable):
+        table = result
+    elif isinstance(result, StudySummary):
+        table = StudyTable(result.cells)
+    else:
+        table = StudyTable.of_rows(result)
+    if not table.cells:
+        raise StudyError("nothing to draw: the study has no rows")
+    return table
+
+
+def _draw_curve(axes: Axes, style: CurveStyle, values: Floats) -> None:
+    bold: dict[str, Any] = {"marker": style.marker, "markersize": 4, "zorder": 3}
+    faint: dict[str, Any] = {"linewidth": 0.6, "zorder": 1}
+    axes.plot(
+        range(len(values)),
+        values,
+        color=style.color,
+        label=label(style.label),
+        **(faint if style.faint else bold),
+    )
+
+
+def _draw_published(axes: Axes, table: StudyTable, published: PublishedValues) -> None:
+    at = [index for index, structure in enumerate(table.structures) if structure in published.values]
+    axes.plot(
+        at,
+        [published.values[table.structures[index]] for index in at],
+        color=TRUE,
+        linestyle=(0, (4, 2)),
+        marker="s",
+        markersize=5.5,
+        markerfacecolor="none",
+        label=published.label,
+        zorder=4,
+    )
+
+
+def _values(cells: Iterable[Cell | None], name: str) -> Floats:
+    """An attribute of the cells, with NaN, which leaves a gap, where there is none."""
+    values = (None if cell is None else getattr(cell, name) for cell in cells)
+    return np.array([np.nan if value is None else value for value in values])
+
+
+_DARKEST = 1.6  # share that would have the darkest colour, so that black numbers are read on all
+_NUMBER_SIZE, _SMALL_SIZE = 6.5, 5.5  # points
+_NUMBERS = "per cent that have all true\nterms and no other; below it\nthe per cent trusted but wrong"
+_CELL, _ROW = 0.26, 0.4  # inches that a line of cells takes, and what stands around those of a panel
+
+
+@checked
+def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
+    """Draw how often a method has the true terms over noise and samples a period.
+
+    Parameters
+    ----------
+    result : SuccessMap
+        One of those of `linkwise.success_maps`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: signal-to-noise ratio in dB against samples a period (Hz where no frequency is stated), one cell
+        each. A cell has the per cent of cases with exactly the true terms, and below it in red, where there are any, the per
+        cent that are trusted though a term is missing or extra; it is empty where no case was run.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> one = np.array([[1]])
+    >>> result = lw.SuccessMap("chain", "discover", np.array([20.0]), np.array([100.0]), 10.0, one, one, 0 * one, 0 * one)
+    >>> lw.plot.success_map(result).get_ylabel()
+    'samples a period'
+    """
+    with axes_for(ax, width=3.2, height=2.2) as axes:
+        share = result.exact_share
+        axes.pcolormesh(
+            np.ma.masked_invalid(share),
+            cmap="Blues",
+            vmin=0.0,
+            vmax=_DARKEST,
+            edgecolors="white",
+            linewidth=1.0,
+        )
+        for (row, column), value in np.ndenumerate(share):
+            if np.isfinite(value):
+                wrong = float(result.wrong_trusted_share[row, column])
+                _write(axes, row, column, 100.0 * float(value), 100.0 * wrong)
+        axes.set_xticks(np.arange(len(result.snr_db)) + 0.5, [f"{level:g}" for level in result.snr_db])
+        axes.set_yticks(np.arange(len(result.rates)) + 0.5, [f"{count:.3g}" for count in result.samples])
+        axes.grid(False)
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+        axes.set_xlabel("signal-to-noise ratio, dB")
+        axes.set_ylabel("sampling rate, Hz" if result.frequency is None else "samples a period")
+        axes.set_title(literal(f"{result.name}: {result.method}"))
+    return axes
+
+
+@checked
+def success_figure(results: Sequence[SuccessMap]) -> Figure:
+    """A row of panels for each structure and length of the records, a panel for each method.
+
+    Parameters
+    ----------
+    results : sequence of SuccessMap
+        What `linkwise.success_maps` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Raises
+    ------
+    StudyError
+        If there is no map.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> one = np.array([[1]])
+    >>> result = lw.SuccessMap("chain", "discover", np.array([20.0]), np.array([100.0]), 10.0, one, one, 0 * one, 0 * one)
+    >>> len(lw.plot.success_figure([result]).axes)
+    1
+    """
+    if not results:
+        raise StudyError("nothing to draw: no method of the study looks for terms, or no case of one was run")
+    methods = list(dict.fromkeys(result.method for result in results))
+    lines = [results[start : start + len(methods)] for start in range(0, len(results), len(methods))]
+    height = 1.2 + sum(_ROW + _CELL * len(line[0].rates) for line in lines)
+    width = 0.8 + 2.2 * len(methods)
+    with sheet(len(lines), len(methods), width=width, height=height, share_time=True) as (figure, panels):
+        for number, (axes, result) in enumerate(zip(panels, results, strict=True)):
+            row, column = divmod(number, len(methods))
+            success_map(result, ax=axes)
+            name = "" if column else result.name
+            axes.set_title(literal(name if row else f"{result.method}\n{name}"))
+            if row < len(lines) - 1:
+                axes.set_xlabel("")
+            elif not column:
+                axes.set_xlabel(f"{axes.get_xlabel()}\n{_NUMBERS}")
+            if column:
+                axes.set_ylabel("")
+                axes.tick_params(labelleft=False)
+    return figure
+
+
+def _write(axes: Axes, row: int, column: int, exact: float, wrong: float) -> None:
+    """The per cent in a cell, and below it in red those that are wrong and trusted."""
+    across, up = column + 0.5, row + (0.68 if wrong > 0.0 else 0.5)
+    axes.text(across, up, f"{exact:.0f}", fontsize=_NUMBER_SIZE, ha="center", va="center")
+    if wrong > 0.0:
+        axes.text(
+            across, row + 0.24, f"{wrong:.0f}", fontsize=_SMALL_SIZE, color=WELL, ha="center", va="center"
+        )

@@ -1,0 +1,386 @@
+"""A record beside its prediction, and the difference over time.
+
+Where in the motion a prediction fails: over elongation and velocity of the links, and over frequency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from linkwise.argument_types import checked
+from linkwise.display import near_miss
+from linkwise.errors import RecordError
+from linkwise.identification.validation.result import Validation
+from linkwise.plot.style import (
+    IDENTIFIED,
+    MEASURED,
+    VISITED,
+    WELL,
+    axes_for,
+    envelope,
+    legend_below,
+    literal,
+    log_scale,
+    scale,
+    sheet,
+    wrap_title,
+)
+
+_MOST = 6  # channels that still can be read on one page
+
+
+@checked
+def prediction(validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw a channel as measured and as predicted over time.
+
+    Parameters
+    ----------
+    validation : Validation
+        An answer of `linkwise.validate`.
+    channel : str
+        A response of its record.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s, and the channel in the unit on the axis; the burn is shaded.
+
+    Raises
+    ------
+    RecordError
+        If there is no such channel.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> lw.plot.prediction(lw.validate(record, chain), "x:m1").get_xlabel()
+    'time, s'
+    """
+    record = validation.record
+    measured, predicted = record.channel(channel), validation.predicted.channel(channel)
+    factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), validation.channels[channel].unit)
+    with axes_for(ax, legend=legend) as axes:
+        axes.plot(*envelope(record.time, measured * factor), color=MEASURED, linewidth=1.6, label="measured")
+        axes.plot(
+            *envelope(record.time, predicted * factor), color=IDENTIFIED, linewidth=0.7, label="predicted"
+        )
+        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+    return axes
+
+
+@checked
+def prediction_error(
+    validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw measured less predicted over time, on a band of twice its expected standard deviation.
+
+    Parameters
+    ----------
+    validation : Validation
+        An answer of `linkwise.validate`.
+    channel : str
+        A response of its record.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: time in s, and the error in the unit on the axis; the burn is shaded.
+
+    Raises
+    ------
+    RecordError
+        If there is no such channel.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> lw.plot.prediction_error(lw.validate(record, chain), "x:m1").get_xlabel()
+    'time, s'
+    """
+    record = validation.record
+    error = record.channel(channel) - validation.predicted.channel(channel)
+    deviation = validation.deviation.channel(channel)
+    largest = float(np.nanmax(np.abs(error), initial=0.0))
+    factor, unit = scale(largest, validation.channels[channel].unit)
+    time, upper = envelope(record.time, 2.0 * deviation * factor)
+    with axes_for(ax, legend=legend) as axes:
+        for side in (-upper, upper):
+            axes.plot(time, side, color=WELL, linewidth=0.8, zorder=4, label="expected, 2 deviations")
+        axes.plot(
+            *envelope(record.time, error * factor), color=IDENTIFIED, linewidth=0.5, zorder=3, label="error"
+        )
+        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+        span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
+        axes.set_ylim(-span, span)
+    return axes
+
+
+@checked
+def prediction_figure(validation: Validation) -> Figure:
+    """Measured and predicted channels over time, one below the other.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_figure(result).axes)
+    2
+    """
+    with _strips(validation, "measured and predicted") as (figure, strips):
+        for name, axes in strips.items():
+            prediction(validation, name, legend=False, ax=axes)
+    return figure
+
+
+@checked
+def prediction_error_figure(validation: Validation) -> Figure:
+    """The errors of the channels over time, one below the other.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_error_figure(result).axes)
+    2
+    """
+    with _strips(validation, "measured less predicted") as (figure, strips):
+        for name, axes in strips.items():
+            prediction_error(validation, name, legend=False, ax=axes)
+    return figure
+
+
+@contextmanager
+def _strips(validation: Validation, title: str) -> Iterator[tuple[Figure, dict[str, Axes]]]:
+    """A figure with axes for each channel, of many for the first; what is around them is added when they are drawn."""
+    names = list(validation.channels)[:_MOST]
+    hidden = len(validation.channels) - len(names)
+    with sheet(len(names), height=1.3 + 1.15 * len(names), share_time=True) as (figure, strips):
+        yield figure, dict(zip(names, strips, strict=True))
+        for axes in strips:
+            axes.label_outer()
+        more = f" ({hidden} more channels not shown)" if hidden else ""
+        wrap_title(strips[0], f"{title}{more}")
+        figure.align_ylabels()
+        legend_below(figure, strips[0])
+
+
+def _frame(axes: Axes, validation: Validation, name: str) -> None:
+    record = validation.record
+    axes.axvspan(
+        record.time[0], record.time[0] + validation.burn, color=VISITED, zorder=0, label="not scored"
+    )
+    axes.set_ylabel(name)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.set_xlim(record.time[0], record.time[-1])
+    axes.set_xlabel("time, s")
+
+
+_MOST_PROFILES = 4  # links or channels that still can be read on one page
+
+
+@checked
+def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None = None) -> Axes:
+    """Draw the error of a prediction over time, or over the elongation or velocity of a link.
+
+    Parameters
+    ----------
+    validation : Validation
+        An answer of `linkwise.validate`.
+    quantity : str
+        The quantity of one of its profiles: ``"time"``, ``"d of LINK"`` or ``"v of LINK"``.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: the quantity in the unit on the axis, and the error in % of the RMS of the channels.
+
+    Raises
+    ------
+    RecordError
+        If there is no such quantity.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> lw.plot.prediction_profile(lw.validate(record, chain), "d of nes1").get_ylabel()
+    'error, % of the motion'
+    """
+    known = {profile.quantity: profile for profile in validation.profiles}
+    if quantity not in known:
+        raise RecordError(
+            f"unknown quantity {quantity!r}{near_miss(quantity, known)}; choose from {', '.join(known)}"
+        )
+    profile = known[quantity]
+    factor, unit = scale(float(np.abs(profile.edges).max()), profile.unit)
+    with axes_for(ax) as axes:
+        axes.stairs(
+            profile.error_percent, profile.edges * factor, color=IDENTIFIED, linewidth=1.4, baseline=None
+        )
+        axes.set_xlabel(f"{literal(quantity)}, {unit}")
+        axes.set_ylabel("error, % of the motion")
+        axes.set_xlim(profile.edges[0] * factor, profile.edges[-1] * factor)
+        axes.set_ylim(bottom=0.0)
+    return axes
+
+
+@checked
+def prediction_spectrum(
+    validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the power spectral density of a channel and of the error of its prediction.
+
+    Parameters
+    ----------
+    validation : Validation
+        An answer of `linkwise.validate`.
+    channel : str
+        A response of its record with a spectrum.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, and density in the square of the unit of the channel over Hz.
+
+    Raises
+    ------
+    RecordError
+        If the channel has no spectrum.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> lw.plot.prediction_spectrum(lw.validate(record, chain), "x:m1").get_xlabel()
+    'frequency, Hz'
+    """
+    if channel not in validation.spectra:
+        raise RecordError(
+            f"there is no spectrum of {channel!r}; choose from {', '.join(validation.spectra) or 'none'}"
+        )
+    spectrum, score = validation.spectra[channel], validation.channels[channel]
+    noise = 2.0 * score.noise**2 / validation.record.rate
+    with axes_for(ax, legend=legend) as axes:
+        axes.plot(spectrum.frequency, spectrum.measured, color=MEASURED, linewidth=1.4, label="measured")
+        axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, linewidth=1.0, label="error")
+        axes.axhline(noise, color=WELL, linestyle=(0, (4, 3)), linewidth=1.0, label="noise")
+        log_scale(axes, "y")
+        axes.set_xlim(0.0, spectrum.frequency[-1])
+        axes.set_xlabel("frequency, Hz")
+        axes.set_ylabel(f"{literal(channel)}, ({score.unit})²/Hz")
+    return axes
+
+
+@checked
+def prediction_profile_figure(validation: Validation) -> Figure:
+    """The error over elongation and velocity of each link; of more than 4 links the first.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_profile_figure(result).axes)
+    4
+    """
+    links = [profile.quantity for profile in validation.profiles[1:]][: 2 * _MOST_PROFILES]
+    rows = len(links) // 2
+    with sheet(rows, 2, height=0.8 + 2.1 * rows) as (figure, panels):
+        for axes, quantity in zip(panels, links, strict=True):
+            prediction_profile(validation, quantity, ax=axes)
+        for axes in panels[1::2]:
+            axes.set_ylabel("")
+    return figure
+
+
+@checked
+def prediction_spectrum_figure(validation: Validation) -> Figure:
+    """The spectra of the channels; of more than 4 the first.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `linkwise.validate` returned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure that no window shows; `save` writes it.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> len(lw.plot.prediction_spectrum_figure(result).axes)
+    2
+    """
+    names = list(validation.spectra)[:_MOST_PROFILES]
+    with sheet(len(names), height=0.9 + 1.9 * len(names), share_time=True) as (figure, panels):
+        for axes, name in zip(panels, names, strict=True):
+            prediction_spectrum(validation, name, legend=False, ax=axes)
+            axes.label_outer()
+        legend_below(figure, panels[0])
+    return figure

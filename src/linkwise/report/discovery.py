@@ -1,0 +1,356 @@
+"""The result folder of `discover`: that of `identify`, with the graph, the path and the evidence for every term.
+
+The content of result.json for a discovery.
+
+The page of a discovery: verdict, graph, links by certainty, path; then what the page of an estimate shows.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from linkwise import plot
+from linkwise.argument_types import checked
+from linkwise.deprecation import Deprecated, deprecated_keyword
+from linkwise.discovery.memory_text import memory_rows, memory_sentence
+from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
+from linkwise.discovery.scoring import align_truth, term_score
+from linkwise.discovery.text import (
+    PATH_TITLE,
+    all_remarks,
+    doubt_mark,
+    doubtful_rows,
+    doubtful_title,
+    headline,
+    links_by_certainty,
+    mass_rows,
+    path_rows,
+    runner_up_rows,
+    term_rows,
+)
+from linkwise.display import csv_cell
+from linkwise.estimates.estimate import Estimate
+from linkwise.model.structure import Structure
+from linkwise.progress import Progress, silent
+from linkwise.registry import Registry
+from linkwise.report.estimate import estimate_figures, page_parts, result_of, write_numbers
+from linkwise.report.page import (
+    TEMPLATES,
+    Build,
+    Reported,
+    ResultFolder,
+    Section,
+    figure_section,
+    sections_of,
+)
+
+
+@deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
+@checked
+def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[str, Any]:
+    """Return the content of result.json for a discovery as plain data.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        A result of `discover`.
+    truth : Structure, optional
+        The true structure, which adds "nmse_percent", the NMSE of each force in % (paper Eq. 8) or None where it does not
+        exist, and "truth", the names of the terms that are right, missing and false.
+
+    Returns
+    -------
+    dict
+        The discovery as plain data, and the version of linkwise.
+
+    Raises
+    ------
+    StructureError
+        If the true structure has other masses.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> lw.discovery_of(lw.discover(record, {"m1": 1.0, "m2": 0.01}), chain)["truth"]["missing"]
+    []
+    """
+    result = {**discovery.to_dict(), "version": version("linkwise")}
+    if truth is None:
+        return result
+    score = term_score(discovery.structure, truth)
+    compared = {
+        "right": list(score.right),
+        "missing": list(score.missing),
+        "extra": list(score.extra),
+        "missing_links": list(score.missing_links),
+        "extra_links": list(score.extra_links),
+    }
+    aligned = result_of(discovery.estimate, align_truth(discovery.structure, truth))
+    return {**result, "nmse_percent": aligned["nmse_percent"], "truth": compared}
+
+
+_HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
+
+
+def _comparison(reported: Reported[Discovery]) -> Section | None:
+    """The terms that are right, missing and false, where the truth is known."""
+    if reported.truth is None:
+        return None
+    score = term_score(reported.result.structure, reported.truth)
+    counts = (
+        f"{len(score.right)} terms are right, {len(score.missing)} are missing, {len(score.extra)} are false."
+    )
+    lists = (("Missing", score.missing), ("False", score.extra))
+    listed = [f"{label}: {', '.join(names)}." for label, names in lists if names]
+    return Section("Comparison with the truth", [counts, *listed])
+
+
+def _certainty(reported: Reported[Discovery]) -> Section:
+    """Every term with its evidence, the most certain links first."""
+    margin = (
+        "Margin: by how much the criterion, -2 log likelihood plus the penalty on links and terms, rises when the "
+        f"decision is reversed; beyond {CERTAIN:g} the decision is certain. z: the value in units of its standard error."
+    )
+    return Section("How certain it is", [margin], rows=[_HEAD, *_rows(reported.result)])
+
+
+def _memory(reported: Reported[Discovery]) -> Section | None:
+    """The link that has memory, where one has."""
+    memory = reported.result.memory
+    if not memory:
+        return None
+    sentences = [*map(memory_sentence, memory), "Margins: by how much the criterion rises, at least."]
+    return Section("Memory", sentences, rows=memory_rows(memory))
+
+
+def _doubts(reported: Reported[Discovery]) -> Section | None:
+    """The decisions that are not beyond doubt, where there are such."""
+    rows = doubtful_rows(reported.result)
+    title = doubtful_title(reported.result)
+    return Section(title[:1].upper() + title[1:], rows=rows) if len(rows) > 1 else None
+
+
+def _path(reported: Reported[Discovery]) -> Section:
+    """The path over model sizes and the next best models."""
+    discovery = reported.result
+    return Section(
+        "Why these terms", rows=runner_up_rows(discovery), figure=lambda: plot.path_figure(discovery)
+    )
+
+
+def _sizes(reported: Reported[Discovery]) -> Section | None:
+    """What models of other sizes cost and predict, where pieces of the record were left out."""
+    rows = path_rows(reported.result)
+    return Section(PATH_TITLE[:1].upper() + PATH_TITLE[1:], rows=rows) if len(rows) > 1 else None
+
+
+def _average(reported: Reported[Discovery]) -> Section | None:
+    """The models that survive beside the selected one, if they give another force; none without trust."""
+    discovery = reported.result
+    link = discovery.average.departing(discovery.estimate.links) if discovery.trusted else None
+    if link is None:
+        return None
+    return Section(
+        "Other models that survive",
+        ["Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."],
+        figure=lambda: plot.departures_figure(discovery, link),
+        folded=True,
+    )
+
+
+def _evidence(reported: Reported[Discovery]) -> Section:
+    """What each term explains."""
+    return Section(
+        "The evidence term by term",
+        ["terms.csv lists all candidates that were tested."],
+        figure=lambda: plot.evidence_figure(reported.result),
+        folded=True,
+    )
+
+
+SECTIONS: Registry[Build[Discovery]] = Registry(
+    "section",
+    {
+        "graph": figure_section("Discovered links", lambda discovery: plot.graph_figure(discovery)),
+        "comparison": _comparison,
+        "memory": _memory,
+        "certainty": _certainty,
+        "doubts": _doubts,
+        "path": _path,
+        "sizes": _sizes,
+        "average": _average,
+        "evidence": _evidence,
+    },
+)
+"""What stands before the links, in order; the name of a section is that of its figure's files."""
+
+
+def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
+    """The estimate of a discovery, with the truth under the names of the discovered links."""
+    discovery, truth = reported.result, reported.truth
+    return Reported(
+        discovery.estimate, None if truth is None else align_truth(discovery.structure, truth), reported.nmse
+    )
+
+
+def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:
+    """All sections with a figure, by the name of its files: those of the discovery, then those of its estimate."""
+    return {**sections_of(SECTIONS, reported), **estimate_figures(links_of(reported))}
+
+
+def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]) -> str:
+    """The page as self-contained HTML; `pictures` are those that `write_figures` made of `discovery_figures`."""
+    discovery = reported.result
+    return TEMPLATES.get_template("discovery.html.jinja").render(
+        {
+            **page_parts(links_of(reported), pictures),
+            "discovery": discovery,
+            "headline": headline(discovery),
+            "remarks": all_remarks(discovery),
+            "lead": sections_of(SECTIONS, reported),
+        }
+    )
+
+
+def _rows(discovery: Discovery) -> list[tuple[str, ...]]:
+    """A row for every mass that was unknown and every term; the first of a link names the link."""
+    rows = [("", "", "mass", *row) for row in mass_rows(discovery)]
+    for link in links_by_certainty(discovery):
+        title = (f"{link.link.name}{doubt_mark(discovery, link)}", " – ".join(link.link.between), link.kind)
+        for number, row in enumerate(term_rows(discovery, link)):
+            rows.append((*(title if number == 0 else ("", "", "")), *row))
+    return rows
+
+
+@deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
+@checked
+def write_discovery(
+    discovery: Discovery,
+    folder: str | Path,
+    *,
+    truth: Structure | None = None,
+    progress: Progress = silent,
+) -> Path:
+    """Write a discovery into a folder.
+
+    The folder holds what `write_result` writes, and terms.csv, the graph, the path and the evidence.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        What `discover` returned.
+    folder : path-like
+        The folder. An earlier result in it is replaced when the new one is complete.
+    truth : Structure, optional
+        The true structure: its forces are added to the figures, and the NMSE of the forces and the terms that are right to
+        the numbers.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+    StructureError
+        If `truth` has other masses.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_discovery(discovery, f"{folder}/discovery")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['report.html', 'result.json', 'structure.toml']
+    """
+    return DISCOVERY_FOLDER.write(discovery, folder, truth=truth, progress=progress)
+
+
+_COLUMNS = {"identifiable": "told", "unambiguous": "reliable"}
+"""Columns of terms.csv whose attribute was renamed: keys of files stay."""
+
+
+def _write_data(reported: Reported[Discovery], folder: Path) -> None:
+    """The candidates, and what is written of an estimate."""
+    _write_terms(reported.result, folder / "terms.csv")
+    write_numbers(reported.result.estimate, folder, reported.result.verdicts)
+
+
+def _with_aligned_truth(discovery: Discovery) -> Discovery:
+    """The discovery with the truth of a simulated record under the names of the discovered links, for figures."""
+    estimate = discovery.estimate
+    simulated = estimate.record.simulated
+    if simulated is None:
+        return discovery
+    structures = (estimate.structure, simulated.structure)
+    if any(
+        link.law.states for structure in structures for link in structure.links
+    ):  # not compared, see term_score
+        return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=None)))
+    aligned = replace(simulated, structure=align_truth(*structures))
+    return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=aligned)))
+
+
+def _write_terms(discovery: Discovery, path: Path) -> None:
+    """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
+    apart = {"between", "possible_share"}
+    names = [field.name for field in fields(TermEvidence) if field.name not in apart]
+    rows = [
+        [
+            *(getattr(term, name) for name in names),
+            *term.between,
+            term.certain,
+            term.penalty,
+            term.possible_share,
+        ]
+        for term in discovery.terms
+    ]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(
+            [
+                *(_COLUMNS.get(name, name) for name in names),
+                "first",
+                "second",
+                "certain",
+                "price",
+                "possible_share",
+            ]
+        )
+        writer.writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.10g}" if math.isfinite(value) else ""
+    return str(csv_cell(str(value)))
+
+
+DISCOVERY_FOLDER: ResultFolder[Discovery] = ResultFolder(
+    document=discovery_of,
+    data=_write_data,
+    figures=discovery_figures,
+    page=discovery_page,
+    shown=_with_aligned_truth,
+)
+"""What `discover` hands over."""

@@ -1,0 +1,393 @@
+"""The result folder of `identify`: numbers, figures and a page.
+
+The content of result.json for an estimate.
+
+The page of an estimate: verdict first, then numbers, figures, and what was done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from linkwise import plot
+from linkwise.argument_types import checked
+from linkwise.display import format_chi_square, format_error, format_value
+from linkwise.errors import RecordError
+from linkwise.estimates.curves import GRID, has_loop
+from linkwise.estimates.estimate import Estimate, untrusted_comment
+from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
+from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
+from linkwise.identification.force_error import nmse
+from linkwise.likelihood.whiteness import whiteness_text
+from linkwise.model.structure import Link, Structure
+from linkwise.model.structure_file import format_structure
+from linkwise.plot.style import force_title
+from linkwise.progress import Progress, silent
+from linkwise.records.record import Record
+from linkwise.registry import Registry
+from linkwise.report.page import TEMPLATES, Build, Reported, ResultFolder, Section, sections_of
+from linkwise.verdict import Verdict, is_trusted, status_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
+UNSEEN_HEAD = (
+    "link or mass",
+    "term",
+    "up to, % of its force or mass",
+    "would change",
+    "by %",
+    "standard errors",
+)
+NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
+
+
+def _record(reported: Reported[Estimate]) -> Section:
+    """The record: where it comes from, its noise and its histories."""
+    estimate = reported.result
+    record = estimate.record
+    return Section(
+        "Record",
+        text=[
+            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+            f"{record.time[-1]:g} s."
+        ],
+        items=record.notes,
+        rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
+        figure=lambda: plot.histories_figure(record),
+        interactive=True,
+    )
+
+
+def _unseen(reported: Reported[Estimate]) -> Section | None:
+    """Terms, and errors of stated masses, that the record does not rule out, where there are some."""
+    terms = reported.result.unseen_terms
+    rows = [
+        (
+            term.link,
+            term.term,
+            f"{100.0 * term.share:.2g}",
+            term.coefficient,
+            f"{100.0 * term.relative_change:.2g}",
+            f"{term.standard_errors:.2g}",
+        )
+        for term in terms
+    ]
+    return Section("Terms that the record does not rule out", rows=[UNSEEN_HEAD, *rows]) if terms else None
+
+
+def _residuals(reported: Reported[Estimate]) -> Section | None:
+    """What the fit leaves of the channels, and whether it is white."""
+    estimate = reported.result
+    left = estimate.motion.residuals
+    if not left:
+        return None
+    text = (
+        "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
+        "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
+    )
+    return Section(
+        "Residuals",
+        text=[text],
+        items=[whiteness_text(name, values) for name, values in left.items()],
+        figure=lambda: plot.residuals_figure(estimate),
+    )
+
+
+SECTIONS: Registry[Build[Estimate]] = Registry(
+    "section", {"unseen": _unseen, "residuals": _residuals, "histories": _record}
+)
+"""What follows the links, in order; the name of a section is that of its figure's files."""
+
+
+def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
+    """The force law."""
+    return lambda: plot.force_figure(reported.result, link, truth=reported.truth)
+
+
+def _loop(reported: Reported[Estimate], link: str) -> Callable[[], Figure] | None:
+    """The force over one cycle, of a link with memory."""
+    if not has_loop(reported.result, link):
+        return None
+    return lambda: plot.loop_figure(reported.result, link)
+
+
+LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] | None]] = Registry(
+    "figure", {"force": _force, "loop": _loop}
+)
+"""What is drawn of each link, from the report and the name of the link; None where there is nothing to draw."""
+
+
+@dataclass(frozen=True)
+class CoefficientRow:
+    """One coefficient as the table shows it."""
+
+    name: str
+    value: str
+    unit: str
+    error: str
+    interval: str
+    known: bool
+    true: str
+
+
+@dataclass(frozen=True)
+class LinkSection:
+    """One link: heading, rates of states, coefficients, derived quantities, error against the truth, names of its figures."""
+
+    title: str
+    rates: tuple[str, ...]
+    name: str
+    rows: tuple[CoefficientRow, ...]
+    derived: tuple[str, ...]
+    visited: str
+    nmse: str
+    pictures: tuple[str, ...]
+
+
+def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
+    """All sections with a figure, by the name of its files: those of the links, then the others."""
+    links = {
+        f"{kind}_{name}": Section(name, figure=figure, interactive=True)
+        for kind, build in LINK_FIGURES.items()
+        for name in _pictured(reported.result)
+        if (figure := build(reported, name)) is not None
+    }
+    return {**links, **sections_of(SECTIONS, reported)}
+
+
+def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> str:
+    """The page as text: HTML that carries its scripts and data in itself.
+
+    `pictures` are those that `write_figures` made of `estimate_figures`.
+    """
+    return TEMPLATES.get_template("page.html.jinja").render(page_parts(reported, pictures))
+
+
+def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> dict[str, Any]:
+    """What the page's template shows, by name, for this page and those that extend it."""
+    estimate, truth = reported.result, reported.truth
+    identified_first = sorted(estimate.links, key=lambda link: not link.free)
+    return {
+        "estimate": estimate,
+        "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
+        "masses": [
+            _row(mass, None if truth is None else _true_mass(truth, mass.name)) for mass in estimate.masses
+        ],
+        "modes": [
+            _row(coefficient, None if truth is None else truth.coefficient(coefficient.name).value)
+            for coefficient in (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
+        ],
+        "chi_square": ""
+        if estimate.chi_square_per_sample is None
+        else format_chi_square(estimate.chi_square_per_sample),
+        "sections": sections_of(SECTIONS, reported),
+        "pictures": pictures,
+        "structure": format_structure(estimate.structure),
+        "plotly": Markup(get_plotlyjs()),
+        "compared": truth is not None,
+        "version": version("linkwise"),
+    }
+
+
+def _pictured(estimate: Estimate) -> list[str]:
+    """The links that get figures: those with something identified first, as many as anyone looks at."""
+    links = sorted(
+        estimate.links, key=lambda link: all(coefficient.known for coefficient in link.coefficients)
+    )
+    return [link.link.name for link in links[:PICTURED]]
+
+
+def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
+    return [
+        (name, f"{noise.sigma:.3g}", noise.unit, f"{noise.snr_db:.1f}")
+        for name, noise in estimate.noise.items()
+    ]
+
+
+def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> LinkSection:
+    estimate = reported.result.link(name)
+    true = {} if reported.truth is None else reported.truth.link(name).values
+    derived = [*estimate.wells, *([estimate.barrier] if estimate.barrier else []), *estimate.frequencies]
+    error, (of_d, of_v) = reported.nmse.get(name), estimate.link.law.motion_units
+    return LinkSection(
+        title=force_title(estimate.link),
+        rates=estimate.link.rate_texts,
+        name=name,
+        rows=tuple(
+            _row(coefficient, true.get(coefficient.name.rpartition(".")[2]))
+            for coefficient in estimate.coefficients
+        ),
+        derived=tuple(_derived(quantity) for quantity in derived),
+        visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
+        f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} {of_v}",
+        nmse="" if error is None else f"{error:.3g} %",
+        pictures=tuple(f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures),
+    )
+
+
+def _row(coefficient: CoefficientEstimate, true: float | None) -> CoefficientRow:
+    error = coefficient.standard_error
+    return CoefficientRow(
+        name=coefficient.name,
+        value=format_value(coefficient.value, error),
+        unit=coefficient.unit,
+        error="" if error is None else format_error(error),
+        interval=""
+        if coefficient.interval is None
+        else " … ".join(format_value(end, error) for end in coefficient.interval),
+        known=coefficient.known,
+        true="" if true is None else format_value(true),
+    )
+
+
+def _derived(quantity: DerivedQuantity) -> str:
+    if quantity.interval is None:
+        return f"{quantity.name}: {format_value(quantity.value)} {quantity.unit}"
+    low, high = quantity.interval
+    error = (high - low) / 4.0  # close enough for the number of digits
+    value, low_text, high_text = (format_value(number, error) for number in (quantity.value, low, high))
+    return f"{quantity.name}: {value} {quantity.unit} (95 %: {low_text} … {high_text})"
+
+
+def _true_mass(truth: Structure, name: str) -> float | None:
+    return truth.mass(name.removesuffix(".mass")).mass.value
+
+
+@checked
+def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:
+    """Return the content of result.json for an estimate as plain data.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A result of `identify`.
+    truth : Structure, optional
+        The true structure, which adds "nmse_percent": the NMSE of the force of each link in % (paper Eq. 8), None where the
+        record does not determine it.
+
+    Returns
+    -------
+    dict
+        The estimate as plain data, and the version of linkwise.
+
+    Raises
+    ------
+    StructureError
+        If the true structure lacks a link.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> result = lw.result_of(lw.identify(record, chain.unknown("nes"), method="weak"), chain)
+    >>> result["status"], result["nmse_percent"]["nes1"] < 1.0
+    ('converged', True)
+    """
+    result = {**estimate.to_dict(), "version": version("linkwise")}
+    return result if truth is None else {**result, "nmse_percent": _errors(estimate, truth)}
+
+
+def _errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
+    """NMSE in % of each identified force over the motion of the record; None where the record does not determine it."""
+    return {
+        link.name: _error(truth.link(link.name), link, estimate.record)
+        for link in estimate.structure.links
+        if link.name not in estimate.structure.modes
+    }
+
+
+def _error(true: Link, identified: Link, record: Record) -> float | None:
+    try:
+        return nmse(true, identified, record)
+    except RecordError:  # an end without displacement, or a force that does not vary
+        return None
+
+
+@checked
+def write_result(
+    estimate: Estimate,
+    folder: str | Path,
+    *,
+    truth: Structure | None = None,
+    progress: Progress = silent,
+) -> Path:
+    """Write an estimate into a folder.
+
+    The folder holds result.json, structure.toml, force_NAME.csv, figures, report.html and, of an estimate that can be trusted,
+    covariance.csv.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What `identify` returned.
+    folder : path-like
+        The folder. An earlier result in it is replaced when the new one is complete.
+    truth : Structure, optional
+        The true structure: its forces are added to the figures, and the NMSE of the forces to the numbers.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_result(fit, f"{folder}/answer")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['report.html', 'result.json', 'structure.toml']
+    """
+    return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
+
+
+def write_numbers(estimate: Estimate, folder: Path, verdicts: Collection[Verdict]) -> None:
+    """Write structure, forces of links and, of an answer to be trusted, the covariance into an empty `folder`."""
+    trusted = is_trusted(verdicts)
+    comment = "" if trusted else untrusted_comment(status_of(verdicts))
+    (folder / "structure.toml").write_text(
+        comment + format_structure(estimate.structure), encoding="utf-8", newline="\n"
+    )
+    for estimated_link in estimate.links:
+        _write_force(estimate, estimated_link.link.name, folder / f"force_{estimated_link.link.name}.csv")
+    if trusted and estimate.intervals:
+        write_covariance(Posterior.of(estimate), folder / COVARIANCE)
+
+
+def _write_force(estimate: Estimate, name: str, path: Path) -> None:
+    """The force at v = 0 and its 95 % band over the range that the record visited: columns d in m, the others in N."""
+    d = np.linspace(*estimate.link(name).d_range, GRID)
+    table = np.stack([d, *estimate.force_band(name, d)], axis=1)
+    np.savetxt(path, table, fmt="%.10g", delimiter=",", header="d,force,lower,upper", comments="")
+
+
+ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
+    document=result_of,
+    data=lambda reported, folder: write_numbers(reported.result, folder, reported.result.verdicts),
+    figures=estimate_figures,
+    page=estimate_page,
+)
+"""What `identify` hands over."""

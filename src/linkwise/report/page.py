@@ -1,0 +1,269 @@
+"""What a page consists of: sections with text, tables and figures, from lists that a page keeps.
+
+A new figure is one function and one line in such a list:
+
+    SECTIONS = Registry("section", {..., "forces": figure_section("Forces", lambda fit: plot.forces_figure(fit))})
+
+It is then drawn once, saved as forces.png and forces.svg beside the page and shown on it. `linkwise.plot` loads matplotlib
+when the figure is drawn, which another process may do.
+
+A page of sections under a verdict, for every result that has no page of its own.
+
+The templates of all pages: they escape what they print and miss nothing silently.
+
+What a command hands over in a folder: a document, data files, figures and a page.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from linkwise.display import format_duration, format_error
+from linkwise.model.structure import Structure
+from linkwise.model.structure_file import format_structure
+from linkwise.output import RESULT, atomic_folder, check_result_folder, to_json
+from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.registry import lazy_module
+from linkwise.report.drawing_process import DrawingProcess, Picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from linkwise.plot import interactive, style
+else:  # matplotlib loads where a figure is drawn, which may be another process
+    interactive = lazy_module("linkwise.plot.interactive")
+    style = lazy_module("linkwise.plot.style")
+
+_FEW = 4  # figures: loading matplotlib in a second process, too, takes as long as drawing so many
+
+R = TypeVar("R")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Reported(Generic[R]):
+    """A result that a page is about, with the true structure and the error of each link's force in % where they are known."""
+
+    result: R
+    truth: Structure | None = None
+    nmse: Mapping[str, float | None] = field(default_factory=dict)
+
+    def replaced(self, result: T) -> Reported[T]:
+        """The same with another result."""
+        return Reported(result, self.truth, self.nmse)
+
+
+@dataclass(frozen=True)
+class Section:
+    """One heading: paragraphs of `text`, `items` of a list, `rows` of a table (the first are its titles) and a `figure`.
+
+    The figure is shown as a picture, or `interactive`: to zoom and read values off. A `folded` section opens on demand.
+    """
+
+    title: str
+    text: Sequence[str] = ()
+    items: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+    figure: Callable[[], Figure] | None = None
+    interactive: bool = False
+    folded: bool = False
+
+
+Build = Callable[[Reported[R]], Section | None]
+
+
+def figure_section(title: str, draw: Callable[[R], Figure], *, interactive: bool = False) -> Build[R]:
+    """A section that shows the figure that `draw` makes of a result, and nothing else."""
+    return lambda reported: Section(title, figure=partial(draw, reported.result), interactive=interactive)
+
+
+def sections_of(builders: Mapping[str, Build[R]], reported: Reported[R]) -> dict[str, Section]:
+    """The sections of a page by name, in order; those that have nothing to say are left out."""
+    built = {name: build(reported) for name, build in builders.items()}
+    return {name: section for name, section in built.items() if section is not None}
+
+
+def write_figures(
+    sections: Mapping[str, Section],
+    folder: Path,
+    progress: Progress = silent,
+    process: DrawingProcess | None = None,
+) -> dict[str, Markup]:
+    """Draw the figures of the sections and save each as NAME.png and NAME.svg in `folder`.
+
+    Returns what a page shows of each, by the name of its section. `progress` is called with the fraction done. Where a
+    `process` draws the same figures from the first one on, this one draws what that leaves over and, of many, from the last
+    one on.
+    """
+    draws = drawings(sections)
+    pictures: dict[str, Picture] = {}
+
+    def draw(name: str) -> None:
+        progress(ProgressReport(len(pictures) / len(draws), f"figure {name}"))
+        pictures[name] = draws[name]()
+
+    if process is not None:
+        for name in reversed(draws if len(draws) > _FEW else ()):
+            if process.claim(name):
+                draw(name)
+        pictures |= {name: picture for name, picture in process.pictures().items() if name in draws}
+    for name in draws:
+        if name not in pictures:
+            draw(name)
+        (folder / f"{name}.png").write_bytes(pictures[name].png)
+        (folder / f"{name}.svg").write_bytes(pictures[name].svg)
+    return {name: Markup(pictures[name].html) for name in draws}
+
+
+def drawings(sections: Mapping[str, Section]) -> dict[str, Callable[[], Picture]]:
+    """What draws the figures of the sections, by name; nothing is drawn yet."""
+    return {
+        name: partial(_picture, name, section)
+        for name, section in sections.items()
+        if section.figure is not None
+    }
+
+
+def _picture(name: str, section: Section) -> Picture:
+    assert section.figure is not None
+    figure = section.figure()
+    png, svg = style.encoded(figure)
+    if section.interactive:
+        return Picture(png, svg, interactive.interactive_html(figure, name))
+    image = Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
+    return Picture(png, svg, str(image))
+
+
+def embedded(svg: bytes) -> str:
+    """The content of an SVG file as an address that holds it, for a page that needs nothing else."""
+    return f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}"
+
+
+TEMPLATES = Environment(
+    loader=PackageLoader("linkwise", "report"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+TEMPLATES.filters |= {"duration": format_duration, "two_digits": format_error}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultFolder(Generic[R]):
+    """One kind of result folder, for results of one type.
+
+    Parameters
+    ----------
+    document
+        What the JSON file says of a result, with the key "method", and beside the true structure "nmse_percent" where one is
+        given. The names of the files are added to it.
+    data
+        Writes the files beside it, figures and page aside, into an empty folder.
+    figures
+        The sections with figures, by the name of their files.
+    page
+        The page as text, from the figures as `write_figures` returns them.
+    mark
+        The name of the JSON file, which marks the folder as one of this kind.
+    shown
+        What is written of a result; by default the result as it is.
+    """
+
+    document: Callable[[R, Structure | None], dict[str, Any]]
+    data: Callable[[Reported[R], Path], None]
+    figures: Callable[[Reported[R]], Mapping[str, Section]]
+    page: Callable[[Reported[R], Mapping[str, Markup]], str]
+    mark: str = RESULT
+    shown: Callable[[R], R] = lambda result: result
+
+    def check(self, folder: str | Path) -> None:
+        """Raise OutputError where `write` would, before the work that leads to a result."""
+        check_result_folder(Path(folder), self.mark)
+
+    def write(
+        self,
+        result: R,
+        folder: str | Path,
+        *,
+        truth: Structure | None = None,
+        progress: Progress = silent,
+        process: DrawingProcess | None = None,
+    ) -> Path:
+        """Write everything or nothing; returns the folder.
+
+        An earlier result of this kind is replaced when the new one is complete. A `process` that draws the same result takes
+        its part of the figures. Raises OutputError for a folder that holds something else.
+        """
+        document, reported = self._reported(result, truth)
+        with atomic_folder(Path(folder), self.mark) as partial:
+            self.data(reported, partial)
+            sections = self.figures(reported)
+            pictures = write_figures(sections, partial, part(progress, 0.0, 0.9), process)
+            progress(ProgressReport(0.9, "page"))
+            (partial / "report.html").write_text(self.page(reported, pictures), encoding="utf-8")
+            self._conclude(document, partial)
+        return Path(folder)
+
+    def write_numbers(self, result: R, folder: str | Path, *, truth: Structure | None = None) -> Path:
+        """Write the document and the data, without figures and page, as `write` does; returns the folder."""
+        document, reported = self._reported(result, truth)
+        with atomic_folder(Path(folder), self.mark) as partial:
+            self.data(reported, partial)
+            self._conclude(document, partial)
+        return Path(folder)
+
+    def _conclude(self, document: dict[str, Any], folder: Path) -> None:
+        """Write the document, which marks the folder as complete, with the names of the files that are there."""
+        files = sorted(path.name for path in folder.iterdir())
+        text = to_json({**document, "files": files}, indent=1) + "\n"
+        (folder / self.mark).write_text(text, encoding="utf-8")
+
+    def drawings(self, result: R, truth: Structure | None = None) -> dict[str, Callable[[], Picture]]:
+        """What draws the figures of a result, by the name of their files."""
+        return drawings(self.figures(self._reported(result, truth)[1]))
+
+    def _reported(self, result: R, truth: Structure | None) -> tuple[dict[str, Any], Reported[R]]:
+        """The document, and what figures and pages are made of."""
+        shown = self.shown(result)
+        document = self.document(shown, truth)
+        return document, Reported(shown, truth, document.get("nmse_percent", {}))
+
+
+def section_page(
+    structure: Structure | None,
+    sections: Mapping[str, Section],
+    pictures: Mapping[str, Markup],
+    *,
+    verdict: Sequence[str],
+    trusted: bool,
+    findings: Sequence[str] = (),
+    title: str = "",
+) -> str:
+    """The page as text, HTML that carries everything in itself.
+
+    The first line of `verdict` is its headline, `findings` is what the result does not determine, and `pictures` are those
+    that `write_figures` returned for the sections. The title is the name of the structure unless it is given.
+    """
+    interactive = any(section.interactive for section in sections.values())
+    return TEMPLATES.get_template("section_page.html.jinja").render(
+        title=title or (structure and structure.name) or "structure",
+        verdict=verdict,
+        trusted=trusted,
+        findings=findings,
+        sections=sections,
+        pictures=pictures,
+        plotly=Markup(get_plotlyjs()) if interactive else "",
+        structure="" if structure is None else format_structure(structure),
+        version=version("linkwise"),
+    )

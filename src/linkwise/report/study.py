@@ -1,0 +1,484 @@
+"""The report of a study into its folder: figures, Table 2 and one page.
+
+The figures of a study's page: those of the paper in its order, then what the study has beyond it.
+
+The page of a study: verdict first, then the paper's table with ours beside it, the figures, and what is missing.
+"""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from linkwise import plot
+from linkwise.argument_types import checked
+from linkwise.display import csv_cell
+from linkwise.output import atomic_file
+from linkwise.paper.figures import (
+    figure_2,
+    figure_3,
+    figure_4,
+    figure_5,
+    figure_6,
+    figure_7,
+    figure_8,
+    figure_9,
+    motion_captions,
+)
+from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, explanation
+from linkwise.plot import save
+from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.registry import Registry
+from linkwise.report.page import TEMPLATES, embedded
+from linkwise.sindy.conventions import MEANING
+from linkwise.sindy.regression import REGRESSORS
+from linkwise.study.definition import Study
+from linkwise.study.row import Row
+from linkwise.study.store import read_rows, stored_study
+from linkwise.study.success_map import SuccessMap, maps_of
+from linkwise.study.summary import SPREAD, Cell, StudyTable, covered
+from linkwise.verdict import Verdict, is_trusted
+
+_READING = {
+    "coefficients": "the force read from the coefficients of the sink's own x and x³",
+    "ends": "the force read from all monomials in the displacements of both ends",
+    "displacements": "the force read from all monomials in the displacements",
+}
+_LISTED = 6  # cells that a failure names
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A figure on the page: `address` holds it."""
+
+    name: str
+    title: str
+    caption: str
+    address: str
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """All that a page shows of a study."""
+
+    study: Study
+    table: StudyTable
+    paper: PaperStudy
+    comparison: Table2
+    claims: Sequence[Claim]
+    success: Sequence[SuccessMap] = ()
+
+    @classmethod
+    def of(cls, study: Study, rows: Iterable[Row]) -> StudyReport:
+        """What `rows` show of `study`."""
+        table, paper = StudyTable.of(study, rows), PaperStudy.of(study)
+        comparison = Table2.of(table, paper)
+        success = maps_of(study, table)
+        return cls(study, table, paper, comparison, claims(table, paper, comparison), success)
+
+    @property
+    def beyond(self) -> list[tuple[str, float]]:
+        """Structures and noise levels in dB that Table 2 does not have."""
+        shown = {(cell.snr_db, name) for cell in self.comparison.cells for name in self.paper.masses}
+        return [
+            (name, level)
+            for name in self.table.structures
+            for level in self.table.decibels
+            if (level, name) not in shown
+        ]
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        unmet = [claim for claim in self.claims if claim.met is False]
+        open_ = [claim for claim in self.claims if claim.met is None]
+        if unmet:
+            return (
+                f"{len(unmet)} of {len(self.claims)} claims {'does' if len(unmet) == 1 else 'do'} not hold."
+            )
+        if open_:
+            return "No claim is contradicted so far, but there are too few results to decide all of them."
+        if self.comparison.cells:
+            return "The paper's results are reproduced, and surpassed."
+        return "The study is complete."
+
+    @property
+    def trusted(self) -> bool:
+        """Whether every claim holds, and no verdict on the study forbids trust."""
+        return all(claim.met for claim in self.claims) and is_trusted(self.table.verdicts)
+
+    @property
+    def lacks(self) -> list[str]:
+        """What verdicts say against the study."""
+        return [verdict.value for verdict in self.table.verdicts if verdict is not Verdict.STUDY_COMPLETE]
+
+
+def study_page(
+    report: StudyReport, illustrations: Mapping[str, Sequence[Illustration]], *, version: str
+) -> str:
+    """The page as text: HTML that asks nobody for anything. `illustrations` are figures by the heading above them."""
+    comparison, table = report.comparison, report.table
+    return TEMPLATES.get_template("study.html.jinja").render(
+        report=report,
+        study=report.study,
+        methods=[method for method in table.methods if method not in comparison.classical],
+        conventions=[(name, name.removeprefix("classical, ")) for name in comparison.classical],
+        meanings={name: _meaning(report.study, name) for name in comparison.classical},
+        rows=[_row(report, number) for number in range(len(comparison.cells))],
+        reasons=_reasons(comparison),
+        exact=[_exact(success) for success in report.success],
+        others=_others(report),
+        coverages=_coverages(table),
+        illustrations=illustrations,
+        missing=_missing(table),
+        failures=_failures(table),
+        seconds=sum(row.seconds for cell in table.cells for row in cell.answers),
+        near=NEAR,
+        spread=[round(100 * part) for part in SPREAD],
+        version=version,
+    )
+
+
+def percent(value: float | None) -> str:
+    """A number for a table: three digits, powers of ten written out, a dash for none."""
+    if value is None:
+        return "–"
+    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
+        return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+    mantissa, _, exponent = f"{value:.1e}".partition("e")
+    return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """A line of Table 2 on the page; `values` by method, `spreads` what stands on them when pointed at."""
+
+    first: bool
+    snr_db: float
+    masses: int
+    paper: str
+    ratio: str
+    near: bool
+    values: Mapping[str, str]
+    spreads: Mapping[str, str]
+
+
+def _row(report: StudyReport, number: int) -> TableRow:
+    cells, best = report.comparison.cells, report.comparison.best
+    cell = cells[number]
+    ratio = None if best is None else cell.ratio(best)
+    return TableRow(
+        first=number == 0 or cells[number - 1].snr_db != cell.snr_db,
+        snr_db=cell.snr_db,
+        masses=cell.masses,
+        paper=f"{cell.paper:g}",
+        ratio="–" if ratio is None else f"{ratio:.2g}",
+        near=best is not None and cell.near(best),
+        values={method: percent(cell.nmse(method)) for method in report.table.methods},
+        spreads={method: _spread(study_cell) for method, study_cell in cell.cells.items()},
+    )
+
+
+def _spread(cell: Cell) -> str:
+    low, high = percent(cell.low), percent(cell.high)
+    return (
+        f"{low} to {high} % over {cell.done} of {cell.expected} cycles, {len(cell.failures)} without answer"
+    )
+
+
+def _reasons(comparison: Table2) -> list[tuple[str, str]]:
+    best = comparison.best
+    if best is None:
+        return []
+    explanations = [(cell.where, explanation(cell, best, comparison.classical)) for cell in comparison.cells]
+    return [(where, text) for where, text in explanations if text]
+
+
+def _meaning(study: Study, method: str) -> str:
+    """How a classical method was run, in words."""
+    how = study.method(method).document()
+    meaning = MEANING[how["convention"]]
+    return f"{meaning}; {REGRESSORS.lookup(how['regressor']).title}; {_READING[how['reading']]}"
+
+
+def _missing(table: StudyTable) -> list[str]:
+    """What was not run or not to the end, by noise level and method."""
+    sentences = []
+    for method in table.methods:
+        for level in table.decibels:
+            cells = [table.cell(name, level, method) for name in table.structures]
+            lacking = [cell for cell in cells if cell is not None and cell.done < cell.expected]
+            if lacking:
+                listed = ", ".join(f"{cell.structure} ({cell.done} of {cell.expected})" for cell in lacking)
+                sentences.append(f"{method} at {level:g} dB: {listed}")
+    return sentences
+
+
+def _failures(table: StudyTable) -> list[str]:
+    """Cases without an answer by method and reason: how many, and where."""
+    failed: dict[tuple[str, str], list[Cell]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    for cell in table.cells:
+        for reason, count in cell.reasons:
+            failed.setdefault((cell.method, reason), []).append(cell)
+            counts[cell.method, reason] += count
+    sentences = []
+    for (method, reason), cells in failed.items():
+        where = "; ".join(f"{cell.structure}, {cell.snr_db:g} dB" for cell in cells[:_LISTED])
+        more = f" and {len(cells) - _LISTED} more cells" if len(cells) > _LISTED else ""
+        why = reason or "the error is not a number"
+        sentences.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
+    return sentences
+
+
+def _exact(success: SuccessMap) -> tuple[str, str, int, Mapping[str, str]]:
+    """A line of the table of right terms: structure, method, cases, and parts of them in %."""
+    cases = int(success.cases.sum())
+    counts = {
+        "exact": success.exact,
+        "wrong, trusted": success.wrong_trusted,
+        "extra, trusted": success.extra_trusted,
+    }
+    return (
+        success.name,
+        success.method,
+        cases,
+        {
+            name: percent(100.0 * float(count.sum()) / cases if cases else None)
+            for name, count in counts.items()
+        },
+    )
+
+
+def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
+    """What Table 2 does not have: the medians of all methods."""
+    return [
+        (
+            name,
+            level,
+            {method: percent(_nmse(report.table, name, level, method)) for method in report.table.methods},
+        )
+        for name, level in report.beyond
+    ]
+
+
+def _nmse(table: StudyTable, name: str, level: float, method: str) -> float | None:
+    cell = table.cell(name, level, method)
+    return None if cell is None else cell.nmse
+
+
+def _coverages(table: StudyTable) -> list[tuple[str, float, Mapping[str, str]]]:
+    """How many intervals hold the true value, by structure and noise level, where there are any."""
+    lines: dict[tuple[str, float], dict[str, str]] = {}
+    for cell in table.cells:
+        texts = lines.setdefault((cell.structure, cell.snr_db), dict.fromkeys(table.methods, "–"))
+        if cell.intervals:
+            texts[cell.method] = covered(cell.coverage, cell.intervals)
+    return [(*key, texts) for key, texts in lines.items() if set(texts.values()) != {"–"}]
+
+
+MOTION, FORCE, SUCCESS, ACCURACY = (
+    "How the chains move",
+    "What force is found",
+    "Where the right links and terms are found",
+    "Accuracy and time over structures",
+)
+_MOST_NAMED = 12  # structures whose names fit below a panel; without names, numbers of masses fit
+_SPREAD = "Medians, and the range of the cycles (5 to 95 %)."
+
+
+@dataclass(frozen=True)
+class StudyFigure:
+    """A figure that the page may have under `heading`; `draw` returns None where the study lacks what it would show."""
+
+    heading: str
+    title: str
+    draw: Callable[[StudyReport], Figure | None]
+    caption: Callable[[StudyReport], str]
+
+
+def _motion(name: str, draw: Callable[[], Figure], title: str) -> StudyFigure:
+    """A figure of the paper's chains, for studies that have one of them."""
+    return StudyFigure(
+        MOTION,
+        title,
+        lambda report: draw() if report.paper.masses else None,
+        lambda report: motion_captions()[name],
+    )
+
+
+def _force(draw: Callable[..., Figure | None], title: str) -> StudyFigure:
+    """A figure of the force identified by the convention that reproduces the paper best, for studies that have one."""
+
+    def drawn(report: StudyReport) -> Figure | None:
+        best = report.comparison.best
+        return None if best is None else draw(report.study, report.table, report.paper, best)
+
+    caption = (
+        "In the cycle whose error is the median of its cell. The error is shown against the largest force."
+    )
+    return StudyFigure(FORCE, title, drawn, lambda report: caption)
+
+
+def _figure_8(report: StudyReport) -> Figure | None:
+    comparison = report.comparison
+    return figure_8(report.table, report.paper, comparison.best) if comparison.cells else None
+
+
+def _figure_9(report: StudyReport) -> Figure | None:
+    return figure_9(report.table, report.paper) if report.comparison.cells else None
+
+
+def _accuracy(report: StudyReport) -> Figure | None:
+    counts = list(report.table.masses.values())
+    readable = len(counts) <= _MOST_NAMED or len(set(counts)) == len(counts)
+    return plot.accuracy_figure(report.table) if report.beyond and readable else None
+
+
+def _success(report: StudyReport) -> Figure | None:
+    return plot.success_figure(report.success) if report.success else None
+
+
+def _success_caption(report: StudyReport) -> str:
+    return (
+        f"Per cent of {report.study.cycles} cycles in which a method has all true links and terms and no other. Below it in "
+        "red, where there are any, the per cent that it trusts though a term is missing or extra. A case without an answer "
+        "counts as neither, and empty cells were not run. A trusted discovery may name doubtful terms, which is not counted."
+    )
+
+
+def _without_times(report: StudyReport) -> str:
+    return f"{_SPREAD} The paper prints no times for its Figure 8d, nor which machine it ran on."
+
+
+def _with_times(report: StudyReport) -> str:
+    """The least and the greatest median time of linkwise's own estimators at the last noise level, and what is compared."""
+    level = report.table.decibels[-1]
+    ranges = []
+    for method in (*report.paper.informed, *report.paper.weak, *report.paper.likelihood):
+        cells = [report.table.cell(name, level, method) for name in report.paper.masses]
+        times = [cell.seconds for cell in cells if cell is not None and cell.seconds is not None]
+        if times:
+            ranges.append(f"{method} {min(times):.2g} to {max(times):.2g}")
+    measured = f"Seconds for one estimate here: {', '.join(ranges)}. " if ranges else ""
+    unsaid = "The paper does not say whether its times are for one cycle or for all 100."
+    return f"{measured}Medians, and the range of the cycles. {unsaid}"
+
+
+STUDY_FIGURES: Registry[StudyFigure] = Registry(
+    "figure",
+    {
+        "figure_2": _motion("figure_2", figure_2, "Figure 2: responses of the chain of two masses"),
+        "figure_3": _motion("figure_3", figure_3, "Figure 3: its primary mass with the sink and without"),
+        "figure_4": _motion("figure_4", figure_4, "Figure 4: responses of the chain of eight masses"),
+        "figure_5": _motion("figure_5", figure_5, "Figure 5: its primary masses with sinks and without"),
+        "figure_6": _force(figure_6, "Figure 6: the force identified in the chain of two masses"),
+        "figure_7": _force(figure_7, "Figure 7: the force identified in the chain of eight masses"),
+        "success": StudyFigure(
+            SUCCESS, "Success maps: noise and samples a period", _success, _success_caption
+        ),
+        "figure_8": StudyFigure(
+            ACCURACY, "Figure 8: SINDy with all monomials up to the third order", _figure_8, _without_times
+        ),
+        "figure_9": StudyFigure(ACCURACY, "Figure 9: physics-informed SINDy", _figure_9, _with_times),
+        "accuracy": StudyFigure(ACCURACY, "All structures of the study", _accuracy, lambda report: _SPREAD),
+    },
+)
+"""The figures by the name of their files, in the order of the page."""
+
+
+_FIGURES = "figures"
+
+
+@checked
+def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Path:
+    """Write the report of a study into its folder: report.html, figures/NAME.png, figures/NAME.svg and table_2.csv.
+
+    It may be called at any time, also while the study runs: the page states what is missing. It has the paper's figures and
+    table if the study has chains of the paper.
+
+    Parameters
+    ----------
+    folder : path-like
+        The folder of the study, as `run_study` was given it.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The page, report.html.
+
+    Raises
+    ------
+    StudyError
+        If there is no study in the folder.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.write_study_report("results/mine").name
+    'report.html'
+    """
+    home = Path(folder)
+    report = StudyReport.of(stored_study(home), read_rows(home))
+    shown: dict[str, list[Illustration]] = {}
+    for number, (name, entry) in enumerate(STUDY_FIGURES.items()):
+        progress(ProgressReport(number / len(STUDY_FIGURES), f"figure {name}"))
+        figure = entry.draw(report)
+        if figure is not None:
+            address = _keep(figure, home / _FIGURES, name)
+            illustration = Illustration(name, entry.title, entry.caption(report), address)
+            shown.setdefault(entry.heading, []).append(illustration)
+    progress(ProgressReport(1.0, "page"))
+    if report.comparison.cells:
+        _write_table(report.comparison, report.table.methods, home / "table_2.csv")
+    with atomic_file(home / "report.html") as page:
+        page.write_text(study_page(report, shown, version=version("linkwise")), encoding="utf-8")
+    return home / "report.html"
+
+
+def _keep(figure: Figure, folder: Path, name: str) -> str:
+    """Write a figure as PNG and SVG into `folder`, each whole or not at all; returns the address that holds it."""
+    scratch = folder / ".partial"
+    shutil.rmtree(scratch, ignore_errors=True)  # of a run that was killed
+    scratch.mkdir(parents=True)
+    try:
+        png, svg = save(figure, scratch / name)
+        address = embedded(svg.read_bytes())
+        for path in (png, svg):
+            path.replace(folder / path.name)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return address
+
+
+def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> None:
+    """Table 2: the paper's value and, for every method, median and quantiles in %, median time in s, cycles and failures."""
+    columns = ("percent", "low", "high", "ratio", "seconds", "cycles", "failed")
+    with atomic_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        names = [f"{method}: {column}" for method in methods for column in columns]
+        writer.writerow(["snr_db", "masses", "paper: percent", *map(csv_cell, names)])
+        for cell in comparison.cells:
+            line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
+            for method in methods:
+                study_cell = cell.cells[method]
+                numbers = (
+                    study_cell.nmse,
+                    study_cell.low,
+                    study_cell.high,
+                    cell.ratio(method),
+                    study_cell.seconds,
+                )
+                line += ["" if value is None else f"{value:.6g}" for value in numbers]
+                line += [study_cell.done, len(study_cell.failures)]
+            writer.writerow(line)

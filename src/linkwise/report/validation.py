@@ -1,0 +1,218 @@
+"""The result folder of `validate`: numbers, the prediction, figures and a page.
+
+The content of validation.json.
+
+The page of a validation: verdict, scores, and where the prediction fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from linkwise import plot
+from linkwise.argument_types import checked
+from linkwise.files import write_record
+from linkwise.identification.validation.result import (
+    CHANNEL_HEAD,
+    COEFFICIENT_HEAD,
+    Validation,
+    channel_rows,
+    coefficient_rows,
+    headline,
+)
+from linkwise.model.structure_file import write_structure
+from linkwise.output import VALIDATION
+from linkwise.progress import Progress, silent
+from linkwise.registry import Registry
+from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+
+
+@checked
+def validation_of(validation: Validation) -> dict[str, Any]:
+    """Return the content of validation.json as plain data.
+
+    Parameters
+    ----------
+    validation : Validation
+        A result of `validate`.
+
+    Returns
+    -------
+    dict
+        The result as plain data, and the version of linkwise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validation_of(lw.validate(record, chain))
+    >>> result["free_run"], result["channels"]["x:m1"]["unit"]
+    (True, 'm')
+    """
+    return {**validation.to_dict(), "version": version("linkwise")}
+
+
+def _scores(reported: Reported[Validation]) -> Section:
+    """The scores of the channels, and the record against the prediction."""
+    validation = reported.result
+    record = validation.record
+    return Section(
+        "Prediction",
+        [
+            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+            f"{record.time[-1]:g} s. RMSE is the root mean square of measured minus predicted; allowed is the RMSE "
+            f"that noise and the errors of the answer exceed in one record of a thousand. One step is the error of "
+            "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
+            "samples, fit is 100 % minus its root."
+        ],
+        items=record.notes,
+        rows=[CHANNEL_HEAD, *channel_rows(validation)],
+        figure=lambda: plot.prediction_figure(validation),
+        interactive=True,
+    )
+
+
+def _findings(reported: Reported[Validation]) -> Section | None:
+    """What disagrees."""
+    findings = reported.result.findings
+    return Section("Findings", items=findings) if findings else None
+
+
+def _error(reported: Reported[Validation]) -> Section:
+    """The error over time."""
+    return Section(
+        "Error over time",
+        [
+            "The band is twice the standard deviation that noise and the errors of the answer give the difference."
+        ],
+        figure=lambda: plot.prediction_error_figure(reported.result),
+        interactive=True,
+    )
+
+
+def _profiles(reported: Reported[Validation]) -> Section:
+    """The error over the motion of the links."""
+    return Section(
+        "Where in the motion it fails",
+        [
+            "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
+            "of the links along the predicted motion."
+        ],
+        figure=lambda: plot.prediction_profile_figure(reported.result),
+    )
+
+
+def _spectra(reported: Reported[Validation]) -> Section | None:
+    """The error over frequency, where the record is long enough."""
+    if not reported.result.spectra:
+        return None
+    return Section(
+        "Error over frequency",
+        [
+            "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
+        ],
+        figure=lambda: plot.prediction_spectrum_figure(reported.result),
+    )
+
+
+def _coefficients(reported: Reported[Validation]) -> Section | None:
+    """The coefficients estimated again from this record, where the answer has a covariance."""
+    validation = reported.result
+    if not validation.coefficients:
+        return None
+    limit = validation.coefficients[0].limit
+    return Section(
+        "Coefficients",
+        [
+            "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
+            f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
+        ],
+        rows=[COEFFICIENT_HEAD, *coefficient_rows(validation)],
+    )
+
+
+SECTIONS: Registry[Build[Validation]] = Registry(
+    "section",
+    {
+        "prediction": _scores,
+        "findings": _findings,
+        "error": _error,
+        "motion": _profiles,
+        "spectrum": _spectra,
+        "coefficients": _coefficients,
+    },
+)
+"""The sections of a validation, in order; the name of a section is that of its figure's files."""
+
+
+def validation_page(reported: Reported[Validation], pictures: Mapping[str, Markup]) -> str:
+    """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
+    validation = reported.result
+    return section_page(
+        validation.structure,
+        sections_of(SECTIONS, reported),
+        pictures,
+        verdict=headline(validation),
+        trusted=validation.trusted,
+    )
+
+
+@checked
+def write_validation(validation: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
+    """Write a validation into a folder: validation.json, structure.toml, predicted.csv, figures and report.html.
+
+    Parameters
+    ----------
+    validation : Validation
+        What `validate` returned.
+    folder : path-like
+        The folder. An earlier result of `validate` in it is replaced when the new one is complete.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
+    >>> result = lw.validate(record, chain)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.write_validation(result, f"{folder}/validation")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['report.html', 'structure.toml', 'validation.json']
+    """
+    return VALIDATION_FOLDER.write(validation, folder, progress=progress)
+
+
+def _write_data(reported: Reported[Validation], folder: Path) -> None:
+    """The structure, and the responses as it predicts them, empty where they are not scored."""
+    write_structure(reported.result.structure, folder / "structure.toml")
+    write_record(reported.result.predicted, folder / "predicted.csv")
+
+
+VALIDATION_FOLDER: ResultFolder[Validation] = ResultFolder(
+    mark=VALIDATION,
+    document=lambda validation, _: validation_of(validation),
+    data=_write_data,
+    figures=lambda reported: sections_of(SECTIONS, reported),
+    page=validation_page,
+)
+"""What `validate` hands over."""

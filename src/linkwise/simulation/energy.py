@@ -1,0 +1,201 @@
+"""The energy balance of a simulation: energy supplied, stored and dissipated.
+
+    kinetic + sum of potential + sum of dissipated = supplied,   dissipated' = (f(d, v) - f(d, 0)) v for each link
+
+With memory it is (f(d, v, s) - f(d, 0, 0)) v: what a state stores counts as dissipated until the state gives it back.
+
+Powers are integrated along the orbit that was simulated, by Gauss-Legendre quadrature over panels that end at output times and
+at the steps of the integrator (and so at impulses, knots of sampled inputs and kinks). A step is a seventh of the radius of
+convergence, so 6 nodes leave an error below rounding; a driving polynomial of order 5 makes the power one of order 11, for
+which they are exact.
+
+Forces of links and accelerations of masses over a given motion; links of one law are evaluated together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from linkwise.arrays import Floats, Indices
+from linkwise.expression import Program, symbols
+from linkwise.model.excitation import Excitation
+from linkwise.model.law import Law, dissipated_power
+from linkwise.model.structure import Structure
+from linkwise.records.truth import EnergyBalance
+from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate
+
+
+@dataclass(frozen=True, eq=False)
+class LinkForces:
+    """The forces in a structure under an excitation; time is axis 0 of all arrays."""
+
+    structure: Structure
+    excitation: Excitation
+
+    @cached_property
+    def _groups(self) -> list[tuple[Law, Indices, dict[str, Floats]]]:
+        """For each law the numbers (m,) of its links, and the values (m,) of each coefficient."""
+        values = [link.values for link in self.structure.links]
+        return [
+            (law, numbers, {name: np.array([values[k][name] for k in numbers]) for name in law.coefficients})
+            for law, numbers in self.structure.topology.by_law
+        ]
+
+    @cached_property
+    def _columns(self) -> dict[tuple[int, str], int]:
+        """Column of each state of a link in the states (M, S)."""
+        return {key: column for column, key in enumerate(self.structure.topology.states)}
+
+    def _states(self, law: Law, numbers: Indices, states: Floats) -> dict[str, Floats]:
+        """The states (M, m) by name of links that have one law."""
+        return {name: states[:, [self._columns[k, name] for k in numbers.tolist()]] for name in law.states}
+
+    def links(self, d: Floats, v: Floats, states: Floats) -> Floats:
+        """Force (M, L) of every link in N at elongations (M, L) in m, rates (M, L) in m/s and states (M, S)."""
+        force = np.empty(d.shape)
+        for law, numbers, values in self._groups:
+            inside = self._states(law, numbers, states)
+            force[:, numbers] = law.force(d[:, numbers], v[:, numbers], {**values, **inside})
+        return force
+
+    def dissipated_power(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
+        """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v; with memory, (f(d, v, s) - f(d, 0, 0)) v."""
+        needed = any("d" in program.inputs for _, program, _, _ in self._dissipation)
+        d, rate = self.elongations(time, x, v) if needed else (None, self._rates(time, v))
+        power = np.empty(rate.shape)
+        for law, program, numbers, values in self._dissipation:
+            motion = {"v": rate[:, numbers], **({} if d is None else {"d": d[:, numbers]})}
+            motion |= self._states(law, numbers, states)
+            power[:, numbers] = program(*({**motion, **values}[name] for name in program.inputs))[0]
+        return power
+
+    @cached_property
+    def _dissipation(self) -> list[tuple[Law, Program, Indices, dict[str, Floats]]]:
+        """As `_groups`, with the program of the dissipated power."""
+        groups = []
+        for law, numbers, values in self._groups:
+            power = dissipated_power(law.expression, law.states)
+            groups.append((law, Program([power], symbols(power)), numbers, values))
+        return groups
+
+    def _rates(self, time: Floats, v: Floats) -> Floats:
+        base = self.excitation.base
+        return self.structure.elongations(v, None if base is None else base.derivative(time))
+
+    def elongations(self, time: Floats, x: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Elongations (M, L) in m and rates (M, L) in m/s at displacements and velocities (M, n)."""
+        base = self.excitation.base
+        return self.structure.elongations(x, None if base is None else base.value(time)), self._rates(time, v)
+
+    def applied(self, time: Floats) -> Floats:
+        """Applied forces (M, n) in N on the masses."""
+        forces = np.zeros((len(time), self.structure.size))
+        for name, drive in self.excitation.forces.items():
+            forces += drive.value(time)[:, None] * self.structure.topology.row(name)
+        return forces
+
+    def accelerations(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
+        """Accelerations (M, n) in m/s^2 at displacements and velocities (M, n) and states (M, S)."""
+        links = self.links(*self.elongations(time, x, v), states)
+        net = self.applied(time) - (self.structure.incidence @ links.T).T
+        return np.ascontiguousarray(net / self.structure.mass_values)
+
+
+_EQUAL = 1e-13  # of the run: panel ends closer than that are equal up to rounding
+
+
+class QuadratureRule(NamedTuple):
+    """Nodes `times` (Q,) in s and `weights` (Q,) in s; `sample` (Q,) is the index of the output time at or after each node."""
+
+    times: Floats
+    weights: Floats
+    sample: NDArray[np.int64]
+
+
+def kinetic_energy(structure: Structure, v: ArrayLike) -> Floats:
+    """Kinetic energy (N,) in J, from velocities `v` (N, n) in m/s."""
+    energy: Floats = 0.5 * np.square(np.asarray(v, dtype=float)) @ structure.mass_values
+    return energy
+
+
+def potential_energy(structure: Structure, x: ArrayLike, base: ArrayLike | None = None) -> Floats:
+    """Energy (N, L) in J stored in each link, 0 at zero elongation, from displacements `x` (N, n) and `base` (N,) in m."""
+    d = structure.elongations(x, base)
+    return np.stack([link.potential(d[..., column]) for column, link in enumerate(structure.links)], axis=-1)
+
+
+def energy_balance(
+    schedule: RunSchedule, displacement: Floats, velocity: Floats, run: RunLog
+) -> EnergyBalance:
+    """The balance at the output times of a schedule, for the motion (N, n) in m and m/s that `run` gave there."""
+    structure, base = schedule.structure, schedule.excitation.base
+    steps: list[float] = []
+    options = RunOptions(repeated=run, log=steps)
+    integrate(schedule, schedule.times[-1:], lambda first, states: None, options)
+    rule = _rule(schedule, steps)
+    forces = LinkForces(structure, schedule.excitation)
+    size, links = structure.size, len(structure.links)
+    gained = np.zeros((len(schedule.times), links + 1))  # dissipated by each link, then supplied
+
+    def receive(first: int, states: Floats) -> None:
+        part = slice(first, first + len(states))
+        time = rule.times[part]
+        x, v, inside = states[:, :size], states[:, size : 2 * size], states[:, 2 * size :]
+        power = _powers(forces, time, x, v, inside) * rule.weights[part, None]
+        sample = rule.sample[part]
+        starts = np.flatnonzero(np.diff(sample, prepend=-1))
+        gained[sample[starts]] += np.add.reduceat(power, starts, axis=0)
+        # an impulse that makes a velocity jump by J to v supplies m J (v - J/2)
+        for stop, jump in schedule.jumps.items():
+            for row in np.flatnonzero(time == schedule.stops[stop]):
+                change = jump[size : 2 * size]
+                supplied = structure.mass_values * change * (v[row] - 0.5 * change)
+                gained[sample[row], links] += supplied.sum()
+
+    integrate(schedule, rule.times, receive, RunOptions(repeated=run))
+    base_motion = None if base is None else base.value(schedule.times)
+    x, v = schedule.start[None, :size], schedule.start[None, size : 2 * size]
+    at_start = potential_energy(structure, x, None if base is None else base.value(np.zeros(1))).sum()
+    gained = np.cumsum(gained, axis=0)
+    return EnergyBalance(
+        supplied=gained[:, links] + at_start + kinetic_energy(structure, v)[0],
+        kinetic=kinetic_energy(structure, velocity),
+        potential=potential_energy(structure, displacement, base_motion),
+        dissipated=np.ascontiguousarray(gained[:, :links]),
+    )
+
+
+def _rule(schedule: RunSchedule, steps: list[float]) -> QuadratureRule:
+    """Panels between all output times, stops and steps; impulses have weight 0."""
+    edges = np.unique(np.concatenate([[0.0], schedule.times, schedule.stops, steps]))
+    width = np.diff(edges)
+    nonempty = width > _EQUAL * schedule.end
+    middle, width = 0.5 * (edges[1:] + edges[:-1])[nonempty], width[nonempty]
+    nodes, node_weights = np.polynomial.legendre.leggauss(6)
+    times = (middle[:, None] + 0.5 * width[:, None] * nodes).ravel()
+    weights = (0.5 * width[:, None] * node_weights).ravel()
+    impulses = schedule.stops[sorted(schedule.jumps)]
+    times, weights = np.concatenate([times, impulses]), np.concatenate([weights, np.zeros(len(impulses))])
+    order = np.argsort(times, kind="stable")
+    times, weights = times[order], weights[order]
+    sample = np.searchsorted(schedule.times, times, side="left")
+    return QuadratureRule(times, weights, sample.clip(max=len(schedule.times) - 1))
+
+
+def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
+    """Power (M, L + 1) in W: what every link dissipates, then what forces and base supply."""
+    dissipated = forces.dissipated_power(time, x, v, states)
+    power = np.zeros((len(time), dissipated.shape[1] + 1))
+    power[:, :-1] = dissipated
+    if forces.excitation.forces:
+        power[:, -1] = np.einsum("ti,ti->t", forces.applied(time), v)
+    base = forces.excitation.base
+    if base is not None:
+        on_base = forces.links(*forces.elongations(time, x, v), states) @ forces.structure.base_incidence
+        power[:, -1] += on_base * base.derivative(time)
+    return power

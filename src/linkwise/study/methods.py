@@ -1,0 +1,577 @@
+"""Discovery as a method of a study: links and terms from the masses alone, judged by whether they are the true ones.
+
+The paper's monomial SINDy as a method of a study: all monomials of all states, read as the force of each judged link.
+
+PySINDy itself as a method of a study that is judged by its terms; it needs the extra [peers].
+
+SINDy as a method of a study that is judged by its terms: sparse regression on derivatives of the noisy displacements.
+
+The equations of motion of a structure written out in monomials of the states, to compare a monomial model with.
+
+How a structure that a method of a study has come to, links and terms, compares with the true one.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from time import perf_counter
+from typing import Annotated, Any, ClassVar, Literal, final
+
+import msgspec
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.discovery.candidates import candidates_for
+from linkwise.discovery.discover import discover
+from linkwise.discovery.options import DiscoveryOptions
+from linkwise.discovery.scoring import align_truth, term_score
+from linkwise.discovery.terms import DEFAULT, parse_terms
+from linkwise.errors import IdentificationError
+from linkwise.expression import Expression, Number, Symbol, add, multiply, polynomial, substitute
+from linkwise.identification.force_error import nmse
+from linkwise.model.law import VARIABLES, Law
+from linkwise.model.link import BASE, GROUND, LENGTH, Link, refuse_memory
+from linkwise.model.structure import Structure, refuse_hosts, refuse_rig
+from linkwise.records.record import Record
+from linkwise.signals.states import DifferentiationMethod as Derivative
+from linkwise.signals.states import differentiate
+from linkwise.sindy.conventions import Convention, noisy_states
+from linkwise.sindy.estimate import MAX_UNEXPLAINED
+from linkwise.sindy.force_reading import Reading, monomial_force, monomial_nmse
+from linkwise.sindy.library import Monomials, link_columns, monomial_equations, tags
+from linkwise.sindy.regression import REGRESSORS
+from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.linear_system import StreamedSystem
+from linkwise.sindy.regression.regressor import RegressionFit, Regressor
+from linkwise.study.method import MethodResult, MethodTable, StudyMethod
+from linkwise.study.subject import Subject
+from linkwise.verdict import Verdict, status_of
+
+_NO_FORCE = Law.parse("0")
+
+
+@dataclass(frozen=True)
+class TermJudgement:
+    """The parts of a `MethodResult` that come from a comparison with the truth."""
+
+    links: Mapping[str, float]
+    terms: Mapping[str, int]
+
+    @classmethod
+    def of(cls, structure: Structure, subject: Subject, clean: Record) -> TermJudgement:
+        """Compare a structure, every coefficient a number, with the true one along its motion `clean`.
+
+        The NMSE of a true link is that of the link between the same ends, 100 % and more where there is none.
+        """
+        truth = subject.true_structure
+        score = term_score(structure, truth)
+        aligned, links = align_truth(structure, truth), {}
+        for name in subject.judged_links:
+            true = truth.link(name)
+            link = _between(structure, true.between)
+            if link is None:
+                links[name] = nmse(true, Link(name, true.between, _NO_FORCE, {}), clean)
+            else:
+                links[name] = nmse(aligned.link(link.name), link, clean)
+        return cls(links, term_counts(score.right, score.missing, score.extra))
+
+
+def term_counts(
+    right: Collection[object], missing: Collection[object], extra: Collection[object]
+) -> dict[str, int]:
+    """The numbers of terms as a row has them."""
+    return {"right": len(right), "missing": len(missing), "extra": len(extra)}
+
+
+def masses_alone(subject: Subject, method: str) -> dict[str, float | str]:
+    """The masses by name, in kg or, of what turns, with their unit: all that a `method` that looks for links is told.
+
+    Raises IdentificationError for a structure of another kind than masses on links.
+    """
+    structure = subject.true_structure
+    refuse_rig(structure, method)
+    refuse_memory(structure.links, method, "maximum likelihood takes it")
+    refuse_hosts(structure, method)
+    values = zip(structure.masses, structure.mass_values.tolist(), strict=True)
+    return {
+        mass.name: value if mass.unit == LENGTH else f"{value!r} {mass.mass_unit}" for mass, value in values
+    }
+
+
+def _between(structure: Structure, ends: tuple[str, str]) -> Link | None:
+    return next((link for link in structure.links if set(link.between) == set(ends)), None)
+
+
+@final
+@dataclass(frozen=True)
+class MonomialMethod(StudyMethod):
+    """Noise added as the `convention` says, all monomials up to `order`, a regressor, and a `reading` of the force.
+
+    `regressor` is a name in `REGRESSORS`; `threshold` is that of "stlsq", None for the one of smallest BIC. Methods that
+    differ in regressor or reading share the Gram matrix of a case; its time counts for each of them. Only the equations of
+    masses with a single link are solved: others do not separate the forces of links. Raises IdentificationError for an unknown
+    regressor, and for a threshold of one that has none.
+    """
+
+    name: str
+    convention: Convention
+    regressor: str = "least-squares"
+    reading: Reading = "coefficients"
+    order: int = 3
+    threshold: float | None = None
+
+    def __post_init__(self) -> None:
+        self._regressor()
+
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        refuse_rig(subject.structure, 'methods of the kind "monomial"')
+        refuse_memory(
+            subject.structure.links, 'methods of the kind "monomial"', "maximum likelihood takes it"
+        )
+        refuse_hosts(subject.structure, 'methods of the kind "monomial"')
+        equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
+        started = perf_counter()
+        fit = _fit(equations, gram, subject.structure, self._regressor())
+        seconds += perf_counter() - started
+        structure, links, coefficients = subject.structure, {}, {}
+        for name in subject.judged_links:
+            links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
+            d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
+            coefficients.update(_coefficients(structure.link(name), d, force))
+        return MethodResult(Verdict.CONVERGED.status, seconds, links, coefficients)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "kind": "monomial",
+            "convention": self.convention,
+            "regressor": self.regressor,
+            "reading": self.reading,
+            "order": self.order,
+            **({} if self.threshold is None else {"threshold": self.threshold}),
+        }
+
+    def _regressor(self) -> Regressor:
+        regressor = REGRESSORS.lookup(self.regressor)()
+        return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
+
+
+class MonomialTable(MethodTable):
+    """Its table in a study file."""
+
+    kind: Literal["monomial", "classical"]  # "classical" is the old spelling
+    convention: Convention
+    name: str = ""
+    regressor: str = "least-squares"
+    reading: Reading = "coefficients"
+    order: Annotated[int, msgspec.Meta(ge=1)] = 3
+    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
+
+    def build(self) -> StudyMethod:
+        name = self.name or f"{self.kind}, {self.convention}"
+        return MonomialMethod(name, self.convention, self.regressor, self.reading, self.order, self.threshold)
+
+
+@lru_cache(maxsize=1)
+def _gram(
+    clean: Record, convention: Convention, snr_db: float, seed: int, order: int
+) -> tuple[StreamedSystem, Gram, float]:
+    """The equations of a case, their Gram matrix and the time in s that it took; the last one is cached."""
+    states = noisy_states(clean, convention, snr_db, seed=seed)
+    started = perf_counter()
+    equations = monomial_equations(states, order)
+    gram = Gram.of(equations)
+    return equations, gram, perf_counter() - started
+
+
+def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor: Regressor) -> RegressionFit:
+    """Solve the equations of the masses with a single link.
+
+    Standard errors, which are not used here, are NaN: the inverse of a matrix of 1771 columns takes longer than all else.
+    """
+    named = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
+    ends = [end for link in structure.links for end in link.between]
+    targets = tuple(f"x{tag}''" for mass, tag in named.items() if ends.count(mass) == 1)
+    columns = [equations.targets.index(target) for target in targets]
+    scaled = np.zeros((len(gram.names), len(targets)))
+    setting = np.zeros(len(targets))
+    for number, column in enumerate(columns):
+        scaled[:, number], setting[number], _ = regressor.solve(gram, column)
+    norms = np.where(gram.norms[columns] > 0, gram.norms[columns], 1.0)
+    return RegressionFit(
+        names=gram.names,
+        units=equations.units,
+        targets=targets,
+        coefficients=gram.unscaled(scaled),
+        support=scaled != 0,
+        standard_error=np.full_like(scaled, np.nan),
+        contribution=np.abs(scaled) / norms,
+        residual=np.full(len(targets), np.nan),
+        setting=setting,
+        paths=(),
+    )
+
+
+def _coefficients(link: Link, d: Floats, force: Floats) -> dict[str, float]:
+    """The stiffness coefficients of a polynomial law that fit a force (N,) N at elongations `d` (N,) m.
+
+    None for another law.
+    """
+    if polynomial(link.law.elastic, ("d",)) is None:
+        return {}
+    partials = link.law.partials(d, np.zeros_like(d), link.values).by_coefficient
+    columns = {name: values for name, values in partials.items() if np.any(values)}
+    sizes = [float(np.linalg.norm(values)) for values in columns.values()]
+    matrix = np.column_stack([values / size for values, size in zip(columns.values(), sizes, strict=True)])
+    solved = np.linalg.lstsq(matrix, force, rcond=None)[0] / sizes
+    return {f"{link.name}.{name}": float(value) for name, value in zip(columns, solved, strict=True)}
+
+
+_ROUNDING = 1e-9  # of the largest coefficient of an equation: what cancels but for rounding
+
+
+def true_monomials(structure: Structure) -> set[tuple[str, str]]:
+    """The monomials with a coefficient that is not 0, each beside its equation: ("x1''", "x1**2*v2").
+
+    Parameters
+    ----------
+    structure : Structure
+        Masses on links without memory, every coefficient a number.
+
+    Returns
+    -------
+    set of (str, str)
+        Equations and columns by the names that `monomial_equations` gives them. Applied forces are none of them.
+
+    Raises
+    ------
+    IdentificationError
+        If a law is not a polynomial.
+    """
+    names = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
+    ends = {**names, BASE: "b"}
+    variables = tuple(f"{kind}{tag}" for tag in (*names.values(), "b") for kind in "xv")
+    monomials: set[tuple[str, str]] = set()
+    for mass, tag in names.items():
+        forces = [_force(link, mass, ends) for link in structure.links if mass in link.between]
+        terms = polynomial(add(*forces), variables) if forces else {}
+        if terms is None:
+            raise IdentificationError(
+                f"a law of a link of {mass} is not a polynomial in d and v, so no monomials represent it; use the library "
+                '"links"'
+            )
+        sizes = {key: abs(value.value) for key, value in terms.items() if isinstance(value, Number)}
+        least = _ROUNDING * max(sizes.values(), default=0.0)
+        monomials |= {(f"x{tag}''", _name(variables, key)) for key, size in sizes.items() if size > least}
+    return monomials
+
+
+def _force(link: Link, mass: str, ends: dict[str, str]) -> Expression:
+    """What a link adds to M x'' of a mass, with its numbers, in the states of its ends."""
+    numbers: dict[str, Expression] = {name: Number(value) for name, value in link.values.items()}
+    elongations = {
+        variable: add(*(part for part in _signed(link, kind, ends)))
+        for variable, kind in zip(VARIABLES, "xv", strict=True)
+    }
+    sign = Number(-1.0 if mass == link.between[0] else 1.0)
+    return multiply(sign, substitute(substitute(link.law.expression, numbers), elongations))
+
+
+def _signed(link: Link, kind: str, ends: dict[str, str]) -> list[Expression]:
+    """The states, "x" or "v", of the ends of a link, the first less the second; the ground has none."""
+    return [
+        multiply(Number(sign), Symbol(f"{kind}{ends[end]}"))
+        for sign, end in zip((1.0, -1.0), link.between, strict=True)
+        if end != GROUND
+    ]
+
+
+def _name(variables: tuple[str, ...], exponents: tuple[int, ...]) -> str:
+    factors = [
+        name + (f"**{exponent}" if exponent > 1 else "")
+        for name, exponent in zip(variables, exponents, strict=True)
+        if exponent
+    ]
+    return "*".join(factors) or "1"
+
+
+@final
+@dataclass(frozen=True)
+class DiscoveryMethod(StudyMethod):
+    """`discover` with candidate `terms` on every link (METHODS section 9).
+
+    It is told the masses and nothing of links; what is `unknown` of a structure does not matter. Coefficients of its rows are
+    those of the discovered structure, by its own names. Raises IdentificationError for terms that are no candidates.
+    """
+
+    looks_for_terms: ClassVar[bool] = True
+
+    name: str
+    terms: str = DEFAULT
+
+    def __post_init__(self) -> None:
+        DiscoveryOptions(terms=self.terms)
+
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        masses = masses_alone(subject, 'methods of the kind "discover"')
+        record = subject.measured(clean).with_noise(snr_db, seed=seed)
+        discovery = discover(record, masses, terms=self.terms)
+        judgement = TermJudgement.of(discovery.structure, subject, clean)
+        return MethodResult(
+            status=status_of(discovery.verdicts),
+            seconds=discovery.seconds,
+            links=judgement.links,
+            coefficients={
+                f"{link.name}.{name}": float(value)
+                for link in discovery.structure.links
+                for name, value in link.values.items()
+            },
+            reason=next((verdict.value for verdict in discovery.verdicts if verdict.forbids), ""),
+            terms=judgement.terms,
+        )
+
+    def document(self) -> dict[str, Any]:
+        return {"name": self.name, "kind": "discover", "terms": self.terms}
+
+
+class DiscoveryTable(MethodTable):
+    """Its table in a study file."""
+
+    kind: Literal["discover"]
+    name: str = ""
+    terms: str = DEFAULT
+
+    def build(self) -> StudyMethod:
+        return DiscoveryMethod(self.name or self.kind, self.terms)
+
+
+Library = Literal["links", "monomials"]
+
+
+@final
+@dataclass(frozen=True)
+class SindyMethod(StudyMethod):
+    """Sparse regression for the terms themselves, from the displacements and the masses.
+
+    The `library` "links" has one column for each of the `terms` on each link that there may be, which both masses share, as
+    `discover` has; "monomials" has all monomials of all states up to `order`, and an equation for each mass. Monomials are not
+    read as links, so that their rows have no error of forces. `threshold` is that of the regressor; None where it is chosen on
+    rows held out. Raises IdentificationError for an unknown regressor, a threshold of one that has none, and terms that are no
+    candidates.
+    """
+
+    looks_for_terms: ClassVar[bool] = True
+
+    name: str
+    library: Library = "links"
+    terms: str = DEFAULT
+    order: int = 3
+    derivative: Derivative = "spline"
+    regressor: str = "stlsq"
+    threshold: float | None = None
+
+    def __post_init__(self) -> None:
+        self._regressor()
+        parse_terms(self.terms)
+
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        masses = masses_alone(subject, 'methods of the kind "sindy"')
+        record = subject.measured(clean).with_noise(snr_db, seed=seed)
+        if self.library == "links":
+            return self._among_links(subject, clean, record, masses)
+        return self._among_monomials(subject, record)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "kind": "sindy",
+            "library": self.library,
+            **({"terms": self.terms} if self.library == "links" else {"order": self.order}),
+            "derivative": self.derivative,
+            "regressor": self.regressor,
+            **({} if self.threshold is None else {"threshold": self.threshold}),
+        }
+
+    def _among_links(
+        self, subject: Subject, clean: Record, record: Record, masses: dict[str, float | str]
+    ) -> MethodResult:
+        started = perf_counter()
+        full = candidates_for([record], masses, self.terms).full_structure
+        fit = self._regressor().fit(link_columns(differentiate(record, self.derivative), full))
+        seconds = perf_counter() - started
+        support = fit.support[:, 0]
+        values = np.where(support, fit.coefficients[:, 0], 0.0)
+        structure = full.with_values(dict(zip(fit.names, map(float, values), strict=True)))
+        judgement = TermJudgement.of(structure, subject, clean)
+        verdict = sindy_verdict(float(fit.residual[0]))
+        return MethodResult(
+            status=verdict.status,
+            seconds=seconds,
+            links=judgement.links,
+            coefficients={
+                name: float(value)
+                for name, value, chosen in zip(fit.names, values, support, strict=True)
+                if chosen
+            },
+            reason=verdict.value if verdict.forbids else "",
+            terms=judgement.terms,
+        )
+
+    def _among_monomials(self, subject: Subject, record: Record) -> MethodResult:
+        started = perf_counter()
+        states = differentiate(record, self.derivative)
+        equations = monomial_equations(states, self.order)
+        gram, regressor = Gram.of(equations), self._regressor()
+        chosen: set[tuple[str, str]] = set()
+        unexplained = 0.0
+        for number, target in enumerate(equations.targets):
+            if target.endswith("''"):
+                scaled = regressor.solve(gram, number)[0]
+                chosen |= {(target, gram.names[column]) for column in np.flatnonzero(scaled)}
+                squares = gram.sums.squares_at(scaled - gram.anchor[:, number], number)
+                unexplained = max(unexplained, np.sqrt(squares) / (gram.norms[number] or 1.0))
+        seconds = perf_counter() - started
+        named = dict(zip(states.masses, tags(states.masses), strict=True))
+        inputs = {(f"x{named[mass]}''", f"f{named[mass]}") for mass in states.driven}
+        truth = true_monomials(subject.true_structure) | inputs
+        counts = term_counts(truth & chosen, truth - chosen, chosen - truth)
+        verdict = sindy_verdict(unexplained)
+        reason = verdict.value if verdict.forbids else ""
+        return MethodResult(verdict.status, seconds, {}, reason=reason, terms=counts)
+
+    def _regressor(self) -> Regressor:
+        regressor = REGRESSORS.lookup(self.regressor)()
+        return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
+
+
+def sindy_verdict(unexplained: float) -> Verdict:
+    """What `PhysicsInformedSindy` would say of a fit, by the share of the right-hand side that it leaves."""
+    return Verdict.UNEXPLAINED_FORCES if unexplained > MAX_UNEXPLAINED else Verdict.CONVERGED
+
+
+class SindyTable(MethodTable):
+    """Its table in a study file."""
+
+    kind: Literal["sindy"]
+    name: str = ""
+    library: Library = "links"
+    terms: str = DEFAULT
+    order: Annotated[int, msgspec.Meta(ge=1)] = 3
+    derivative: Derivative = "spline"
+    regressor: str = "stlsq"
+    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
+
+    def build(self) -> StudyMethod:
+        return SindyMethod(
+            self.name or f"sindy, {self.library}",
+            self.library,
+            self.terms,
+            self.order,
+            self.derivative,
+            self.regressor,
+            self.threshold,
+        )
+
+
+_KIND = 'methods of the kind "pysindy"'
+_RIDGE = 1e-6  # its own, 0.05, would bend columns of norm 1
+
+
+@final
+@dataclass(frozen=True)
+class PySindyMethod(StudyMethod):
+    """An equation for each mass in all monomials of all states up to `order`, by PySINDy.
+
+    Velocities and accelerations are its smoothed differences over `window` samples, states are scaled to a standard deviation
+    of 1 and columns and accelerations to a norm of 1, so that its `threshold` is a share of the right-hand side, which is how
+    its users make a threshold mean the same in every equation. Threshold and window are by default those of PySINDy.
+    """
+
+    looks_for_terms: ClassVar[bool] = True
+
+    name: str
+    order: int = 3
+    threshold: float = 0.1
+    window: int = 11
+
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        masses_alone(subject, _KIND)
+        record = subject.measured(clean).with_noise(snr_db, seed=seed)
+        if record.inputs:
+            raise IdentificationError(
+                f'{_KIND} take no inputs, and the record has {", ".join(record.inputs)}; use the kind "sindy"'
+            )
+        if len(record) <= self.window:
+            raise IdentificationError(
+                f"{len(record)} samples are too few for smoothed differences over {self.window}"
+            )
+        library = _pysindy()
+        masses, started = subject.true_structure.mass_names, perf_counter()
+        tagged = tags(masses)
+        smooth = library.SmoothedFiniteDifference(
+            smoother_kws={"window_length": self.window, "polyorder": min(3, self.window - 1)}
+        )
+        x = np.column_stack([record.channel(f"x:{mass}") for mass in masses])
+        v = np.asarray(smooth(x, record.step))
+        a = np.asarray(smooth(v, record.step))
+        names = Monomials(tuple(f"{kind}{tag}" for tag in tagged for kind in "xv"), self.order).names
+        states = np.stack([x, v], axis=2).reshape(len(x), -1)
+        with warnings.catch_warnings():  # where nothing is left of an equation it warns and goes on
+            warnings.simplefilter("ignore")
+            columns = np.asarray(
+                library.PolynomialLibrary(degree=self.order).fit_transform(states / np.std(states, axis=0))
+            )
+            targets = a / np.linalg.norm(a, axis=0)
+            optimizer = library.STLSQ(threshold=self.threshold, alpha=_RIDGE, normalize_columns=True)
+            optimizer.fit(columns, targets)
+        left = np.linalg.norm(targets - columns @ optimizer.coef_.T, axis=0)
+        seconds = perf_counter() - started
+        chosen = {
+            (f"x{tag}''", names[column])
+            for tag, equation in zip(tagged, optimizer.coef_, strict=True)
+            for column in np.flatnonzero(equation)
+        }
+        truth = true_monomials(subject.true_structure)
+        verdict = sindy_verdict(float(left.max()))
+        return MethodResult(
+            verdict.status,
+            seconds,
+            {},
+            reason=verdict.value if verdict.forbids else "",
+            terms=term_counts(truth & chosen, truth - chosen, chosen - truth),
+        )
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "kind": "pysindy",
+            "order": self.order,
+            "threshold": self.threshold,
+            "window": self.window,
+        }
+
+
+class PySindyTable(MethodTable):
+    """Its table in a study file."""
+
+    kind: Literal["pysindy"]
+    name: str = ""
+    order: Annotated[int, msgspec.Meta(ge=1)] = 3
+    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] = 0.1
+    window: Annotated[int, msgspec.Meta(ge=3)] = 11
+
+    def build(self) -> StudyMethod:
+        return PySindyMethod(self.name or self.kind, self.order, self.threshold, self.window)
+
+
+def _pysindy() -> Any:
+    try:
+        return import_module("pysindy")
+    except ModuleNotFoundError as error:
+        raise IdentificationError(
+            f"{_KIND} need the library pysindy; install it with pip install 'linkwise[peers]'"
+        ) from error
