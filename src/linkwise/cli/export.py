@@ -15,13 +15,11 @@ from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
     from linkwise.export import answer as exports
-    from linkwise.export import formats
 else:
     exports = lazy_module("linkwise.export.answer")
-    formats = lazy_module("linkwise.export.formats")
 
 
-@click.command(cls=listing("FORMATS", lambda: formats.listed_formats()))
+@click.command(cls=listing("FORMATS", lambda: exports.listed_formats()))
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON and nothing else.")

@@ -1,9 +1,11 @@
-"""Answers for other programs: one format a module, chosen by the suffix of the file."""
+"""Answers for other programs: what is exported of one, in the format of the suffix of the file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,11 +16,13 @@ from linkwise.arrays import Floats
 from linkwise.errors import OutputError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.export.formats import EXPORTS
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
+from linkwise.registry import Registry
+
+_LONGEST = 50  # characters of a name: MATLAB takes 63, and prefixes are added
 
 
 @dataclass(frozen=True)
@@ -172,4 +176,59 @@ def export_writer(path: Path) -> Callable[[ExportedAnswer, Path, str], None]:
     if suffix not in EXPORTS:
         kind, choices = path.suffix or "a file without suffix", ", ".join(EXPORTS)
         raise OutputError(f"{path}: answers cannot be exported to {kind}; choose from {choices}")
-    return EXPORTS[suffix].load()
+    module, _, name = EXPORTS[suffix].writer.partition(":")
+    write: Callable[[ExportedAnswer, Path, str], None] = getattr(import_module(module), name)
+    return write
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """What a file of this format is, and `writer`, "module:function", which writes it.
+
+    That function takes an `ExportedAnswer`, a path, and the name that the file will have, without its suffix.
+    """
+
+    title: str
+    writer: str
+
+
+EXPORTS: Registry[ExportFormat] = Registry(
+    "format",
+    {
+        ".py": ExportFormat(
+            "a Python module: the force of each link as a function of arrays, with coefficients, errors and covariance",
+            "linkwise.export.python:write",
+        ),
+        ".m": ExportFormat("the same as a function for MATLAB and Octave", "linkwise.export.matlab:write_m"),
+        ".mat": ExportFormat(
+            "the numbers and laws as variables for MATLAB", "linkwise.export.matlab:write_mat"
+        ),
+        ".csv": ExportFormat(
+            "a table of the coefficients with units, errors and intervals",
+            "linkwise.export.table:write_csv",
+        ),
+        ".xlsx": ExportFormat("the same table, and the covariance", "linkwise.export.table:write_xlsx"),
+    },
+    OutputError,
+)
+
+
+def listed_formats() -> list[str]:
+    """A line for each format: its suffix, and what a file of it is."""
+    width = max(map(len, EXPORTS))
+    return [f"{suffix:{width}}  {entry.title}" for suffix, entry in EXPORTS.items()]
+
+
+def identifiers(names: Iterable[str], reserved: Iterable[str]) -> dict[str, str]:
+    """A name of ASCII letters, digits and underscores for each, no two alike and none of those `reserved`."""
+    used, chosen = set(reserved), {}
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")[:_LONGEST] or "unnamed"
+        plain = f"n{plain}" if plain[0].isdigit() else plain
+        unique, number = plain, 1
+        while unique in used:
+            number += 1
+            unique = f"{plain}_{number}"
+        used.add(unique)
+        chosen[name] = unique
+    return chosen

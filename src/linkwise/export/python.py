@@ -6,8 +6,7 @@ import builtins
 import keyword
 from pathlib import Path
 
-from linkwise.export.answer import ExportedAnswer
-from linkwise.export.names import identifiers
+from linkwise.export.answer import ExportedAnswer, identifiers
 from linkwise.expression.tree import NUMPY, to_code, to_text
 from linkwise.model.link import Link
 
