@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from linkwise.verdict import Verdict, is_trusted
 
-_MARKED = ("=", "+", "-", "@", "\t", "\r", "'")  # with which a formula may begin, and the apostrophe itself
+_MARKED = (*"=+-@＝＋－＠\t\r\n'",)  # with which a formula may begin, and the apostrophe itself
 _FAR_FROM_NOISE = 1e4  # chi-square from which its decimals say nothing
 _WIDTH = 100  # at which sentences are wrapped
 LONGEST = 2000  # characters of a message: what a screen shows beside what was typed
@@ -46,6 +46,15 @@ def remark_lines(remark: str) -> str:
 
 def _wrapped(text: str, indent: str = "") -> str:
     return fill(text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+def on_one_line(text: str) -> str:
+    """`text` with a space for every character that ends a line somewhere, or that nobody sees.
+
+    >>> on_one_line("κ 1\\n\\u2028\\0")
+    'κ 1   '
+    """
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def csv_cell(value: object) -> object:

@@ -189,6 +189,9 @@ _STATUS = {  # as result.json has always named them
 }
 
 
+STATUSES = frozenset(verdict.status for verdict in Verdict)  # all that a file may state
+
+
 def is_trusted(verdicts: Iterable[Verdict]) -> bool:
     """Whether none of the verdicts forbids trust."""
     return not any(verdict.forbids for verdict in verdicts)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import json
+import shutil
 from pathlib import Path
 
 import openpyxl
@@ -53,6 +55,19 @@ def test_every_export_of_the_folder_says_so(
     assert [row["note"] for row in rows] == [SENTENCE] * 3
     sheet = openpyxl.load_workbook(files[".xlsx"])["coefficients"]
     assert [row[-1].value for row in sheet.iter_rows()] == ["note", *[SENTENCE] * 3]
+
+
+def test_a_status_that_linkwise_does_not_write_is_refused(answer: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(answer, tmp_path / "answer")
+    document = json.loads((folder / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps({**document, "status": 'x"""\nos'}))
+    with pytest.raises(
+        lw.StructureError, match="which linkwise does not write; identify again, or give"
+    ) as refused:
+        lw.export_answer(folder, tmp_path / "forces.py")
+    assert "\n" not in str(refused.value)
+    with pytest.raises(lw.RecordError, match="the estimate is not to be trusted; identify again"):
+        lw.read_posterior(folder)
 
 
 def test_the_estimate_itself_is_exported_with_the_warning(fit: lw.Estimate, tmp_path: Path) -> None:

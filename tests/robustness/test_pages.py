@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -21,23 +22,25 @@ NAMES = {  # a name holds none of [ ] : = / and the backslash
     "mathematics": "$x^2$ $y$",
     "template": "{{ 7*7 }}{% x %}",
     "formula": "+cmd|' 'C'!A0",
-    "at": "@SUM(1)",
+    "at": "＠SUM(1)",  # full width, which some spreadsheets take for a formula too
     "comma": 'a,b"c',
     "no glyph": "\u8cea\u91cf",  # in no font that comes with matplotlib
 }
 
 
 class Scripts(HTMLParser):
-    """What a browser would run: the text of scripts, and the names of attributes."""
+    """What a browser would run: tags in their order, the text of scripts, and the names of attributes."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
+        self.tags: list[str] = []
         self.scripts: list[str] = []
         self.attributes: set[str] = set()
         self._inside = False
         self.feed(page)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
         self.attributes |= {name for name, _ in attrs}
         self._inside = tag == "script"
         if self._inside:
@@ -51,17 +54,21 @@ class Scripts(HTMLParser):
             self.scripts[-1] += data
 
 
-def link_names(name: str) -> lw.Structure:
-    """The chain with `name` for its sink alone, which may have any name."""
-    quoted = name.replace("\\", "\\\\").replace('"', '\\"')
-    return lw.parse_structure(lw.format_structure(lw.bnes_chain(2)).replace('"nes1"', f'"{quoted}"'))
+def chain_with(name: str) -> lw.Structure:
+    """The chain with `name` for its sink, and for itself with the end of a script."""
+    chain = lw.bnes_chain(2)
+    spring, sink = chain.links
+    links = spring, replace(sink, name=name)
+    return replace(chain, name=f"{name}</script><script>document.write(1)</script>", links=links)
 
 
-def written(subject: lw.Structure, unknown: str, folder: Path) -> lw.Estimate:
-    """The result folder of an estimate of the link `unknown`, with a truth beside it."""
+def written(name: str, folder: Path) -> lw.Estimate:
+    """The result folder of an estimate of the sink, with a truth beside it; the record has remarks of somebody else."""
+    subject = chain_with(name)
     record = lw.simulate(subject, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
-    fit = lw.identify(record, subject.unknown(unknown), method="weak")
-    lw.write_result(fit, folder, truth=subject)
+    said = f"{name}</script><img src=x>"
+    fit = lw.identify(replace(record, source=said, notes=(said,)), subject.unknown(name), method="weak")
+    lw.write_result(replace(fit, message=said, remarks=(said,)), folder, truth=subject)
     return fit
 
 
@@ -69,19 +76,22 @@ def written(subject: lw.Structure, unknown: str, folder: Path) -> lw.Estimate:
 def usual(tmp_path_factory: pytest.TempPathFactory) -> Scripts:
     """The page of the same link under its usual name."""
     folder = tmp_path_factory.mktemp("usual") / "answer"
-    written(lw.bnes_chain(2), "nes1", folder)
+    written("nes1", folder)
     return Scripts((folder / "report.html").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES.keys())
-def test_the_name_of_a_link_adds_nothing_that_runs(
+def test_no_text_of_an_answer_adds_anything_that_runs(
     name: str, usual: Scripts, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if name.isascii() and "$" not in name:  # neither mathematics nor a missing glyph
         request.getfixturevalue("unrendered")
-    fit = written(link_names(name), name, tmp_path / "answer")
-    page = Scripts((tmp_path / "answer" / "report.html").read_text(encoding="utf-8"))
-    assert len(page.scripts) == len(usual.scripts) and page.attributes == usual.attributes
+    fit = written(name, tmp_path / "answer")
+    text = (tmp_path / "answer" / "report.html").read_text(encoding="utf-8")
+    page = Scripts(text)
+    assert text.count("&lt;img src=x&gt;") >= 2
+    assert page.tags == usual.tags and "img" not in page.tags and page.attributes == usual.attributes
+    assert lw.read_structure(tmp_path / "answer" / "structure.toml") == fit.structure
     for script in some(page.scripts):
         assert 'document.write("mine")' not in script
     assert set(lw.read_posterior(tmp_path / "answer").names) == {
@@ -91,7 +101,7 @@ def test_the_name_of_a_link_adds_nothing_that_runs(
 
 @pytest.mark.usefixtures("unrendered")
 def test_no_cell_of_an_absorption_is_a_formula(tmp_path: Path) -> None:
-    subject = link_names(NAMES["formula"])
+    subject = chain_with(NAMES["formula"])
     absorption = lw.absorb(subject, duration=1.0, release={"v:m1": 1.0})
     lw.write_absorption(absorption, tmp_path / "absorbed")
     for name in ("decay.csv", "energy.csv", "crossings.csv"):

@@ -49,7 +49,7 @@ from linkwise.model.parameters import SHAPE, Parameter, is_shape
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
-from linkwise.verdict import Verdict, is_trusted, status_of
+from linkwise.verdict import STATUSES, Verdict, is_trusted, status_of
 
 
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
@@ -157,8 +157,8 @@ def untrusted_remark(path: Path) -> str:
         return ""
     if not line.startswith(_MARK):
         return ""
-    status = line.removeprefix(_MARK).partition(":")[0].strip()
-    return not_trusted(status.strip("()"))
+    status = line.removeprefix(_MARK).partition(":")[0].strip(" ()\n")
+    return not_trusted(status if status in STATUSES else "")
 
 
 def not_trusted(status: str) -> str:

@@ -18,7 +18,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
-from linkwise.verdict import Verdict
+from linkwise.verdict import STATUSES, Verdict
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -328,8 +328,9 @@ def _missing(folder: Path) -> str:
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return "there is no such file, and no result of identify either; give a structure file or a folder that identify wrote"
     if status != Verdict.CONVERGED.status:
+        reason = f" ({status})" if status in STATUSES else ""
         return (
-            f"there is no covariance, since the estimate is not to be trusted ({status}); identify again, or give its "
+            f"there is no covariance, since the estimate is not to be trusted{reason}; identify again, or give its "
             "structure.toml"
         )
     if without_intervals:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.io import savemat
 
 from linkwise.arrays import Floats
+from linkwise.display import on_one_line
 from linkwise.errors import OutputError
 from linkwise.export.answer import ExportedAnswer, identifiers
 from linkwise.expression.tree import FUNCTIONS, MATLAB, to_code, to_text
@@ -54,7 +55,7 @@ def write_m(answer: ExportedAnswer, path: Path, name: str) -> None:
             f"{name}.m: a function of MATLAB has the name of its file, and {name!r} is not the name of a function: use "
             "letters, digits and underscores after a letter"
         )
-    note = f"\n%   {answer.note}" if answer.note else ""
+    note = f"\n%   {on_one_line(answer.note)}" if answer.note else ""
     head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note, **answer.quantities)
     cases = "".join(_case(link) for link in answer.links)
     path.write_text(f"{head}{cases}{_TAIL}\n{_values(answer)}", encoding="utf-8", newline="\n")
@@ -62,8 +63,7 @@ def write_m(answer: ExportedAnswer, path: Path, name: str) -> None:
 
 def _text(text: str) -> str:
     """A text in quotes, on one line."""
-    printable = "".join(letter if letter.isprintable() else " " for letter in text)
-    return "'" + printable.replace("'", "''") + "'"
+    return "'" + on_one_line(text).replace("'", "''") + "'"
 
 
 def _case(link: Link) -> str:
@@ -124,7 +124,7 @@ def write_mat(answer: ExportedAnswer, path: Path, name: str) -> None:
         rates = [f"{rate.name}: {rate.text}" for rate in link.law.rates]
         links[number, 0] = (link.name, *link.between, link.law.text, _cells(rates))
     content = {
-        "structure": answer.structure.name,
+        "structure": on_one_line(answer.structure.name),
         "version": answer.version,
         "note": answer.note,
         "names": _cells([f"{coefficient.owner}.{coefficient.name}" for coefficient in every]),

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from linkwise.display import csv_cell
+from linkwise.display import csv_cell, on_one_line
 from linkwise.errors import OutputError
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.export.answer import ExportedAnswer
@@ -47,11 +47,13 @@ def _rows(answer: ExportedAnswer) -> list[list[Any]]:
 
 
 def _table(answer: ExportedAnswer) -> list[list[Any]]:
-    """The header and the rows; where the answer is not trusted all of them say so, since rows are sorted and copied."""
-    table = [list(_HEADER), *_rows(answer)]
-    if not answer.warning:
-        return table
-    return [[*row, answer.warning if number else "note"] for number, row in enumerate(table)]
+    """The header and the rows; where the answer is not trusted all of them say so, since rows are sorted and copied.
+
+    Texts have one line each: sheets take no control characters, which a law may have as spaces.
+    """
+    notes = (["note"], [answer.warning]) if answer.warning else ([], [])
+    table = [[*_HEADER, *notes[0]], *([*row, *notes[1]] for row in _rows(answer))]
+    return [[on_one_line(cell) if isinstance(cell, str) else cell for cell in row] for row in table]
 
 
 def write_csv(answer: ExportedAnswer, path: Path, name: str) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from linkwise.display import on_one_line
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.columns import recognised
 from linkwise.files.header import ColumnHeader
@@ -75,7 +76,7 @@ def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
     if set(known.values()) <= {"time"} and spare:
         example = _block("x:m1", spare[0], "mm", "").strip().split("\n")
         unused += ["\n", *(f"# {line}\n" for line in example)]
-    return _HEAD.format(path=path.name) + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
+    return _HEAD.format(path=on_one_line(path.name)) + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
 
 
 def _guessed_names(

@@ -380,14 +380,14 @@ def _are_of_another_law(states: Mapping[str, LinkState], law: Law) -> bool:
 def check_name(name: object, kind: str) -> None:
     if not isinstance(name, str) or not name:
         raise StructureError(f"a {kind} needs a name, got {name!r}", kind)
-    if len(name.encode()) > LONGEST_NAME:
-        raise StructureError(
-            f"a name has at most {LONGEST_NAME} bytes, got {name[:20]}... of {len(name.encode())}", kind
-        )
     if name != name.strip() or not name.isprintable() or _FORBIDDEN & set(name):
         raise StructureError(
             f"{name!r} is not a valid name: leading or trailing spaces, control characters and [ ] : = / \\ are not allowed",
             kind,
+        )
+    if len(name.encode()) > LONGEST_NAME:
+        raise StructureError(
+            f"a name has at most {LONGEST_NAME} bytes, got {name[:20]}... of {len(name.encode())}", kind
         )
 
 

@@ -35,6 +35,7 @@ from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import SensorUncertainty
 from linkwise.signals.noise import noise_variance
+from linkwise.verdict import STATUSES
 
 _STRUCTURE = "structure.toml"
 
@@ -116,7 +117,10 @@ class _ResultFile:
 
     @classmethod
     def of(cls, path: Path) -> _ResultFile:
-        """What the file states; nothing where it cannot be read, so that the laws and sensors count as exact."""
+        """What the file states; nothing where it cannot be read, so that the laws and sensors count as exact.
+
+        Raises StructureError for a status that linkwise does not write.
+        """
         try:
             result = json.loads(path.read_text(encoding="utf-8"))
             status = str(result["status"])
@@ -124,6 +128,12 @@ class _ResultFile:
             of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return cls(f"no covariance is beside {_STRUCTURE}")
+        if status not in STATUSES:
+            raise StructureError(
+                f"states the status {status!r}, which linkwise does not write; identify again, or give the {_STRUCTURE} "
+                "beside it",
+                str(path),
+            )
         warning = "" if result.get("trusted") else not_trusted(status)
         return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors, warning)
 
