@@ -66,7 +66,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
     """A temporary path in the folder of `path`; renamed to `path` when the block ends without an error.
 
     Missing parent folders are created. The suffix is kept, since writers choose the format by it. Each of several writers has
-    its own temporary path, and the last one to finish wins. Raises OutputError where `path` is a device or a folder.
+    its own temporary path, and the last one to finish wins. Raises OutputError where `path` is a device or a folder or cannot
+    be written, FullDiskError where the disk is to blame.
     """
     with _own_file(path) as own:
         yield own
@@ -74,7 +75,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 def check_file(path: Path) -> None:
-    """Check, before the work, that a file can be written to `path`; raises OutputError or OSError as `atomic_file` would."""
+    """Check, before the work, that a file can be written to `path`; raises OutputError as `atomic_file` would."""
     with _own_file(path) as own:
         own.write_bytes(bytes(_TRIAL))
 
@@ -82,15 +83,26 @@ def check_file(path: Path) -> None:
 @contextmanager
 def _own_file(path: Path) -> Iterator[Path]:
     """A new temporary path next to the target of `path`."""
-    place = path.resolve()
-    if place.exists() and not place.is_file():
-        raise OutputError(f"{path}: exists and is not a regular file; choose another name")
-    place.parent.mkdir(parents=True, exist_ok=True)
-    partial = place.with_name(f".{place.stem}.{token_hex(4)}.partial{place.suffix}")
     try:
-        yield partial
-    finally:
-        partial.unlink(missing_ok=True)
+        place = path.resolve()
+        if place.exists() and not place.is_file():
+            raise OutputError(f"{path}: exists and is not a regular file; choose another name")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        partial = place.with_name(f".{place.stem}.{token_hex(4)}.partial{place.suffix}")
+        try:
+            yield partial
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        raise _refusal(f"{path}: cannot be written", error) from error
+
+
+def _refusal(message: str, error: OSError) -> OutputError:
+    """The error for what an operating system refused to write."""
+    kind = FullDiskError if is_disk_fault(error) else OutputError
+    # libraries say more than the system does, in several lines
+    reason = str(error) if error.errno is None else os.strerror(error.errno)
+    return kind(f"{message}: {reason}")
 
 
 def check_result_folder(path: Path, mark: str = RESULT) -> None:
@@ -156,8 +168,7 @@ def _own_folder(path: Path, mark: str) -> Iterator[Path]:
         finally:
             shutil.rmtree(own, ignore_errors=True)
     except OSError as error:
-        kind = FullDiskError if is_disk_fault(error) else OutputError
-        raise kind(f"{path}: the result could not be written: {error.strerror or error}") from error
+        raise _refusal(f"{path}: the result could not be written", error) from error
 
 
 def _refuse_others(path: Path, mark: str) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from errno import EACCES, EBUSY, ENOSPC
 from pathlib import Path
 
 import pytest
 from problems import chain_record
+from structures import beam_of_one_mode
 
 import linkwise as lw
 from linkwise.cli import run
@@ -235,6 +239,43 @@ def test_a_file_behind_a_link_is_replaced_and_a_device_is_not(tmp_path: Path) ->
     assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "there.txt").read_text() == "new"
     with pytest.raises(OutputError, match="not a regular file"), atomic_file(Path(os.devnull)):
         pytest.fail("the block must not run")
+
+
+@pytest.fixture
+def full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A folder with files to work on, in which no file gets more than 100 bytes."""
+    resource = pytest.importorskip("resource")
+    monkeypatch.chdir(tmp_path)
+    lw.write_structure(beam_of_one_mode(), "beam.toml")
+    lw.write_structure(lw.bnes_chain(2), "chain.toml")
+    lw.write_record(chain_record(2, duration=0.1, rate=500.0), "run.csv")
+    Path("modes.csv").write_text("frequency[Hz],damping,tip\n5.2,0.01,1.0\n")
+    lw.plot.save(lw.plot.shapes_figure(beam_of_one_mode()), "shown")  # fonts are found before
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.usefixtures("full_disk")
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(f"export chain.toml new.{suffix}" for suffix in ("py", "m", "mat", "csv", "xlsx")),
+        *(f"simulate chain.toml --duration 0.1 --rate 500 -o new.{suffix}" for suffix in ("csv", "mat", "h5", "parquet")),
+        "structure bnes --dof 2 -o new.toml",
+        "structure host modes.csv -o new.toml",
+        "structure show beam.toml --shapes new",
+        "inspect run.csv --write-mapping new.toml",
+    ],
+)  # fmt: skip
+def test_a_full_disk_is_told_in_one_line(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    before = os.listdir()
+    assert run(command.split()) == 1
+    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note: ")]
+    assert len(said) == 1 and re.fullmatch(r"linkwise: new\.\w+: cannot be written: File too large", said[0])
+    gc.collect()  # what is forgotten has nothing to add
+    assert sorted(os.listdir()) == sorted(before) and capsys.readouterr().err == ""
 
 
 @pytest.fixture(scope="module")

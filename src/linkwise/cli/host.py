@@ -16,7 +16,7 @@ import linkwise as lw
 from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE, grouped, pairs
 from linkwise.cli.reading_options import READING, ReadingOptions
-from linkwise.output import atomic_file, to_json
+from linkwise.output import to_json
 from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
@@ -164,10 +164,10 @@ def host(
     _tell_of_damping(new_host)
     directions = dict(map(_point, options["points"]))
     new_host = rotations.with_units(new_host, pairs(options["units"], "--unit", "tip_r=rad"), directions)
-    text = lw.format_structure(lw.Structure(title, (), (), (new_host,)))
+    written = lw.Structure(title, (), (), (new_host,))
+    text = lw.format_structure(written)
     if output is not None:
-        with atomic_file(output) as partial:
-            partial.write_text(text, encoding="utf-8", newline="\n")
+        lw.write_structure(written, output)
     if as_json:
         identified = {} if estimate is None else {"identified": estimate.to_dict()}
         click.echo(to_json({**tomllib.loads(text), **identified}))

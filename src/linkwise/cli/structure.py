@@ -13,7 +13,7 @@ import linkwise as lw
 from linkwise.cli.console import tell
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
-from linkwise.output import atomic_file, to_json
+from linkwise.output import to_json
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
 SHOWN = 4  # stable equilibria
@@ -54,8 +54,7 @@ def bnes(dof: int, unknown: str | None, output: Path | None, as_json: bool) -> N
     chain = lw.bnes_chain(dof)
     written = chain.unknown(unknown) if unknown else chain
     if output is not None:
-        with atomic_file(output) as partial:
-            lw.write_structure(written, partial)
+        lw.write_structure(written, output)
     text = lw.format_structure(written)
     if as_json:
         click.echo(to_json(tomllib.loads(text)))

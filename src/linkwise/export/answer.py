@@ -162,11 +162,8 @@ def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: s
     path = Path(path)
     write = export_writer(path)
     content = ExportedAnswer.of(answer)
-    try:
-        with atomic_file(path) as partial:
-            write(content, partial, path.stem)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with atomic_file(path) as partial:
+        write(content, partial, path.stem)
     return path
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from importlib import import_module
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,9 @@ def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:
     _fill(book.active, "coefficients", _table(answer))
     covariance = [[name, *row] for name, row in zip(answer.names, answer.covariance.tolist(), strict=True)]
     _fill(book.create_sheet(), "covariance", [["", *answer.names], *covariance])
-    book.save(path)
+    content = BytesIO()  # the archive of a file that was not written whole complains when it is forgotten
+    book.save(content)
+    path.write_bytes(content.getvalue())
 
 
 def _fill(sheet: Any, title: str, rows: list[list[Any]]) -> None:

@@ -18,7 +18,7 @@ from linkwise.files.first_mapping import first_mapping
 from linkwise.files.isolated import read_here, read_isolated
 from linkwise.files.mapping import RecordMapping, read_mapping
 from linkwise.files.table import Table
-from linkwise.output import FullDiskError, atomic_file, check_file, is_disk_fault
+from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 
@@ -228,11 +228,8 @@ def _refused(path: Path) -> Iterator[None]:
     try:
         yield
     except OutputError as error:
-        raise RecordError(str(error).removeprefix(f"{path}: "), path) from error
-    except OSError as error:
-        refusal = RecordError(f"cannot be written: {error.strerror or error}", path)
-        if is_disk_fault(error):
-            refusal.exit_code = FullDiskError.exit_code
+        refusal = RecordError(str(error).removeprefix(f"{path}: "), path)
+        refusal.exit_code = error.exit_code
         raise refusal from error
 
 

@@ -190,9 +190,7 @@ def write_structure(structure: Structure, path: str | Path) -> None:
     Raises
     ------
     OutputError
-        If the path is a folder or a device.
-    OSError
-        If the file cannot be written.
+        If the path is a folder or a device, or the file cannot be written.
 
     See Also
     --------

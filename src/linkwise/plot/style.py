@@ -30,6 +30,7 @@ from matplotlib.ticker import LogFormatter, NullFormatter
 from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.model.structure import Link
+from linkwise.output import atomic_file
 from linkwise.plot.layout import LEGEND_SIZE, SUPTITLE_SIZE, TITLE_SIZE, EstimatedLayout
 
 _STYLE: Any = {
@@ -230,7 +231,7 @@ def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
 
     Raises
     ------
-    OSError
+    OutputError
         If a file cannot be written.
 
     Examples
@@ -247,7 +248,8 @@ def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
     folder, name = Path(stem).parent, Path(stem).name
     png, svg = folder / f"{name}.png", folder / f"{name}.svg"
     for path, content in zip((png, svg), encoded(figure), strict=True):
-        path.write_bytes(content)
+        with atomic_file(path) as partial:
+            partial.write_bytes(content)
     return png, svg
 
 

@@ -8,7 +8,6 @@ The page of a study: verdict first, then the paper's table with ours beside it, 
 from __future__ import annotations
 
 import csv
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -435,7 +434,8 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
         progress(ProgressReport(number / len(STUDY_FIGURES), f"figure {name}"))
         figure = entry.draw(report)
         if figure is not None:
-            address = _keep(figure, home / _FIGURES, name)
+            _, svg = save(figure, home / _FIGURES / name)
+            address = embedded(svg.read_bytes())
             illustration = Illustration(name, entry.title, entry.caption(report), address)
             shown.setdefault(entry.heading, []).append(illustration)
     progress(ProgressReport(1.0, "page"))
@@ -444,21 +444,6 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
     with atomic_file(home / "report.html") as page:
         page.write_text(study_page(report, shown, version=version("linkwise")), encoding="utf-8")
     return home / "report.html"
-
-
-def _keep(figure: Figure, folder: Path, name: str) -> str:
-    """Write a figure as PNG and SVG into `folder`, each whole or not at all; returns the address that holds it."""
-    scratch = folder / ".partial"
-    shutil.rmtree(scratch, ignore_errors=True)  # of a run that was killed
-    scratch.mkdir(parents=True)
-    try:
-        png, svg = save(figure, scratch / name)
-        address = embedded(svg.read_bytes())
-        for path in (png, svg):
-            path.replace(folder / path.name)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-    return address
 
 
 def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> None:
