@@ -43,8 +43,9 @@ def answer(fit: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_export_of_the_folder_says_so(
-    answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    fit: lw.Estimate, answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    assert SENTENCE in lw.export_answer(fit, tmp_path / "estimate.py").read_text()
     files = {suffix: tmp_path / f"forces{suffix}" for suffix in (".py", ".m", ".mat", ".csv", ".xlsx")}
     assert run(["export", str(answer), *map(str, files.values())]) == 3
     assert f"note: {SENTENCE}" in capsys.readouterr().err
@@ -68,18 +69,6 @@ def test_a_status_that_linkwise_does_not_write_is_refused(answer: Path, tmp_path
     assert "\n" not in str(refused.value)
     with pytest.raises(lw.RecordError, match="the estimate is not to be trusted; identify again"):
         lw.read_posterior(folder)
-
-
-def test_the_estimate_itself_is_exported_with_the_warning(fit: lw.Estimate, tmp_path: Path) -> None:
-    assert SENTENCE in lw.export_answer(fit, tmp_path / "forces.py").read_text()
-
-
-def test_a_trusted_structure_is_exported_without_warning(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lw.write_structure(lw.bnes_chain(2), tmp_path / "chain.toml")
-    assert run(["export", str(tmp_path / "chain.toml"), str(tmp_path / "numbers.csv")]) == 0
-    assert "trusted" not in capsys.readouterr().err + (tmp_path / "numbers.csv").read_text()
 
 
 def test_a_folder_of_a_method_without_intervals_says_which_methods_give_them(tmp_path: Path) -> None:
