@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor, ThreadPoolExecutor
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
@@ -187,16 +188,19 @@ def _is_rounded(linear: Linearization, factor: Factor | None, q: float, own: int
 
 
 def covariance(border: Border | None, scales: Scales, free: Bools) -> Floats:
-    """Of theta, offsets and gains in their own units, zero where not free; infinite where the equations are singular."""
+    """Of theta, offsets and gains in their own units, zero where not free; infinite where rounding leaves the equations no
+    positive definite matrix, since the variances of another would be its errors alone.
+    """
     size = len(scales.theta)
     unknown = np.full((size, size), np.inf)
     if border is None:
         return unknown
     chosen = np.ix_(free, free)
     try:
-        inverse = np.linalg.inv(border.schur[chosen])
+        root = np.linalg.cholesky(border.schur[chosen])
     except np.linalg.LinAlgError:
         return unknown
     out = np.zeros((size, size))
-    out[chosen] = inverse * np.outer(scales.theta[free], scales.theta[free])
+    half = solve_triangular(root, np.diag(scales.theta[free]), lower=True, check_finite=False)
+    out[chosen] = half.T @ half
     return out
