@@ -12,7 +12,10 @@ from structures import NES, link, structure
 
 import linkwise as lw
 from linkwise.likelihood.block_scores import BLOCKS, BlockScores
-from linkwise.likelihood.changed_coefficients import _Changes
+from linkwise.likelihood.changed_coefficients import _Changes, likeliest_change
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.record_judgement import judge
 
 MASSES = {"m1": 1.0, "m2": 0.01}
 SENSORS = ("x:m1", "x:m2", "v:m1", "v:m2")
@@ -76,6 +79,22 @@ def test_a_change_between_records_is_told_with_the_record() -> None:
     assert fit.verdicts == (lw.Verdict.COEFFICIENT_CHANGES,)
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].source) == ("change", "10 s of record 2")
     assert "nes1.alpha" in fit.diagnosis[0].description
+
+
+@pytest.mark.parametrize("relaxation", [1e-3, 2e-2])
+def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer(relaxation: float) -> None:
+    """It lets the motion of one value follow both, so that no change is significant beside it."""
+    first, second = (motion((3.0, chain(alpha=alpha))).with_noise(30.0, seed=73) for alpha in (-100.0, -98.0))
+    records = [first, replace(second, start=10.0)]
+    options = LikelihoodOptions(relaxation=relaxation)
+    fit = likelihood_fit(records, STATED, truth(chain(), STATED), options=options)
+    assert fit.model_error > 0.0 and likeliest_change(fit, records, None, ()) is None
+    values = dict(zip(fit.segments.system.parameters.names, fit.values.tolist(), strict=True))
+    judgement = judge(fit, STATED.with_values(values), [STATED], records)
+    assert judgement.verdict is lw.Verdict.COEFFICIENT_CHANGES
+    assert judgement.message.startswith("Held closer to the laws, one value of nes1.alpha does not explain")
+    change = judgement.diagnosis[0]
+    assert change.size == pytest.approx(2.0, abs=4.0 * change.standard_error)
 
 
 def test_a_change_beside_a_missing_term_is_told_by_laws_with_the_term() -> None:

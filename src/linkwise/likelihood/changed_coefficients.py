@@ -18,6 +18,7 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.block_scores import BLOCKS, BlockScores, block_scores, blocks_of_scatter
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.held_closer import CloserFit
 from linkwise.likelihood.held_errors import LIKELIER
 from linkwise.likelihood.judgement import Judgement
 from linkwise.likelihood.long_records import is_long
@@ -66,7 +67,18 @@ def beside_changes(judgement: Judgement, fit: LikelihoodFit, records: Sequence[R
     if judgement.verdict not in _JUDGED:
         return judgement
     change = likeliest_change(fit, records, judgement.tested, judgement.diagnosis)
-    return judgement if change is None else with_change(judgement, change)
+    if change is not None:
+        return with_change(judgement, change)
+    hidden = _hidden_change(judgement.closer_fit, records)
+    return judgement if hidden is None else with_change(judgement, hidden, "Held closer to the laws")
+
+
+def _hidden_change(closer: CloserFit | None, records: Sequence[Record]) -> Cause | None:
+    """The change that explains most of what the laws leave in a fit held closer to them, and much more than other causes."""
+    if closer is None:
+        return None
+    change = likeliest_change(closer.fit, records, closer.diagnosis.tested, closer.diagnosis.causes)
+    return change if change is not None and closer.explains_most(change.gain) else None
 
 
 def with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgement:

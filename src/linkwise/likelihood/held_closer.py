@@ -1,9 +1,10 @@
-"""What a model error or noise of an input hides: a missing term that explains most of what is left without it.
+"""What a model error or noise of an input hides: a missing term that explains most of what is left without it, or a change.
 
 A model error lets the motion forget, and with it what a small term does over many periods: a score test beside the model error
 is silent on friction that would change a damping by ten standard errors. Held ten times closer, the laws leave more than that.
-Where one term would explain most of that, they lack it; an error that is random leaves what no term explains. Noise of an
-input lets the motion forget likewise, and is found where there is none; the motion is held closer with a tenth of it.
+Where one term would explain most of that, they lack it, and where a change of one coefficient would, it changes; an error
+that is random leaves what neither explains. Noise of an input lets the motion forget likewise, and is found where there is
+none; the motion is held closer with a tenth of it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
-from linkwise.likelihood.diagnosis import diagnose
+from linkwise.likelihood.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.long_records import held_at, is_long
 from linkwise.likelihood.marginal import relaxation
@@ -36,6 +37,21 @@ _CLOSER_IF_LONG = (
 )  # the same of long records, which were not held more closely because no search leads straight there
 _STEPS = 40
 _MOST = 0.5  # of what is left there
+
+
+@dataclass(frozen=True, eq=False)
+class CloserFit:
+    """A `fit` whose motion is held closer to the laws than another: by how much more it leaves in -2 log likelihood, `left`,
+    and the `diagnosis` of that.
+    """
+
+    fit: LikelihoodFit
+    left: float
+    diagnosis: Diagnosis
+
+    def explains_most(self, gain: float) -> bool:
+        """Whether what lowers -2 log likelihood by a `gain` explains most of what is left."""
+        return gain > _MOST * self.left
 
 
 @dataclass(frozen=True)
@@ -60,8 +76,8 @@ class HiddenTerm:
         return self.cause.term in MEMORY_TERMS or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
 
 
-def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> HiddenTerm | None:
-    """The missing term, or error of a mass, that explains most of what the laws leave where the motion is held closer to them.
+def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> CloserFit | None:
+    """The fit with its motion held closer to the laws, and what explains what they leave there.
 
     Parameters
     ----------
@@ -74,8 +90,8 @@ def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[st
 
     Returns
     -------
-    HiddenTerm or None
-        The term, or the mass; None where there is none, or the motion cannot be held closer.
+    CloserFit or None
+        The closer fit; None where the motion cannot be held closer.
     """
     optimum = fit.optimum
     exact = not fit.random_forces and optimum.q <= AnnealingSchedule.final_q
@@ -89,7 +105,7 @@ def hidden_term(fit: LikelihoodFit, identified: Structure, channels: Sequence[st
         if closer.status is AnnealingStatus.INTERRUPTED:
             return None
         if closer.status is AnnealingStatus.CONVERGED:
-            return _explaining(fit, closer, tight, (identified, channels))
+            return _diagnosed(fit, closer, tight, identified, channels)
     return None
 
 
@@ -111,18 +127,13 @@ def _searched_closer(tight: Optimum) -> AnnealingFit | None:
     return anneal(tight.segments, tight.point, tight.scales, schedule, loss=tight.loss)
 
 
-def _explaining(
-    fit: LikelihoodFit,
-    closer: AnnealingFit,
-    tight: Optimum,
-    structure_and_channels: tuple[Structure, Sequence[str]],
-) -> HiddenTerm | None:
-    """The term that explains most of what a fit leaves that is held `closer` than `fit`, by the equations of `tight`.
-
-    `structure_and_channels` are the structure with the values of the fit, and the channels.
+def _diagnosed(
+    fit: LikelihoodFit, closer: AnnealingFit, tight: Optimum, identified: Structure, channels: Sequence[str]
+) -> CloserFit | None:
+    """A search by the equations of `tight`, whose end is `closer`, with what explains what it leaves; None where that is not
+    finite. The structure is `identified` with the values of the fit.
     """
     optimum, p = fit.optimum, len(fit.values)
-    identified, channels = structure_and_channels
     closer_fit = replace(
         fit,
         values=closer.point.theta,
@@ -137,14 +148,19 @@ def _explaining(
     left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
     if not np.isfinite(left):
         return None
-    causes = diagnose(closer_fit, closer_structure, channels, terms=True).causes
-    if not causes or causes[0].kind not in ("term", MASS) or not causes[0].gain > _MOST * left:
+    return CloserFit(closer_fit, left, diagnose(closer_fit, closer_structure, channels, terms=True))
+
+
+def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> HiddenTerm | None:
+    """The missing term, or error of a mass, that explains most of what the laws leave in a fit held `closer` than `fit`."""
+    causes = closer.diagnosis.causes
+    if not causes or causes[0].kind not in ("term", MASS) or not closer.explains_most(causes[0].gain):
         return None
     change, shift = 0.0, 0.0
     if causes[0].shifted:
-        number = names.index(causes[0].shifted)
-        error = float(np.sqrt(closer_fit.covariance[number, number]))
+        number = fit.segments.system.parameters.names.index(causes[0].shifted)
+        error = float(np.sqrt(closer.fit.covariance[number, number]))
         changed, tiny = causes[0].shift * error, np.finfo(float).tiny
         change = changed / max(abs(float(fit.values[number])), tiny)
         shift = changed / max(float(np.sqrt(fit.covariance[number, number])), tiny)
-    return HiddenTerm(causes[0], change, shift, closer_fit)
+    return HiddenTerm(causes[0], change, shift, closer.fit)

@@ -22,7 +22,7 @@ from linkwise.likelihood.faint_links import undetermined_far_away
 from linkwise.likelihood.faint_modes import with_faint_modes
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.force_spectra import SPECTRAL_KINDS
-from linkwise.likelihood.held_closer import HiddenTerm, hidden_term
+from linkwise.likelihood.held_closer import CloserFit, HiddenTerm, held_closer, hidden_term
 from linkwise.likelihood.held_errors import (
     LARGEST_SHIFT,
     LARGEST_TERM,
@@ -83,7 +83,7 @@ class Judgement:
     To be added to the covariance (p, p) of the fit are `for_missing_terms`, where a model error is trusted that terms explain
     a part of or residuals hint at terms or errors of masses, `for_blocks`, where blocks doubt laws that leave hardly more than
     noise, `for_input_noise`, where the residuals hint at noise of an input, and `for_skewed_profiles`, where standard errors
-    do not reach as far as the likelihood. `tested` is what was tested.
+    do not reach as far as the likelihood. `tested` is what was tested, and `closer_fit` a fit whose motion was held closer.
     """
 
     verdict: Verdict
@@ -95,6 +95,7 @@ class Judgement:
     for_input_noise: Floats | None = None
     for_skewed_profiles: Floats | None = None
     tested: TestedCauses | None = None
+    closer_fit: CloserFit | None = None
 
     @property
     def trusted_tests(self) -> TestedCauses | None:
@@ -140,8 +141,10 @@ def assess(
     )
     missing, noise, masses = counted.missing, None, None
     by_blocks = None if fit is given else fit.covariance - given.covariance
+    closer: CloserFit | None = None
     if not verdict.forbids and not causes:
-        hidden = hidden_term(fit, identified, channels)
+        closer = held_closer(fit, identified, channels)
+        hidden = None if closer is None else hidden_term(fit, closer)
         if hidden is not None:
             verdict, message = _with_hidden_term(fit, verdict, message, hidden)
             causes = (hidden.cause,)
@@ -167,6 +170,7 @@ def assess(
         for_blocks=None if verdict.forbids else by_blocks,
         for_input_noise=None if noise is None else noise[1],
         tested=diagnosis.tested,
+        closer_fit=closer,
     )
 
 
