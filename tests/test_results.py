@@ -30,7 +30,6 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "HostMatrices": "what files say",
     "HostMode": "what a file says",
     "HostReduction": "arithmetic of matrices that are given; it has its own error",
-    "LawStep": "one of several laws, ranked by a criterion; `identify` judges it",
     "Modes": "a property of a structure whose numbers are given",
     "NamedLaw": "a law by its name",
     "OrbitEnvelope": "statistics of simulations of a structure whose numbers are given",

@@ -9,8 +9,6 @@ TESTS = Path(__file__).parent
 PARTS = {"Structure", "Link", "Mass", "Host"}
 BUILDING_IS_TESTED = {
     "structures.py",
-    "test_argument_types.py",
-    "valid_calls.py",
     "fuzz/worker.py",
 }  # and the model
 

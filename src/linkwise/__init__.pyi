@@ -24,7 +24,6 @@ from linkwise.analysis.modes import Modes as Modes
 from linkwise.analysis.modes import modes as modes
 from linkwise.analysis.wells import barrier as barrier
 from linkwise.analysis.wells import wells as wells
-from linkwise.deprecation import Deprecated
 from linkwise.discovery.discover import check_discovery as check_discovery
 from linkwise.discovery.discover import discover as discover
 from linkwise.discovery.memory_evidence import MemoryEvidence as MemoryEvidence
@@ -71,8 +70,6 @@ from linkwise.files.mapping import RecordMapping as RecordMapping
 from linkwise.files.mapping import read_mapping as read_mapping
 from linkwise.identification.force_error import nmse as nmse
 from linkwise.identification.identify import identify as identify
-from linkwise.identification.law_path import LawStep as LawStep
-from linkwise.identification.law_path import law_path as law_path
 from linkwise.identification.limit import limit as limit
 from linkwise.identification.limit_result import Limit as Limit
 from linkwise.identification.limit_result import LinkLimit as LinkLimit
@@ -217,4 +214,3 @@ from linkwise.weak.estimate import WeakForm as WeakForm
 
 __all__: list[str]
 __version__: str
-_DEPRECATED: dict[str, Deprecated]

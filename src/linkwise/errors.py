@@ -7,11 +7,20 @@ The message is one paragraph: what was given, why it is refused, what was expect
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from linkwise.display import shortened
 
+_NEXT_STEPS = {
+    "Record": "read_record(path) reads one from a file",
+    "Structure": "read_structure(path) reads one from a file",
+    "Law": "Law.parse(text) makes one of a text",
+    "Coefficient": "Coefficient.unknown() makes one to be identified",
+    "Estimate": "identify(record, structure) returns one",
+    "float": "write a number without quotes",
+}
 _SHOWN = 72  # characters of a law that are quoted around the position of an error
 
 
@@ -73,11 +82,32 @@ class ArgumentTypeError(LinkwiseError, TypeError):
     --------
     >>> import linkwise as lw
     >>> try:
-    ...     lw.wells(lw.bnes_chain(2))
+    ...     lw.identify("run.csv", lw.bnes_chain(2))
     ... except lw.ArgumentTypeError as error:
     ...     print(error)
-    wells(link): link must be of type Link, got Structure
+    identify(record, structure): record must be of type Record, got 'run.csv'; read_record(path) reads one from a file
     """
+
+
+def expect(argument: str, value: object, *kinds: type) -> None:
+    """Raise `ArgumentTypeError` unless a user's value is of one of the types; float and int stand for NumPy's numbers too.
+
+    `argument` names it after the call that shows the order, as in "nmse(true, estimated, record): record".
+    """
+    numbers: dict[type, type] = {float: Real, int: Integral}
+    accepted = tuple(numbers.get(kind, kind) for kind in kinds)
+    if type(value) in kinds or (type(value) is not bool and isinstance(value, accepted)):
+        return
+    names = [kind.__name__.replace("NoneType", "None") for kind in kinds]
+    given = (
+        repr(value)
+        if isinstance(value, str | Path | Real)
+        else getattr(value, "__name__", type(value).__name__)
+    )
+    advice = next((_NEXT_STEPS[name] for name in names if name in _NEXT_STEPS), "")
+    expected = " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    message = f"{argument} must be of type {expected}, got {shortened(given)}"
+    raise ArgumentTypeError(f"{message}; {advice}" if advice else message)
 
 
 class LawError(LinkwiseError):

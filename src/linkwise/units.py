@@ -10,7 +10,6 @@ from functools import cache
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError
 from linkwise.registry import lazy_module
 
@@ -32,7 +31,6 @@ _UNREADABLE = (
 )  # fmt: skip
 
 
-@checked
 def to_si(given: object, dimension: str) -> float:
     """Convert a value to SI units.
 

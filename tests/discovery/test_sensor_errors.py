@@ -95,14 +95,6 @@ def test_a_delay_is_found_beside_a_gain() -> None:
     assert len(findings) == 3  # a delay and two gains
 
 
-def test_known_delays_are_not_taken_for_unknown_ones() -> None:
-    with pytest.raises(
-        lw.ArgumentTypeError,
-        match="delays must be of type str or sequence of str, got dict; give its keys alone",
-    ):
-        lw.DiscoveryOptions(delays={"x:m2": 1e-3})  # type: ignore[arg-type]
-
-
 def test_a_channel_that_is_not_there_is_refused() -> None:
     with pytest.raises(lw.IdentificationError, match="no calibration of x:m3"):
         lw.discover(record(), MASSES, calibration={"x:m3": WIDTH})

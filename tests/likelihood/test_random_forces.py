@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from functools import cache
 
 import numpy as np
@@ -178,20 +177,6 @@ def test_what_cannot_be_is_refused(options: dict[str, object], words: str) -> No
     with pytest.raises(lw.IdentificationError) as error:
         lw.identify(with_load_cell(3), chain(2).unknown("all"), **options)  # type: ignore[arg-type]
     assert words in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("ambient", "message"),
-    [
-        ({"m1": "0.5"}, "ambient['m1'] must be of type float or None, got '0.5'; write it without quotes"),
-        ({"m1": True}, "ambient['m1'] must be of type float or None, got True"),
-        (0.5, "ambient must be of type str, sequence of str or Mapping, got 0.5"),
-    ],
-)
-def test_densities_are_numbers_by_mass(ambient: object, message: str) -> None:
-    record = with_load_cell(3)
-    with pytest.raises(lw.ArgumentTypeError, match=re.escape(message)):
-        lw.identify(record, chain(2).unknown("all"), ambient=ambient)  # type: ignore[arg-type]
 
 
 def test_a_spring_that_is_left_out_is_told_beside_an_ambient_force() -> None:

@@ -120,14 +120,6 @@ def test_a_picture_without_axes_makes_a_figure_of_its_own(name: str, drawings: d
     assert drawings[name]().figure is not axes.figure
 
 
-@pytest.mark.parametrize("name", PICTURES)
-def test_anything_but_axes_is_refused(name: str, drawings: dict[str, Draw]) -> None:
-    with pytest.raises(
-        TypeError, match=r": ax must be of type Axes or None, got array of object of shape \(2,\)$"
-    ):
-        drawings[name](ax=Figure().subplots(1, 2))
-
-
 @pytest.mark.parametrize(
     "name", sorted(set(PICTURES) - {"prediction_profile", "runners_up", "spectrogram", "success_map"})
 )

@@ -163,7 +163,7 @@ def test_whole_numbers_and_slow_clocks_are_noted(wave: dict[str, Floats]) -> Non
         ({"x:m1": np.arange(N - 1.0)}, "channel x:m1: has shape (399,), but time has shape (400,)"),
         (
             {"x:m1": np.array(["a"] * N)},
-            "channels['x:m1'] must be of type array of numbers, got array of <U1",
+            "channel x:m1: the samples must be numbers, got <U1",
         ),
         (
             {"x:m1": np.where(np.arange(N) == 30, np.inf, 1.0)},
@@ -224,7 +224,7 @@ def test_a_slice_carries_its_truth(record: Record) -> None:
         (lambda r: r[3], "records are sliced as record[first:last]"),
         (lambda r: r[30:20], "record[30:20] is empty; the record has 400 samples"),
         (lambda r: r.between(2.0, 3.0), "no sample between 2 and 3 s; the record runs from 0 to 0.399 s"),
-        (lambda r: r.decimate(2.5), "factor must be of type int, got 2.5"),
+        (lambda r: r.decimate(2.5), "factor must be a positive integer, got 2.5"),
         (lambda r: r.decimate(0), "factor must be a positive integer, got 0"),
         (
             lambda r: r.decimate(50),

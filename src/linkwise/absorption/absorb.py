@@ -13,9 +13,8 @@ from linkwise.absorption.motion import Vibration
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.wells import Potentials, Runs, rest_positions, single_run
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.errors import SimulationError
+from linkwise.errors import SimulationError, expect
 from linkwise.expression import Expression
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
@@ -23,7 +22,6 @@ from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.run import RunSchedule
 
 
-@checked
 def absorb(
     structure: Structure,
     options: AbsorptionOptions | None = None,
@@ -72,6 +70,7 @@ def absorb(
     >>> found.masses[0].name, len(found.sinks[0].crossings)
     ('m1', 109)
     """
+    expect("absorb(structure): structure", structure, Structure)
     return compare(Comparison.of(structure, AbsorptionOptions.given(options, keywords)), progress)
 
 

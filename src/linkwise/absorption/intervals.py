@@ -13,11 +13,9 @@ from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants,
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, closure_verdict
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.display import JudgedView, as_text
-from linkwise.errors import LinkwiseError
+from linkwise.errors import LinkwiseError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.progress import Progress, part, silent
@@ -104,9 +102,6 @@ class AbsorptionIntervals(JudgedView):
     diverged: int
     closure: float
 
-    found = DeprecatedAttribute(Deprecated("absorption", since="0.2.0", until="0.4.0"))
-
-    @checked
     def quantity(self, name: str) -> QuantityInterval:
         """The quantity called `name`.
 
@@ -166,7 +161,6 @@ class AbsorptionIntervals(JudgedView):
         return as_text(self)
 
 
-@checked
 def absorption_intervals(
     identified: Estimate | Posterior,
     options: AbsorptionOptions | None = None,
@@ -225,6 +219,7 @@ def absorption_intervals(
     >>> share.lower < share.value < share.upper
     True
     """
+    expect("absorption_intervals(identified): identified", identified, Estimate, Posterior)
     posterior = identified if isinstance(identified, Posterior) else Posterior.of(identified)
     if draws < 2:
         raise LinkwiseError(

@@ -20,11 +20,9 @@ from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import closure_verdict
 from linkwise.absorption.sinks import find_sinks
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.display import JudgedView, as_text
-from linkwise.errors import LinkwiseError, SimulationError, StructureError
+from linkwise.errors import LinkwiseError, SimulationError, StructureError, expect
 from linkwise.model.parameters import is_shape, shape_unit
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
@@ -118,9 +116,6 @@ class AbsorptionMap(JudgedView):
     completed: Bools
     horizon: float | None
 
-    manner = DeprecatedAttribute(Deprecated("removal", since="0.2.0", until="0.4.0"))
-    alive = DeprecatedAttribute(Deprecated("completed", since="0.2.0", until="0.4.0"))
-
     def __getitem__(self, name: str) -> Floats:
         """The values (K,) or (K, J) of the quantity called `name`; LinkwiseError lists all."""
         names = [quantity.name for quantity in self.quantities]
@@ -150,7 +145,6 @@ class AbsorptionMap(JudgedView):
             )
         return tuple(lines)
 
-    @checked
     def best(self, name: str) -> dict[str, float] | None:
         """The values of the swept parameters at which a quantity is best.
 
@@ -222,7 +216,6 @@ class AbsorptionMap(JudgedView):
 _RUN_BYTES, _MASS_BYTES = 4500, 1100  # at most, until the last run has ended, for each run and mass
 
 
-@checked
 def absorption_map(
     structure: Structure,
     over: Mapping[str, ArrayLike],
@@ -276,6 +269,8 @@ def absorption_map(
     >>> found.best("sinks_share")
     {'nes1.alpha': -150.0}
     """
+    expect("absorption_map(structure, over): structure", structure, Structure)
+    expect("absorption_map(structure, over): over", over, Mapping)
     chosen = AbsorptionOptions.given(options, keywords)
     equipped = with_harvesters(structure, chosen.harvesters or {})
     axes = _axes(equipped, over)

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Unpack, final
 
-from linkwise.argument_types import checked_class
-from linkwise.errors import SimulationError, StructureError
+from linkwise.errors import SimulationError, StructureError, expect
 from linkwise.model.excitation import Excitation
 from linkwise.simulation.simulate import ExcitationKeywords
 
@@ -25,7 +24,6 @@ class AbsorptionKeywords(ExcitationKeywords, total=False):
     harvesters: Mapping[str, float | str] | None
 
 
-@checked_class
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AbsorptionOptions:
@@ -77,6 +75,8 @@ class AbsorptionOptions:
     excitation: Excitation = field(default_factory=Excitation)
 
     def __post_init__(self) -> None:
+        for name in ("duration", "settle"):
+            expect(f"AbsorptionOptions: {name}", getattr(self, name), float)
         if not 0.0 < self.settle < 1.0:
             raise SimulationError(
                 f"settle is a part of the peak and must be between 0 and 1, got {self.settle!r}"

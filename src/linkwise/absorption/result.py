@@ -13,9 +13,7 @@ import numpy as np
 
 from linkwise.absorption.motion import comparable
 from linkwise.absorption.sinks import Sink, dissipators, host_energy, place_motion
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.display import JudgedView, as_text
 from linkwise.model.names import index_of
 from linkwise.model.structure import Structure
@@ -135,8 +133,6 @@ class AbsorptionRun:
     dissipated: Floats
     horizon: float | None
 
-    put_in = DeprecatedAttribute(Deprecated("supplied", since="0.2.0", until="0.4.0"))
-
     @property
     def total(self) -> float:
         """Energy in J supplied by the end."""
@@ -166,7 +162,6 @@ class AbsorptionRun:
             for name, numbers in dissipators(self.structure).items()
         }
 
-    @checked
     def share(self, link: str) -> float:
         """The part of the energy supplied that a link or a host has dissipated by the end.
 
@@ -190,7 +185,6 @@ class AbsorptionRun:
         names = [link.name for link in self.structure.links]
         return float(self.dissipated[-1, names.index(link)] / self.total)
 
-    @checked
     def displacement(self, place: str) -> Floats:
         """Displacement of a mass or of a point of a host.
 
@@ -206,7 +200,6 @@ class AbsorptionRun:
         """
         return place_motion([self.structure], self.x[..., None], [place])[:, 0, 0]
 
-    @checked
     def host_energy(self, host: str) -> Floats:
         """Kinetic and potential energy of the modes of a host.
 
@@ -263,8 +256,6 @@ class SinkResult:
     elongation: Floats
     crossings: Floats
     before_horizon: int
-
-    believed = DeprecatedAttribute(Deprecated("before_horizon", since="0.2.0", until="0.4.0"))
 
     @property
     def last(self) -> float | None:
@@ -417,8 +408,6 @@ class Absorption(JudgedView):
     absorbing: tuple[str, ...]
     with_sinks: AbsorptionRun
     without: AbsorptionRun
-
-    manner = DeprecatedAttribute(Deprecated("removal", since="0.2.0", until="0.4.0"))
 
     @property
     def sinks_share(self) -> float:

@@ -19,7 +19,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from linkwise.analysis.wells import RestPoint, rest_points
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link, require_rest_at_zero
@@ -130,7 +129,6 @@ class _Bond:
         return sum((link.potential(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
 
 
-@checked
 def equilibria(
     structure: Structure,
     start: ArrayLike | None = None,

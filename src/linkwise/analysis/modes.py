@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
 from linkwise.analysis.equilibria import equilibria
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError
+from linkwise.errors import StructureError, expect
 from linkwise.expression import Program, differentiate
 from linkwise.model.link import Link, require_rest_at_zero
 from linkwise.model.structure import Structure, refuse_rig
@@ -64,7 +63,6 @@ class Modes:
     note: str
 
 
-@checked
 def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     """Linear modes of a structure about an equilibrium.
 
@@ -92,6 +90,7 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     >>> lw.modes(lw.bnes_chain(2)).frequencies.round(2).tolist()
     [22.29, 27.83]
     """
+    expect("modes(structure): structure", structure, Structure)
     refuse_rig(structure, "equilibria and modes")
     require_rest_at_zero(structure.links, "equilibria and modes")
     x = _rest(structure) if at is None else np.asarray(at, dtype=float)

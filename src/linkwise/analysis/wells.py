@@ -14,9 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError
+from linkwise.errors import StructureError, expect
 from linkwise.expression import differentiate, symbols
 from linkwise.model.link import Link
 
@@ -48,7 +47,6 @@ class RestPoint:
     well: bool
 
 
-@checked
 def wells(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[float, ...]:
     """Elongations at which the potential of a link has a minimum.
 
@@ -75,10 +73,10 @@ def wells(link: Link, lo: float | None = None, hi: float | None = None) -> tuple
     >>> lw.wells(lw.bnes_chain(2).link("nes1"))
     (-0.01, 0.01)
     """
+    expect("wells(link): link", link, Link)
     return tuple(point.d for point in _of_link(link, lo, hi) if point.well)
 
 
-@checked
 def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> float | None:
     """Energy that carries a link from its deepest well to a neighbouring one.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from linkwise.discovery.memory_terms import link_with_memory
 from linkwise.discovery.terms import Term, offered_memory, parse_terms
-from linkwise.errors import IdentificationError, LinkwiseError, StructureError
+from linkwise.errors import IdentificationError, LinkwiseError, StructureError, expect
 from linkwise.expression import Number
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
@@ -317,6 +317,7 @@ def candidates_for(
     terms: str | Sequence[str],
 ) -> Candidates:
     """All candidates between the masses of the records."""
+    expect("discover(record, masses): masses", masses, Mapping, Structure, PartialStructure)
     if not records:
         raise IdentificationError("discovery needs at least one record, got none")
     check_distinct(records)

@@ -10,7 +10,6 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.coloured_noise import fit_beyond_white_noise, select_coloured
 from linkwise.discovery.data_checks import DataChecks, check_data, in_units
@@ -54,7 +53,6 @@ _MEMORY = 0.03  # of the forces, left without memory, from which it is looked fo
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is found not to be finite, and refused
-@checked
 def discover(
     record: Record | Sequence[Record],
     masses: Mapping[str, float | str] | Structure | PartialStructure,
@@ -122,7 +120,7 @@ def discover(
     """
     started = perf_counter()
     chosen = DiscoveryOptions.given(options, keywords)
-    records = record_list(record)
+    records = record_list(record, "discover(record, masses): record")
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
     records = in_units(records, candidates)
     checks = _checked(records, candidates)
@@ -329,7 +327,6 @@ def _select_with_memory(
     return _Selected(checks, screened, remembering.selection, discovery, remembering.evidence)
 
 
-@checked
 def check_discovery(
     record: Record | Sequence[Record],
     masses: Mapping[str, float | str] | Structure | PartialStructure,
@@ -368,7 +365,7 @@ def check_discovery(
     ('102 samples for 12 candidates are few: weak terms will be missed; record for longer.',)
     """
     chosen = DiscoveryOptions.given(options, keywords)
-    records = record_list(record)
+    records = record_list(record, "check_discovery(record, masses): record")
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
     errors_to_find(records, calibration=chosen.calibration)  # refuses those of other channels
     return _checked(records, candidates).remarks

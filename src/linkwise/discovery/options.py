@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict, Unpack, final
 
-from linkwise.argument_types import checked_class
 from linkwise.discovery.terms import DEFAULT, parse_terms
+from linkwise.errors import expect
 from linkwise.likelihood.random_forces import Deviations
 
 
@@ -32,7 +32,6 @@ class DiscoveryKeywords(TypedDict, total=False):
     tested: str | Sequence[str]
 
 
-@checked_class
 @final
 @dataclass(frozen=True, kw_only=True)
 class DiscoveryOptions:
@@ -96,6 +95,7 @@ class DiscoveryOptions:
         object.__setattr__(self, "terms", terms)
         for name in ("offsets", "gains", "delays", "admit", "tested"):
             given = getattr(self, name) or ()
+            expect(f"DiscoveryOptions: {name}", given, str, tuple, list)
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
         object.__setattr__(self, "calibration", dict(self.calibration or {}))
         for name in ("ambient", "input_noise"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import nan
@@ -11,9 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.discovery.memory_evidence import MemoryEvidence
 from linkwise.discovery.model_average import ModelAverage
 from linkwise.discovery.other_models import PathPoint, RunnerUp
@@ -96,10 +93,6 @@ class TermEvidence:
     margin: float
     possible_share: float = 0.0
 
-    told = DeprecatedAttribute(Deprecated("identifiable", since="0.2.0", until="0.4.0"))
-    reliable = DeprecatedAttribute(Deprecated("unambiguous", since="0.2.0", until="0.4.0"))
-    price = DeprecatedAttribute(Deprecated("penalty", since="0.2.0", until="0.4.0"))
-
     @property
     def decision(self) -> Decision:
         """How firm the decision to keep or drop the term is by this record."""
@@ -126,14 +119,6 @@ class TermEvidence:
     def penalty(self) -> float:
         """The penalty on the term in the criterion: a term is kept if z**2 exceeds it."""
         return self.z**2 - self.margin if self.kept else self.z**2 + self.margin
-
-
-_NOW_VERDICTS = Deprecated("verdicts", since="0.2.0", until="0.4.0")
-
-
-def _without(verdict: Verdict) -> Callable[[Discovery], bool]:
-    """Gives whether a discovery is free of a verdict."""
-    return lambda discovery: verdict not in discovery.verdicts
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,10 +180,6 @@ class Discovery(JudgedView):
     memory: tuple[MemoryEvidence, ...] = ()
     untested: tuple[str, ...] = ()
 
-    settled = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.SEARCH_UNSETTLED))
-    seen = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.DISPLACEMENTS_INTEGRATED))
-    exact = DeprecatedAttribute(_NOW_VERDICTS, _without(Verdict.TERMS_MAY_BE_MISSING))
-
     @property
     def diagnosis(self) -> tuple[Cause, ...]:
         """What would explain what the laws leave, as that of `estimate`."""
@@ -232,7 +213,6 @@ class Discovery(JudgedView):
         probabilities = self.average.probabilities
         return {term.name: probabilities[term.name] if term.identifiable else nan for term in self.terms}
 
-    @checked
     def force_band(self, link: str, d: ArrayLike, *, averaged: bool = True) -> tuple[Floats, Floats, Floats]:
         """Stiffness force of a link with its 95 % band, averaged over the models that survive, or of the selected one.
 
@@ -261,7 +241,6 @@ class Discovery(JudgedView):
             return estimate.force_band(elongations)
         return self.average.force_band(estimate, elongations)
 
-    @checked
     def decision(self, link: str) -> Decision:
         """How firm it is that a link is there: certain if it was stated, or one of its terms is certain.
 
@@ -285,7 +264,6 @@ class Discovery(JudgedView):
         names = (f"{link}.{name}" for name in self.structure.link(link).coefficients)
         return Decision.CERTAIN if any(tested.get(name, True) for name in names) else Decision.DOUBTFUL
 
-    @checked
     def certainty(self, link: str) -> float:
         """By how much the criterion rises without the most certain term of a link.
 

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import StructureError
 from linkwise.expression import (
     Expression,
@@ -90,8 +88,6 @@ class _ComparedTerm:
     has_parameters: bool = False
 
 
-@deprecated_keyword("found", Deprecated("discovered", since="0.2.0", until="0.4.0"))
-@checked
 def term_score(discovered: Structure, truth: Structure) -> TermScore:
     """Compare a discovered structure with the true one, term by term.
 
@@ -144,8 +140,6 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     )
 
 
-@deprecated_keyword("found", Deprecated("discovered", since="0.2.0", until="0.4.0"))
-@checked
 def align_truth(discovered: Structure, truth: Structure) -> Structure:
     """Write the true laws under the names, ends and coefficients of the links of a discovered structure.
 

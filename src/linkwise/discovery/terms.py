@@ -8,9 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from linkwise.argument_types import checked, checked_class
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.discovery.memory_terms import memory_laws, names_memory, plain_terms
 from linkwise.discovery.term_families import FAMILIES, family_terms
 from linkwise.errors import IdentificationError
@@ -27,7 +25,6 @@ _POWER = re.compile(r"([dv])\*\*(\d+)")
 _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc"}
 
 
-@checked_class
 @dataclass(frozen=True)
 class Term:
     """A function of the elongation d and its rate v that a link may have in its law.
@@ -54,8 +51,6 @@ class Term:
     text: str
     coefficient: str
     law: Law = field(init=False, compare=False, repr=False)
-
-    written = DeprecatedAttribute(Deprecated("product", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "law", Law.parse(self.text))
@@ -148,7 +143,6 @@ class Term:
         return "v" not in symbols(self.law.expression)
 
 
-@checked
 def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     """Read a list of candidate terms for `discover`.
 

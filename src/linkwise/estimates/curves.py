@@ -19,9 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.errors import StructureError
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
@@ -323,8 +321,6 @@ class Equivalent:
     damping_band: Floats
 
 
-@deprecated_keyword("found", Deprecated("link", since="0.2.0", until="0.4.0"))
-@checked
 def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Equivalent:
     """Equivalent linear spring and damper of an identified link: its describing function.
 

@@ -20,9 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.display import JudgedView, as_text
 from linkwise.errors import IdentificationError, StructureError
 from linkwise.estimates.causes import (
@@ -261,9 +259,6 @@ class Estimate(JudgedView):
     links_in_doubt: frozenset[str] = frozenset()
     for_dropped_terms: Floats | None = None
 
-    asked = DeprecatedAttribute(Deprecated("given_structure", since="0.2.0", until="0.4.0"))
-    moved = DeprecatedAttribute(Deprecated("compute_motion", since="0.2.0", until="0.4.0"))
-
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Verdicts on the fit and on the identified laws."""
@@ -365,7 +360,6 @@ class Estimate(JudgedView):
         of_sensors = (EstimatedError(error.kind, error.channel) for error in self.sensor_errors)
         return unanswered_alerts((self.record, *self.more_records), (*of_sensors, *self.disturbances))
 
-    @checked
     def coefficient(self, name: str) -> CoefficientEstimate:
         """Estimate of a coefficient.
 
@@ -387,7 +381,6 @@ class Estimate(JudgedView):
         known = self._coefficients
         return known[name] if name in known else self._unknown_name(name, known)
 
-    @checked
     def link(self, name: str) -> LinkEstimate:
         """Estimate of a link.
 
@@ -409,7 +402,6 @@ class Estimate(JudgedView):
         by_name = {link.link.name: link for link in self._every_link}
         return by_name[name] if name in by_name else self._unknown_name(name, by_name)
 
-    @checked
     def force_band(self, name: str, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Stiffness force of a link with its 95 % band.
 

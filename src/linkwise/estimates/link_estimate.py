@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.analysis.wells import law_kind, lowest_escape, wells
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.structure import Link, Structure
@@ -136,7 +134,6 @@ class LinkEstimate:
     covariance: Floats | None
     moving_mass: float
 
-    @checked
     def force_band(self, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Stiffness force (v = 0) with its 95 % band by the delta method.
 
@@ -310,9 +307,6 @@ class LinkMotion:
     identified_force: Floats | None = None
     measured_force: Floats | None = None
     residuals: Mapping[str, Floats] | None = None
-
-    visited = DeprecatedAttribute(Deprecated("d_range", since="0.2.0", until="0.4.0"))
-    leave = DeprecatedAttribute(Deprecated("compute_residual", since="0.2.0", until="0.4.0"))
 
     @cached_property
     def force(self) -> Floats | None:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from linkwise.argument_types import checked, checked_class
 from linkwise.arrays import Floats
 from linkwise.display import csv_cell, from_csv_cell
 from linkwise.errors import IdentificationError, RecordError
@@ -27,7 +26,6 @@ _NAMED = 3  # edits that a message names
 _TRIES = 200  # draws at most for each that is within the bounds
 
 
-@checked_class
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """An identified structure with a normal distribution of its p unknown coefficients.
@@ -194,7 +192,6 @@ def write_covariance(posterior: Posterior, path: Path) -> None:
             lines.writerow((*names, *(repr(float(part[i, j])) for part in parts)))
 
 
-@checked
 def read_posterior(folder: str | Path) -> Posterior:
     """Read the distribution of the coefficients from a result folder of `identify`.
 

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.errors import OutputError
+from linkwise.errors import OutputError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import ValidatedAnswer
@@ -123,7 +122,6 @@ class ExportedAnswer:
         )
 
 
-@checked
 def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: str | Path) -> Path:
     """Write an answer for another program: the forces of its links, and its coefficients with errors and covariance.
 
@@ -159,6 +157,8 @@ def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: s
     ...     [line for line in path.read_text().splitlines() if line.startswith("def ")]
     ['def force_spring1(d, v, *, k=30000.0, c=1.0):', 'def force_nes1(d, v, *, alpha=-100.0, beta=1000000.0, c=0.02):']
     """
+    expect("export_answer(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
+    expect("export_answer(answer, path): path", path, str, Path)
     path = Path(path)
     write = export_writer(path)
     content = ExportedAnswer.of(answer)

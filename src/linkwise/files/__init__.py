@@ -11,8 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-from linkwise.argument_types import checked
-from linkwise.errors import OutputError, RecordError
+from linkwise.errors import OutputError, RecordError, expect
 from linkwise.files.assemble import ReadOptions, to_record
 from linkwise.files.first_mapping import first_mapping
 from linkwise.files.isolated import read_here, read_isolated
@@ -65,7 +64,6 @@ FORMATS: Registry[Format] = Registry(
 """The formats by the suffix of their files."""
 
 
-@checked
 def read_record(
     path: str | Path,
     *,
@@ -128,6 +126,7 @@ def read_record(
     ...     lw.read_record(path, channels={"x:m1[mm]": "laser"})
     Record of 100 samples at 100 Hz, 0 to 0.99 s: x:m1
     """
+    expect("read_record(path): path", path, str, Path)
     given = RecordMapping(dict(channels or {}), rate=rate, resample=resample, header=header)
     stated = read_mapping(mapping) if isinstance(mapping, str | Path) else mapping or RecordMapping()
     chosen = given.over(stated)
@@ -162,7 +161,6 @@ def _table(path: Path, header: str | int | None) -> Table:
     return (read_isolated if format_.isolated else read_here)(format_.module, path, header)
 
 
-@checked
 def write_record(record: Record, path: str | Path) -> None:
     """Write a record to a file in the format of its suffix.
 
@@ -198,6 +196,8 @@ def write_record(record: Record, path: str | Path) -> None:
     ...     bool((lw.read_record(path).values == record.values).all())
     True
     """
+    expect("write_record(record, path): record", record, Record)
+    expect("write_record(record, path): path", path, str, Path)
     path = Path(path)
     module = _writer(path)
     with _refused(path), atomic_file(path) as partial:

@@ -32,7 +32,6 @@ from typing import Any
 
 import msgspec
 
-from linkwise.argument_types import checked, checked_class
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.header import ColumnHeader
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS
@@ -74,7 +73,6 @@ class _MappingTable(msgspec.Struct, forbid_unknown_fields=True):
     common_calibration: float | str | None = None
 
 
-@checked_class
 @dataclass(frozen=True)
 class RecordMapping:
     """What the columns of a record are, and what is known of its sensors.
@@ -156,7 +154,6 @@ def _channel(key: str) -> str:
     return "time" if header.is_time else header.name
 
 
-@checked
 def read_mapping(path: str | Path) -> RecordMapping:
     """Read a mapping file: columns, units, masses and sensors, stated once for all records of a test.
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, deprecated_keyword
-from linkwise.errors import RecordError
+from linkwise.errors import RecordError, expect
 from linkwise.likelihood.prescribed.state_path import LinkPath
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Link
@@ -16,8 +14,6 @@ from linkwise.records.record import Record
 _SUBSTEPS = 10  # between samples, of links with memory: right to 1e-4 at 20 samples a period
 
 
-@deprecated_keyword("found", Deprecated("estimated", since="0.2.0", until="0.4.0"))
-@checked
 def nmse(true: Link, estimated: Link, record: Record) -> float:
     """Compute the normalised mean square error of an identified force.
 
@@ -61,6 +57,9 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
     >>> bool(0.0 < lw.nmse(chain.link("nes1"), weaker.link("nes1"), record) < 0.1)
     True
     """
+    expect("nmse(true, estimated, record): true", true, Link)
+    expect("nmse(true, estimated, record): estimated", estimated, Link)
+    expect("nmse(true, estimated, record): record", record, Record)
     forces = _forces_with_memory if true.law.states or estimated.law.states else _stiffness_forces
     force, identified = forces(true, estimated, record)
     variance = float(np.var(force))

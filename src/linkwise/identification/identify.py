@@ -9,8 +9,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from linkwise.argument_types import checked
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.identification.methods import METHODS
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
@@ -27,7 +26,6 @@ IdentificationMethod = Literal["ml", "weak", "sindy"]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is found not to be finite, and refused
-@checked
 def identify(
     record: Record | Sequence[Record],
     structure: Structure,
@@ -80,7 +78,8 @@ def identify(
     True
     """
     estimator = _estimator(method, {name: value for name, value in options.items() if value})
-    records = record_list(record)
+    records = record_list(record, "identify(record, structure): record")
+    expect("identify(record, structure): structure", structure, Structure)
     if not records:
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
@@ -115,6 +114,7 @@ def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:
                 f"{', '.join(options)} were given beside {type(method).__name__}(...); give options to that object"
             )
         return method
+    expect("identify(record, structure): method", method, str, Estimator)
     kind = METHODS.lookup(method)
     if not options:
         return kind()

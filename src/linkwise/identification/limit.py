@@ -11,9 +11,8 @@ from typing import Unpack
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, expect
 from linkwise.identification.limit_result import Limit, true_path
 from linkwise.likelihood.fisher_information import Precision, fisher_information
 from linkwise.likelihood.shooting.segmentation import cut_segments
@@ -108,7 +107,6 @@ _SHORTEST = 8  # steps of a piece between two impulses that is used
 _STATE = 1e-6  # of the motion of the fastest mass: the unit of a state at rest
 
 
-@checked
 def limit(
     structure: Structure,
     *,
@@ -167,6 +165,7 @@ def limit(
     >>> alpha.value, bool(alpha.standard_error < 1.0)
     (-100.0, True)
     """
+    expect("limit(structure): structure", structure, Structure)
     true, unknown_structure = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     record = simulate(

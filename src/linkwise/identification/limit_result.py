@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.display import JudgedView, align_columns, as_text, format_value
 from linkwise.errors import IdentificationError
@@ -142,7 +141,6 @@ class Limit(JudgedView):
             )
         )
 
-    @checked
     def coefficient(self, name: str) -> CoefficientEstimate:
         """One unknown with its expected value and, where it is identifiable, its interval at the bound.
 
@@ -168,7 +166,6 @@ class Limit(JudgedView):
             )
         return coefficients[name]
 
-    @checked
     def force_deviation(self, name: str, d: ArrayLike) -> Floats:
         """The standard deviation of the force of a link at rest (v = 0); with memory, at states of 0.
 
@@ -209,7 +206,6 @@ class Limit(JudgedView):
         unknown = {index for parameter in self.parameters for index, _ in parameter.members}
         return tuple(self._link(index) for index in sorted(unknown) if index >= 0)
 
-    @checked
     def link(self, name: str) -> LinkLimit:
         """The precision for one link.
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.display import (
     JudgedView,
@@ -156,7 +155,6 @@ _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its 
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
 
 
-@checked
 def identify_host(
     record: Record | Sequence[Record],
     *,
@@ -221,7 +219,7 @@ def identify_host(
     started = perf_counter()
     if modes is not None and modes < 1:
         raise IdentificationError(f"the number of modes must be positive, got {modes}")
-    records = record_list(record)
+    records = record_list(record, "identify_host(record): record")
     if not records:
         raise IdentificationError("a modal test needs at least one record, got none")
     check_distinct(records)

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.relations import delay, drift, drift_at_rest, gain, offset, offset_at_rest
@@ -95,7 +94,6 @@ def summary(signal: ChannelSignal, record: str) -> ChannelSummary:
     )
 
 
-@checked
 def inspect(records: Record | Sequence[Record]) -> Inspection:
     """Look at the channels of records before any model.
 
@@ -132,7 +130,7 @@ def inspect(records: Record | Sequence[Record]) -> Inspection:
     >>> [(alert.kind, alert.channel) for alert in found.alerts]
     [('clipped', 'x:m1')]
     """
-    given = tuple(record_list(records, "records"))
+    given = tuple(record_list(records, "inspect(records): records"))
     if not given:
         raise RecordError("there is no record to inspect")
     alerts: list[Alert] = []

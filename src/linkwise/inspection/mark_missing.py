@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
@@ -30,7 +29,6 @@ FAULTY_SAMPLES: Registry[Callable[[ChannelSignal], Bools]] = Registry(
 _MARKED = "samples were marked as missing"
 
 
-@checked
 def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spikes")) -> Record:
     """Mark samples that show a fault in place of the motion as missing.
 

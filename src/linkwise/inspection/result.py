@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from linkwise.argument_types import checked
 from linkwise.display import JudgedView, align_columns, as_text, remark_lines
 from linkwise.errors import RecordError
 from linkwise.inspection.levels.result import LevelComparison
@@ -186,7 +185,6 @@ class Inspection(JudgedView):
         channels = Verdict.CHANNELS_IN_DOUBT if self.alerts else Verdict.NOTHING_WRONG_SEEN
         return (channels, *(() if self.levels is None else self.levels.verdicts))
 
-    @checked
     def channel(self, name: str) -> ChannelSummary:
         """What a channel holds, in the first record that has it.
 
@@ -211,7 +209,6 @@ class Inspection(JudgedView):
         listed = ", ".join(dict.fromkeys(summary.name for summary in self.channels))
         raise RecordError(f"is not in the record; the channels are {listed}", channel=name)
 
-    @checked
     def channels_of(self, number: int) -> tuple[ChannelSummary, ...]:
         """What the channels of one record hold.
 

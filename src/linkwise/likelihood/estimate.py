@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Annotated, ClassVar, TypedDict, final
+from types import NoneType
+from typing import ClassVar, TypedDict, final
 
 import numpy as np
 
-from linkwise.argument_types import CHECKED_INSIDE, checked_class
 from linkwise.arrays import Floats
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import NoiseEstimate, unseen_remark
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.likelihood.faint_modes import with_faint_modes
@@ -62,15 +62,14 @@ class LikelihoodKeywords(TypedDict, total=False):
     calibration: Mapping[str, float] | None
     delays: Sequence[str]
     drifts: str | Sequence[str] | Mapping[str, float | None]
-    hums: Annotated[Mapping[str, float | Sequence[float]], CHECKED_INSIDE]
+    hums: Mapping[str, float | Sequence[float]]
     ambient: Deviations
     input_noise: Deviations
     admit: str | Sequence[str]
-    loss: Annotated[Loss | None, CHECKED_INSIDE]
+    loss: Loss | None
     exact: bool
 
 
-@checked_class
 @final
 @dataclass(frozen=True, kw_only=True)
 class MaximumLikelihood(Estimator):
@@ -143,14 +142,18 @@ class MaximumLikelihood(Estimator):
     calibration: Mapping[str, float] = field(default_factory=dict)
     delays: Sequence[str] = ()
     drifts: str | Sequence[str] | Mapping[str, float | None] = ()
-    hums: Annotated[Mapping[str, float | Sequence[float]], CHECKED_INSIDE] = field(default_factory=dict)
+    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     ambient: Deviations = ()
     input_noise: Deviations = ()
     admit: str | Sequence[str] = ()
-    loss: Annotated[Loss, CHECKED_INSIDE] = field(default_factory=Gaussian)
+    loss: Loss = field(default_factory=Gaussian)
     exact: bool = False
 
     def __post_init__(self) -> None:
+        for name in ("offsets", "gains", "delays"):
+            expect(f"MaximumLikelihood: {name}", getattr(self, name), tuple, list)
+        for name in ("starts", "calibration"):
+            expect(f"MaximumLikelihood: {name}", getattr(self, name), Mapping, NoneType)
         if not isinstance(self.loss, Loss):
             raise IdentificationError(
                 f"loss takes a Loss, one of Gaussian(), Huber() and Student(), got {self.loss!r}"

@@ -13,7 +13,6 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.likelihood.shooting.flow import flow
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
 from linkwise.likelihood.shooting.shown_tangents import shown_tangents
@@ -75,9 +74,6 @@ class Precision:
     root: Floats
     null_directions: Floats
     scale: Floats
-
-    blind = DeprecatedAttribute(Deprecated("null_directions", since="0.2.0", until="0.4.0"))
-    confused = DeprecatedAttribute(Deprecated("confounded", since="0.2.0", until="0.4.0"))
 
     def variance(self, gradient: Floats) -> Floats:
         """The variance of linear combinations of the parameters at the bound.

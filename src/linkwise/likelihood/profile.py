@@ -11,9 +11,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from linkwise.argument_types import checked
-from linkwise.deprecation import Deprecated, deprecated_keyword
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.fit import Optimum
@@ -27,8 +25,6 @@ _CLOSE = 0.01  # of a standard error: accuracy of an end of an interval
 _FARTHEST = 30.0  # standard errors: an end beyond is infinite
 
 
-@deprecated_keyword("report", Deprecated("progress", since="0.2.0", until="0.4.0"))
-@checked
 def profile_interval(estimate: Estimate, name: str, *, progress: Progress = silent) -> tuple[float, float]:
     """95 % profile-likelihood interval of an unknown.
 
@@ -69,6 +65,7 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
     >>> f"{lower:.1f} to {upper:.1f} N/m"
     '-101.0 to -98.4 N/m'
     """
+    expect("profile_interval(estimate, name): estimate", estimate, Estimate)
     column = _column(estimate, name)
     if estimate.profile is None:
         raise IdentificationError(

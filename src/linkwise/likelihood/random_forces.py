@@ -16,7 +16,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
@@ -173,6 +173,7 @@ def _require_white(channel: str, record: Record, structure: Structure) -> None:
 
 
 def _by_name(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
+    expect("ambient and input_noise", given, str, Mapping, tuple, list)
     if isinstance(given, str):
         given = (given,)
     stated = dict(given) if isinstance(given, Mapping) else dict.fromkeys(given, None)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from linkwise.argument_types import check_type
-from linkwise.errors import StructureError
+from linkwise.errors import StructureError, expect
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ class Coefficient:
         return Coefficient(None, known=False, same_as=same_as)
 
     def __post_init__(self) -> None:
-        check_type("coefficient: known", self.known, bool)
+        expect("coefficient: known", self.known, bool)
         for field in ("value", "lower", "upper", "sigma"):
             given = getattr(self, field)
             if given is None and field == "value":
@@ -174,6 +173,7 @@ class Coefficient:
 
 def as_coefficient(given: Coefficient | float, where: str) -> Coefficient:
     """A coefficient, known where a plain number is given; `where` names one that is not finite."""
+    expect(where, given, Coefficient, float)
     if isinstance(given, Coefficient):
         return given
     try:

@@ -9,16 +9,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from sys import float_info
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
-from linkwise.errors import LawError, SimulationError
+from linkwise.errors import LawError, SimulationError, expect
 from linkwise.expression import Expression, Program, differentiate, parse_with_positions, symbols
 from linkwise.expression.tree import Symbol
 
@@ -33,7 +32,6 @@ if TYPE_CHECKING:  # SciPy loads its packages when they are asked for
     _Spline: TypeAlias = scipy.interpolate.PPoly | scipy.interpolate.BSpline
 
 
-@checked_class
 @dataclass(frozen=True)
 class TimeFunction:
     """An input given by an expression of time.
@@ -64,6 +62,7 @@ class TimeFunction:
     expression: Expression = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        expect("TimeFunction: text", self.text, str)
         parsed = parse_with_positions(self.text, ("t",))
         others = [name for name in symbols(parsed.expression) if name != "t"]
         if others:
@@ -140,7 +139,6 @@ class PiecewisePolynomial(NamedTuple):
     coefficients: Floats
 
 
-@checked_class
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """An input given by samples, interpolated by a spline.
@@ -182,6 +180,12 @@ class Sampled:
     band_limited: bool = False
 
     def __post_init__(self) -> None:
+        for name in ("start", "rate"):
+            expect(f"Sampled: {name}", getattr(self, name), float)
+        if np.asarray(self.values).dtype.kind not in "biuf":
+            raise SimulationError(
+                f"the samples of an input must be numbers, got {np.asarray(self.values).dtype}"
+            )
         values = np.array(self.values, dtype=float)
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -362,7 +366,6 @@ def _upsampled(values: Floats) -> Floats:
 InputSignal = TimeFunction | Sampled
 
 
-@checked_class
 @dataclass(frozen=True)
 class Impulse:
     """An ideal impulse on a mass: its velocity jumps, its position does not.
@@ -393,6 +396,9 @@ class Impulse:
     time: float = 0.0
 
     def __post_init__(self) -> None:
+        expect("Impulse: mass", self.mass, str)
+        for name in ("momentum", "time"):
+            expect(f"Impulse: {name}", getattr(self, name), float)
         if not (np.isfinite(self.momentum) and np.isfinite(self.time) and self.time >= 0.0):
             raise SimulationError(
                 f"an impulse needs a finite momentum and a time that is not negative, got {self.momentum!r} N s at "
@@ -401,7 +407,6 @@ class Impulse:
             )
 
 
-@checked_class
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """Everything that sets a structure in motion; without arguments, nothing.
@@ -431,6 +436,12 @@ class Excitation:
     base: InputSignal | None = None
 
     def __post_init__(self) -> None:
+        for name in ("release", "forces"):
+            expect(f"Excitation: {name}", getattr(self, name), Mapping)
+        for number, impulse in enumerate(self.impulses):
+            expect(f"Excitation: impulses[{number}]", impulse, Impulse)
+        for place, signal in {**self.forces, **({} if self.base is None else {"base": self.base})}.items():
+            expect(f"Excitation: {place}", signal, TimeFunction, Sampled)
         object.__setattr__(self, "release", MappingProxyType(dict(self.release)))
         object.__setattr__(self, "impulses", tuple(sorted(self.impulses, key=lambda impulse: impulse.time)))
         object.__setattr__(self, "forces", MappingProxyType(dict(self.forces)))
@@ -468,11 +479,13 @@ class Excitation:
         LawError
             If a text is not a valid expression of t.
         """
+        for name, given in (("release", release), ("forces", forces)):
+            expect(name, given, Mapping, NoneType)
         return cls(
             {name: _number(name, value) for name, value in (release or {}).items()},
             tuple(impulses),
-            {mass: _drive(given) for mass, given in (forces or {}).items()},
-            None if base is None else _drive(base),
+            {mass: _drive(f"forces[{mass!r}]", given) for mass, given in (forces or {}).items()},
+            None if base is None else _drive("base", base),
         )
 
     def __reduce__(self) -> tuple[type[Excitation], tuple[object, ...]]:
@@ -485,12 +498,14 @@ class Excitation:
 
 
 def _number(name: str, value: float) -> float:
+    expect(f"release[{name!r}]", value, float)
     if not abs(value) <= float_info.max:
         raise SimulationError(f"the release {name} must be finite, got {value!r}")
     return float(value)
 
 
-def _drive(given: InputSignal | str | float) -> InputSignal:
+def _drive(argument: str, given: InputSignal | str | float) -> InputSignal:
+    expect(argument, given, TimeFunction, Sampled, str, float)
     if isinstance(given, TimeFunction | Sampled):
         return given
     return TimeFunction(str(given))

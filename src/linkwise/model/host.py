@@ -22,16 +22,14 @@ from types import MappingProxyType
 
 import numpy as np
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError
+from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
 from linkwise.model.names import index_of
 
 
-@checked_class
 @dataclass(frozen=True)
 class HostMode:
     """A mode of a host.
@@ -84,6 +82,9 @@ class HostMode:
             shape_sigma=shape_sigma,
             rotations=frozenset(rotations),
         )
+        expect("HostMode: shape", shape, Mapping)
+        for point, value in self.shape.items():
+            expect(f"HostMode: shape[{point!r}]", value, float)
         if self.frequency.value is not None and not self.frequency.value >= 0.0:
             raise StructureError(
                 f"the frequency of a mode must not be negative, got {self.frequency.value!r} Hz"
@@ -261,7 +262,6 @@ MODE_LAW = Law.parse(
 _RESERVED = frozenset("()\"',;")  # beside those of every name: a point is part of the names of channels
 
 
-@checked_class
 @dataclass(frozen=True)
 class Host:
     """A linear structure by its modes: a beam, a wing, what a modal test or a finite-element model describes.
@@ -309,6 +309,8 @@ class Host:
     def __post_init__(self) -> None:
         check_name(self.name, "host")
         where = f'host "{self.name}"'
+        for number, mode in enumerate(self.modes):
+            expect(f"{where}: modes[{number}]", mode, HostMode)
         damping = checked_damping(self.damping, len(self.modes), where)
         object.__setattr__(self, "damping", MappingProxyType(damping))
         object.__setattr__(self, "modes", tuple(self.modes))

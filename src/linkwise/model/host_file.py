@@ -24,7 +24,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode, Pair, entries_of
@@ -279,7 +278,6 @@ def _mode_of_table(given: object, source: str, path: str) -> HostMode:
         raise StructureError(error.message, f"{source}, {path}") from None
 
 
-@checked
 def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     """Read the modes of a host from a CSV or a universal file.
 

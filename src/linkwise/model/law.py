@@ -25,9 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked, checked_class
 from linkwise.arrays import Floats
-from linkwise.errors import LawError, LinkwiseError, StructureError
+from linkwise.errors import LawError, LinkwiseError, StructureError, expect
 from linkwise.expression import (
     FUNCTIONS,
     Expression,
@@ -114,7 +113,6 @@ _RESERVED = {
 }
 
 
-@checked_class
 @dataclass(frozen=True)
 class LinkState:
     """A state of a link with memory: a slip, an internal force, a voltage or a current.
@@ -148,6 +146,7 @@ class LinkState:
     unit: str = ""
 
     def __post_init__(self) -> None:
+        expect("LinkState: rate", self.rate, str)
         if self.initial is not None:
             number = isinstance(self.initial, int | float) and not isinstance(self.initial, bool)
             if not number or not math.isfinite(self.initial):
@@ -364,7 +363,6 @@ class Law:
     angular: bool = False
 
     @staticmethod
-    @checked
     def parse(
         text: str,
         states: Mapping[str, LinkState | str] | None = None,
@@ -523,7 +521,6 @@ class Law:
         distinct = dict.fromkeys(kink for tree in trees for kink in kinks(tree))
         return tuple(kink for kink in distinct if set(symbols(kink)) & set(self.variables))
 
-    @checked
     def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """Force in N at elongation `d` in m and rate `v` in m/s.
 
@@ -546,7 +543,6 @@ class Law:
         """
         return force_program(self.expression, self._named)(d, v, *self._ordered(values))[0][()]
 
-    @checked
     def state_rates(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[Floats, ...]:
         """Rate of each state in its unit per second.
 
@@ -570,7 +566,6 @@ class Law:
         rates = tuple(rate.expression for rate in self.rates)
         return rates_program(rates, self._named, self.variables)(d, v, *self._ordered(values))
 
-    @checked
     def partials(
         self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike], *, by: Sequence[str] | None = None
     ) -> Partials:
@@ -602,7 +597,6 @@ class Law:
         force, by_d, by_v, *others = program(d, v, *self._ordered(values))
         return Partials(force, by_d, by_v, dict(zip(names, others, strict=True)))
 
-    @checked
     def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
         """Stored energy: the integral of the force at v = 0, and at states of 0, from 0 to d.
 

@@ -16,10 +16,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import check_type, checked, checked_class
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
-from linkwise.errors import StructureError
+from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law, LinkState, as_link_states
 
@@ -37,7 +36,6 @@ LONGEST_NAME = 200  # bytes: the name of a link is part of the names of its file
 _FORBIDDEN = set("[]:=/\\")  # reserved in channel names, file names and name=value pairs
 
 
-@checked_class
 @dataclass(frozen=True)
 class Mass:
     """A rigid body that moves along one axis, or turns about it.
@@ -156,11 +154,11 @@ class Link:
         vars(self).update(name=name, between=between, law=law, coefficients=coefficients, states=states)
         check_name(self.name, "link")
         where = f'link "{self.name}"'
-        check_type(f"{where}: law", self.law, Law)
-        check_type(f"{where}: coefficients", self.coefficients, Mapping)
-        check_type(f"{where}: states", self.states, Mapping)
+        expect(f"{where}: law", self.law, Law)
+        expect(f"{where}: coefficients", self.coefficients, Mapping)
+        expect(f"{where}: states", self.states, Mapping)
         self._bind_states(where)
-        check_type(f"{where}: between", self.between, tuple, list)  # a name would be taken letter by letter
+        expect(f"{where}: between", self.between, tuple, list)  # a name would be taken letter by letter
         object.__setattr__(self, "between", tuple(self.between))
         if len(self.between) != 2:
             raise StructureError(f"`between` must name two ends, got {list(self.between)}", where)
@@ -168,7 +166,7 @@ class Link:
             raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
         self._check_coefficients(where)
         for key, coefficient in coefficients.items():
-            check_type(f"{where}: coefficient {key}", coefficient, Coefficient, float)
+            expect(f"{where}: coefficient {key}", coefficient, Coefficient, float)
         ordered = {
             key: as_coefficient(coefficients[key], f"{where}, coefficient {key}")
             for key in self.law.coefficients
@@ -209,7 +207,6 @@ class Link:
         """A value of 0 for each state: what `force` and `Law.partials` take for the elastic part of a law with memory."""
         return dict.fromkeys(self.law.states, 0.0)
 
-    @checked
     def initial_state(self, name: str) -> float:
         """Initial value of a state.
 
@@ -265,7 +262,6 @@ class Link:
             values[name] = coefficient.value
         return values
 
-    @checked
     def force(
         self, d: ArrayLike, v: ArrayLike = 0.0, states: Mapping[str, ArrayLike] | None = None
     ) -> Floats:
@@ -290,7 +286,6 @@ class Link:
         """
         return _full(self.law.force(d, v, {**self.values, **(states or {})}), d, v)
 
-    @checked
     def stiffness(self, d: ArrayLike) -> Floats:
         """Tangent stiffness at rest (v = 0).
 
@@ -306,7 +301,6 @@ class Link:
         """
         return self.tangent(d)[0]
 
-    @checked
     def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Tangent stiffness and damping; with memory, at states of 0.
 
@@ -323,7 +317,6 @@ class Link:
         partials = self.law.partials(d, v, {**self.values, **self.zero_states})
         return _full(partials.by_d, d, v), _full(partials.by_v, d, v)
 
-    @checked
     def potential(self, d: ArrayLike) -> Floats:
         """Energy stored by the law at v = 0.
 

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from linkwise.argument_types import checked, checked_class
 from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.link import ANGLE
@@ -30,7 +29,6 @@ _USUAL = {
 _CONSTRAINED = 1e36  # stiffness that Abaqus adds where a boundary condition holds a degree of freedom
 
 
-@checked_class
 @dataclass(frozen=True, eq=False)
 class HostMatrices:
     """Matrices of a finite-element model, with the names of its degrees of freedom.
@@ -178,7 +176,6 @@ class HostMatrices:
         )
 
 
-@checked
 def read_host_matrices(
     mass: str, stiffness: str, damping: str | None = None, *, folder: str | Path = "."
 ) -> HostMatrices:
@@ -259,7 +256,6 @@ def read_host_matrices(
     )
 
 
-@checked
 def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     """Read a matrix of a finite-element model.
 

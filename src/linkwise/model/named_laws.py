@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, final
 
-from linkwise.argument_types import checked, checked_class
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law, LinkState
@@ -44,7 +43,6 @@ class LawText(NamedTuple):
     states: Mapping[str, LinkState]
 
 
-@checked_class
 @final
 @dataclass(frozen=True, kw_only=True)
 class NamedLaw:
@@ -190,7 +188,6 @@ _MOST_BRANCHES = 16  # whose force still fits the longest text of a law
 _DECADES = math.exp(2.0)  # between neighbouring rates of a fractional law: errors of its sum are below 1e-3
 
 
-@checked
 def named_law(name: str) -> NamedLaw:
     """Look up a law of the literature.
 

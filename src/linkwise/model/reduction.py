@@ -20,7 +20,6 @@ from typing import TypeAlias
 import numpy as np
 import scipy
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -122,7 +121,6 @@ _BELOW = np.linspace(0.99, 0.9, 10)  # frequencies that are tried then
 Matrix: TypeAlias = scipy.sparse.sparray | scipy.sparse.spmatrix
 
 
-@checked
 def reduce_host(
     name: str,
     mass: Matrix,

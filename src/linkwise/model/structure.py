@@ -23,10 +23,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.display import NotebookView, align_columns, as_html, near_miss, text_html
-from linkwise.errors import StructureError
+from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.host import Host, counted, is_between_modes, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
@@ -78,7 +77,6 @@ def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 
 
-@checked_class
 @dataclass(frozen=True)
 class Structure(NotebookView):
     """Masses joined by links; immutable, every change returns a new structure.
@@ -116,6 +114,9 @@ class Structure(NotebookView):
     hosts: tuple[Host, ...] = ()
 
     def __post_init__(self) -> None:
+        for parts, kind in (("masses", Mass), ("links", Link), ("hosts", Host)):
+            for number, part in enumerate(getattr(self, parts)):
+                expect(f'structure "{self.name}": {parts}[{number}]', part, kind)
         object.__setattr__(self, "hosts", tuple(self.hosts))
         check_unique(tuple(host.name for host in self.hosts), "host")
         masses, links = with_modes(tuple(self.masses), tuple(self.links), self.hosts)

@@ -17,8 +17,7 @@ from typing import Any
 
 import msgspec
 
-from linkwise.argument_types import checked
-from linkwise.errors import StructureError
+from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.host_file import HostTable, host_of
@@ -98,7 +97,6 @@ class PartialStructure:
         )
 
 
-@checked
 def read_structure(path: str | Path) -> Structure:
     """Read a structure from a TOML file.
 
@@ -133,10 +131,10 @@ def read_structure(path: str | Path) -> Structure:
     ...     lw.read_structure(path) == lw.bnes_chain(2)
     True
     """
+    expect("read_structure(path): path", path, str, Path)
     return parse_structure(read_toml_text(path, StructureError), str(path))
 
 
-@checked
 def read_partial_structure(path: str | Path) -> PartialStructure:
     """Read the known part of a structure that is to be discovered from a TOML file.
 
@@ -176,7 +174,6 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     return PartialStructure(*_masses_and_links(table, source))
 
 
-@checked
 def write_structure(structure: Structure, path: str | Path) -> None:
     """Write a structure to a TOML file, from which `read_structure` reads the same structure.
 
@@ -207,11 +204,12 @@ def write_structure(structure: Structure, path: str | Path) -> None:
     ...     path.read_text().splitlines()[0]
     'name = "bistable chain of 2 masses"'
     """
+    expect("write_structure(structure, path): structure", structure, Structure)
+    expect("write_structure(structure, path): path", path, str, Path)
     with atomic_file(Path(path)) as own:
         own.write_text(format_structure(structure), encoding="utf-8", newline="\n")
 
 
-@checked
 def parse_structure(text: str, source: str = "structure") -> Structure:
     """Read a structure from a TOML text.
 
@@ -267,7 +265,6 @@ def _masses_and_links(
     return masses, links
 
 
-@checked
 def format_structure(structure: Structure) -> str:
     """The TOML text of a structure.
 

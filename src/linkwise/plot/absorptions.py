@@ -23,7 +23,6 @@ from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.plot.style import (
@@ -47,7 +46,6 @@ from linkwise.plot.style import (
 )
 
 
-@checked
 def absorption(
     result: Absorption | AbsorptionIntervals,
     mass: str | None = None,
@@ -103,7 +101,6 @@ def absorption(
     return axes
 
 
-@checked
 def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """The primary masses, each in a strip of its own; of more than 8 the first.
 
@@ -207,7 +204,6 @@ _WIDE = 50.0  # largest over smallest from which colours go by ratio
 _NEVER, _DIVERGED = "#D9D9D9", "#F2B8A0"
 
 
-@checked
 def map(
     result: AbsorptionMap, quantity: str = "settled", *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -256,7 +252,6 @@ def map(
     return axes
 
 
-@checked
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     """One panel a quantity.
 
@@ -394,7 +389,6 @@ def _missing(result: AbsorptionMap, names: Sequence[str]) -> list[Patch]:
 _MOST = 8  # strips that one page can hold
 
 
-@checked
 def crossings(
     result: Absorption | AbsorptionIntervals,
     sink: str | None = None,
@@ -464,7 +458,6 @@ def crossings(
     return axes
 
 
-@checked
 def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first.
 
@@ -501,7 +494,6 @@ _PALE = "#EBEBEB"
 _POINTS = 1500  # of a band
 
 
-@checked
 def energy(
     result: Absorption | AbsorptionIntervals,
     *,
@@ -547,7 +539,6 @@ def energy(
     return axes
 
 
-@checked
 def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """Where the energy went with the sinks and, beside it, without them.
 

@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.argument_types import checked
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.discovery.text import runner_up_changes
 from linkwise.plot.style import (
@@ -35,7 +34,6 @@ _POINTS = 201
 _FAINTEST = 0.02  # of the weight of all models: others are not drawn
 
 
-@checked
 def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw by how much the forces of a link depart from that of the selected model: of others that survive, and averaged.
 
@@ -100,7 +98,6 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     return axes
 
 
-@checked
 def departures_figure(discovery: Discovery, link: str) -> Figure:
     """The departures of the models that survive on a figure of their own.
 
@@ -141,7 +138,6 @@ _DROPPED = 16  # and those below them
 _ROW = 0.19  # inches
 
 
-@checked
 def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw what each term kept explains, and what each of the nearest dropped terms would explain.
 
@@ -189,7 +185,6 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
     return axes
 
 
-@checked
 def evidence_figure(discovery: Discovery) -> Figure:
     """The evidence term by term on a figure of its own, as high as there are terms.
 
@@ -256,7 +251,6 @@ _RUNNERS_UP = 10
 _FAR = 100.0  # a margin from which a linear scale shows nothing of the others
 
 
-@checked
 def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw misfit and criterion against the number of terms, with the chosen model marked.
 
@@ -318,7 +312,6 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
     return axes
 
 
-@checked
 def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
     """Draw how much worse the criterion of the next best models is.
 
@@ -357,7 +350,6 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@checked
 def path_figure(discovery: Discovery) -> Figure:
     """The path and, beside it, the next best models.
 

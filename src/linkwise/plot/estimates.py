@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import RecordError, StructureError
@@ -41,7 +40,6 @@ _SHARED = 2  # first columns, with the same axis for all channels
 _ORDINATES = ("", "density / white", "mean / noise")  # over time, over frequency, over the motion of a link
 
 
-@checked
 def residuals(
     estimate: Estimate, channel: str, quantity: str = "time", *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -133,7 +131,6 @@ def _over_motion(axes: Axes, values: Floats, estimate: Estimate, quantity: str) 
     axes.set_xlabel(f"{literal(quantity)}, {unit}")
 
 
-@checked
 def residuals_figure(estimate: Estimate) -> Figure:
     """What a fit leaves of each channel over time, frequency and the motion of a link; of more than 4 channels the first.
 
@@ -192,7 +189,6 @@ _STYLES = ("-", "--", ":", "-.")  # in this order once the colours are used up
 _HEIGHT = 3.0  # inches of a panel
 
 
-@checked
 def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw the shapes of the modes of a host at its points, with two standard deviations either way where they are not known.
 
@@ -246,7 +242,6 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@checked
 def shapes_figure(structure: Structure) -> Figure:
     """Shapes of the modes of every host of a structure, one below the other; points that turn in a panel of their own.
 

@@ -20,7 +20,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, shortest_path
 
 from linkwise.analysis.wells import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.text import headline
@@ -187,7 +186,6 @@ class Drawing:
         return self.positions.min(axis=0) - _MARGIN, self.positions.max(axis=0) + _MARGIN
 
 
-@checked
 def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw a discovered structure as a graph of masses and links.
 
@@ -239,7 +237,6 @@ def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) 
     return axes
 
 
-@checked
 def graph_figure(discovery: Discovery) -> Figure:
     """The graph on a figure of its own, as large as the structure asks for.
 

@@ -17,7 +17,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Indices
 from linkwise.inspection.levels.result import LevelComparison, ring_name
 from linkwise.plot.style import (
@@ -34,7 +33,6 @@ from linkwise.plot.style import (
 )
 
 
-@checked
 def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw odd and even distortion, and the scatter of periods, over the level of a periodic force.
 
@@ -79,7 +77,6 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     return axes
 
 
-@checked
 def distortion_figure(comparison: LevelComparison) -> Figure:
     """Odd and even distortion, and the scatter of periods, over the level on a figure of its own.
 
@@ -106,7 +103,6 @@ def distortion_figure(comparison: LevelComparison) -> Figure:
     return figure
 
 
-@checked
 def level_modes(
     comparison: LevelComparison,
     quantity: Literal["frequency", "damping"] = "frequency",
@@ -163,7 +159,6 @@ def level_modes(
     return axes
 
 
-@checked
 def levels_figure(comparison: LevelComparison) -> Figure:
     """Changes of frequencies and damping of modes over the level.
 
@@ -194,7 +189,6 @@ def levels_figure(comparison: LevelComparison) -> Figure:
 _RANGE = (0.15, 1.0)  # of lightness, of the lowest and the highest level
 
 
-@checked
 def level_response(
     comparison: LevelComparison,
     quantity: Literal["magnitude", "coherence"] = "magnitude",
@@ -254,7 +248,6 @@ def level_response(
     return axes
 
 
-@checked
 def level_responses_figure(comparison: LevelComparison) -> Figure:
     """The response function of every level, and its coherence.
 
@@ -290,7 +283,6 @@ def _lighter(colour: str, share: float) -> tuple[float, float, float]:
     return 1.0 - share * (1.0 - red), 1.0 - share * (1.0 - green), 1.0 - share * (1.0 - blue)
 
 
-@checked
 def ring_down(
     comparison: LevelComparison,
     quantity: Literal["frequency", "damping"] = "frequency",
@@ -347,7 +339,6 @@ def ring_down(
     return axes
 
 
-@checked
 def ring_down_figure(comparison: LevelComparison) -> Figure:
     """Frequency and damping of each mode that rings down over its amplitude, in a row of its own.
 
@@ -380,7 +371,6 @@ def ring_down_figure(comparison: LevelComparison) -> Figure:
 _AT_REST = 0.05  # of the largest velocity: samples that show the force of the stiffness alone
 
 
-@checked
 def acceleration_surface(
     comparison: LevelComparison,
     *,
@@ -457,7 +447,6 @@ def acceleration_surface(
     return axes
 
 
-@checked
 def acceleration_surfaces_figure(comparison: LevelComparison) -> Figure:
     """Restoring force per mass at each sensor that moves most, over displacement and velocity and at no velocity.
 

@@ -16,7 +16,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.estimates.curves import ForceCurve, force_curve, force_loop
@@ -44,7 +43,6 @@ from linkwise.plot.style import (
 )
 
 
-@checked
 def force(
     estimate: Estimate,
     link: str,
@@ -106,7 +104,6 @@ def force(
     return axes
 
 
-@checked
 def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = None) -> Figure:
     """The force of a link on a figure of its own, with a second panel near the wells where there are two or more.
 
@@ -204,7 +201,6 @@ def _samples_label(curve: ForceCurve) -> str:
     return f"{description} ({100 * curve.outside:.0f} % outside)" if curve.outside >= 0.005 else description
 
 
-@checked
 def loop(
     estimate: Estimate, link: str, *, over: str = "d", legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -277,7 +273,6 @@ def loop(
     return axes
 
 
-@checked
 def loop_figure(estimate: Estimate, link: str) -> Figure:
     """The force of a link over its elongation and over its rate, on a figure of its own.
 
@@ -324,7 +319,6 @@ _SURFACE_POINTS = 81  # points of the surface either way
 _MARGIN = 0.05  # of the visited ranges, around them
 
 
-@checked
 def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw the identified force of a link over its elongation and rate as a map, with the motion of the record.
 
@@ -406,7 +400,6 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     return axes
 
 
-@checked
 def surface_figure(estimate: Estimate, link: str) -> Figure:
     """The restoring-force surface of a link on a figure of its own.
 
@@ -446,7 +439,6 @@ _CURVE_POINTS = 801
 _DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there
 
 
-@checked
 def force_comparison(
     true: Link,
     identified: Mapping[str, Link],
@@ -505,7 +497,6 @@ def force_comparison(
     return axes
 
 
-@checked
 def force_errors(
     true: Link,
     identified: Mapping[str, Link],
@@ -570,7 +561,6 @@ def force_errors(
     return axes
 
 
-@checked
 def force_comparison_figure(
     true: Link,
     identified: Mapping[str, Link],

@@ -18,7 +18,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.argument_types import checked
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.channel_signal import Coherence, Spectrogram
@@ -48,7 +47,6 @@ _MOST = 10  # strips that still can be read on one page
 _KINDS = {"x": "displacement", "v": "velocity", "a": "acceleration", "force": "force"}
 
 
-@checked
 def histories(
     record: Record | Estimate,
     channels: Sequence[str] | None = None,
@@ -110,7 +108,6 @@ def histories(
     return axes
 
 
-@checked
 def histories_figure(record: Record) -> Figure:
     """Each channel over time in a strip of its own; of more than 10 channels the first.
 
@@ -164,7 +161,6 @@ def _value_label(names: Sequence[str], unit: str) -> str:
     return f"{_KINDS.get(kind, kind)}, {unit}"
 
 
-@checked
 def spectrum(
     record: Record, name: str, noise: float | None = None, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -215,7 +211,6 @@ def spectrum(
     return axes
 
 
-@checked
 def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first.
 
@@ -252,7 +247,6 @@ def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
 _DECADES = 8.0  # of the power that colours tell apart, below its largest value
 
 
-@checked
 def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
     """Draw the spectral density of a channel over time and frequency, dark where it is large.
 
@@ -297,7 +291,6 @@ def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@checked
 def coherence(
     record: Record, first: str, second: str, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -339,7 +332,6 @@ def coherence(
     return axes
 
 
-@checked
 def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
     """Each channel of one record over time and frequency, in a strip of its own; of more than 10 channels the first.
 
@@ -372,7 +364,6 @@ def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
     return figure
 
 
-@checked
 def coherences_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The coherence of each channel of one record with the next; of more than 10 pairs the first.
 
@@ -412,7 +403,6 @@ _PANEL_HEIGHT = 1.5  # inches
 _BLOCK = 10  # samples of a range drawn as one: narrower than a line
 
 
-@checked
 def displacement(
     envelope: OrbitEnvelope,
     mass: str,
@@ -480,7 +470,6 @@ def displacement(
     return axes
 
 
-@checked
 def displacements_figure(
     envelope: OrbitEnvelope,
     *,

@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import StudyError
 from linkwise.plot.style import (
@@ -59,7 +58,6 @@ class PublishedValues:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
-@checked
 def study(
     result: StudySummary | StudyTable | Iterable[Row],
     quantity: str = "nmse",
@@ -119,7 +117,6 @@ def study(
     return axes
 
 
-@checked
 def accuracy_figure(result: StudySummary | StudyTable | Iterable[Row]) -> Figure:
     """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them.
 
@@ -245,7 +242,6 @@ _NUMBERS = "per cent that have all true\nterms and no other; below it\nthe per c
 _CELL, _ROW = 0.26, 0.4  # inches that a line of cells takes, and what stands around those of a panel
 
 
-@checked
 def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
     """Draw how often a method has the true terms over noise and samples a period.
 
@@ -297,7 +293,6 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-@checked
 def success_figure(results: Sequence[SuccessMap]) -> Figure:
     """A row of panels for each structure and length of the records, a panel for each method.
 

@@ -18,6 +18,7 @@ from contextlib import contextmanager, nullcontext
 from io import BytesIO
 from pathlib import Path
 from textwrap import fill
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, NullFormatter
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
+from linkwise.errors import expect
 from linkwise.model.structure import Link
 from linkwise.output import atomic_file
 from linkwise.plot.layout import LEGEND_SIZE, SUPTITLE_SIZE, TITLE_SIZE, EstimatedLayout
@@ -82,6 +83,7 @@ def axes_for(
 
     With `legend` they get one of what was drawn when the block ends.
     """
+    expect("ax", ax, Axes, NoneType)
     with (
         nullcontext((None, [ax]))
         if ax is not None
@@ -213,7 +215,6 @@ def _without_glyph_warnings() -> Iterator[None]:
         yield
 
 
-@checked
 def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
     """Write a figure as PNG and as SVG.
 

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.argument_types import checked
 from linkwise.display import near_miss
 from linkwise.errors import RecordError
 from linkwise.identification.validation.result import Validation
@@ -35,7 +34,6 @@ from linkwise.plot.style import (
 _MOST = 6  # channels that still can be read on one page
 
 
-@checked
 def prediction(validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw a channel as measured and as predicted over time.
 
@@ -80,7 +78,6 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     return axes
 
 
-@checked
 def prediction_error(
     validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -133,7 +130,6 @@ def prediction_error(
     return axes
 
 
-@checked
 def prediction_figure(validation: Validation) -> Figure:
     """Measured and predicted channels over time, one below the other.
 
@@ -162,7 +158,6 @@ def prediction_figure(validation: Validation) -> Figure:
     return figure
 
 
-@checked
 def prediction_error_figure(validation: Validation) -> Figure:
     """The errors of the channels over time, one below the other.
 
@@ -220,7 +215,6 @@ def _frame(axes: Axes, validation: Validation, name: str) -> None:
 _MOST_PROFILES = 4  # links or channels that still can be read on one page
 
 
-@checked
 def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None = None) -> Axes:
     """Draw the error of a prediction over time, or over the elongation or velocity of a link.
 
@@ -269,7 +263,6 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     return axes
 
 
-@checked
 def prediction_spectrum(
     validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
@@ -321,7 +314,6 @@ def prediction_spectrum(
     return axes
 
 
-@checked
 def prediction_profile_figure(validation: Validation) -> Figure:
     """The error over elongation and velocity of each link; of more than 4 links the first.
 
@@ -354,7 +346,6 @@ def prediction_profile_figure(validation: Validation) -> Figure:
     return figure
 
 
-@checked
 def prediction_spectrum_figure(validation: Validation) -> Figure:
     """The spectra of the channels; of more than 4 the first.
 

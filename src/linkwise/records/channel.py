@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.argument_types import check_type
 from linkwise.arrays import Floats
-from linkwise.errors import IdentificationError, LinkwiseError, RecordError
+from linkwise.errors import IdentificationError, LinkwiseError, RecordError, expect
 from linkwise.model.excitation import Sampled
 from linkwise.units import factor_to_si
 
@@ -90,7 +89,7 @@ class Channel:
             If it is not the name of a channel.
         """
         if type(name) is not str:  # a comparison takes no call, and names are parsed by the thousand
-            check_type("Channel.parse(name): name", name, str)
+            expect("Channel.parse(name): name", name, str)
         relative = name.startswith(_RELATIVE)
         kind, colon, mass = name.removeprefix(_RELATIVE).partition(":")
         if not colon or not mass or not kind:

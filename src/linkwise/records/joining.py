@@ -13,7 +13,7 @@ Channels that show everything late: their delays taken out by band-limited inter
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from math import isfinite
@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.argument_types import check_type, checked
 from linkwise.arrays import Bools
-from linkwise.errors import RecordError
+from linkwise.errors import RecordError, expect
 from linkwise.model.excitation import Sampled
 from linkwise.records.channel import OF_CHANNELS, Channel, ClippedSamples
 from linkwise.records.record import Record
@@ -31,7 +30,6 @@ from linkwise.records.record import Record
 _BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 
 
-@checked
 def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
     """Take known delays out of channels.
 
@@ -85,13 +83,15 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
     return moved[first:last]
 
 
-def record_list(records: Record | Sequence[Record], argument: str = "record") -> list[Record]:
+def record_list(records: Record | Iterable[Record], argument: str) -> list[Record]:
     """The records of a public function that takes one or several; raises `ArgumentTypeError` for what is no record."""
     if isinstance(records, Record):
         return [records]
+    if isinstance(records, str | Mapping) or not isinstance(records, Iterable):
+        expect(argument, records, Record)
     listed = list(records)
     for number, record in enumerate(listed):
-        check_type(f"{argument}[{number}]", record, Record)
+        expect(f"{argument}[{number}]", record, Record)
     return listed
 
 
@@ -194,7 +194,6 @@ _ALIGNED = 1e-3  # of a step: clocks that agree to this need no interpolation
 _OFF_GRID = 0.02  # of a step: how far off the times of a record the next part of it may go on
 
 
-@checked
 def beside(record: Record, other: Record) -> Record:
     """Add the channels of a record that was started together with another.
 
@@ -240,7 +239,6 @@ def beside(record: Record, other: Record) -> Record:
     return replace(joined, notes=(*joined.notes, note))
 
 
-@checked
 def joined_by_time(record: Record, other: Record) -> Record:
     """Add the channels of a record with the same clock, by the times of the samples.
 
@@ -293,7 +291,6 @@ def joined_by_time(record: Record, other: Record) -> Record:
     return replace(both, notes=(*both.notes, f"{', '.join(other.channels)} were joined by time."))
 
 
-@checked
 def continued(record: Record, other: Record) -> Record:
     """Join two parts of one record that were measured one after the other.
 

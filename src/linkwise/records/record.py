@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
-from linkwise.errors import RecordError
+from linkwise.errors import RecordError, expect
 from linkwise.records.channel import (
     OF_CHANNELS,
     Channel,
@@ -84,7 +83,6 @@ def read_only(values: ArrayLike) -> Floats:
     return array
 
 
-@checked_class
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(NotebookView):
     """N samples of C channels at the times ``start + k/rate``; immutable.
@@ -151,6 +149,10 @@ class Record(NotebookView):
     clipped: Mapping[str, ClippedSamples] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for name in ("start", "rate"):
+            expect(f"Record: {name}", getattr(self, name), float)
+        for name in OF_CHANNELS:
+            expect(f"Record: {name}", getattr(self, name), Mapping)
         for name, kind in (("start", float), ("rate", float), ("channels", tuple), ("notes", tuple)):
             object.__setattr__(self, name, kind(getattr(self, name)))
         for name in OF_CHANNELS:
@@ -208,6 +210,7 @@ class Record(NotebookView):
         >>> lw.Record.from_arrays(time, {"x:m1": 1e-3 * np.sin(20.0 * time)})
         Record of 200 samples at 100 Hz, 0 to 1.99 s: x:m1
         """
+        expect("Record.from_arrays(time, channels): channels", channels, Mapping)
         timeline, values, remarks = sampled_columns(time, channels, file, lines)
         grid = timeline.start, timeline.rate, tuple(channels)
         return cls(*grid, values, noise or {}, None, source or (file or ""), (*notes, *remarks))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, fields, replace
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-from linkwise.argument_types import checked_class
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel, si_unit, unit_behind
@@ -48,7 +47,6 @@ class StatedError(NamedTuple):
     sigma: float = 0.0
 
 
-@checked_class
 @dataclass(frozen=True)
 class SensorStatement:
     """What is stated of one sensor; None where nothing is.

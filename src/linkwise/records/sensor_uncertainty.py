@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isinf, isnan
 
-from linkwise.argument_types import checked_class
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 from linkwise.units import factor_to_si
@@ -14,7 +13,6 @@ from linkwise.units import factor_to_si
 COMMON = "common"  # in place of a channel: a gain that all sensors share
 
 
-@checked_class
 @dataclass(frozen=True)
 class SensorUncertainty:
     """Standard deviations to which gain, offset and delay of a sensor are known beforehand.

@@ -518,6 +518,8 @@ def sampled_columns(
                 file,
                 channel=name,
             )
+        if samples.dtype.kind not in "biuf":
+            raise RecordError(f"the samples must be numbers, got {samples.dtype}", file, channel=name)
         notes += column_notes(name, samples, file, lines)
         values[timeline.index, column] = samples
     values.setflags(write=False)

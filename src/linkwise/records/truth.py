@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 
 if TYPE_CHECKING:
     from linkwise.model.structure import Structure
@@ -42,8 +41,6 @@ class EnergyBalance:
     kinetic: Floats
     potential: Floats
     dissipated: Floats
-
-    put_in = DeprecatedAttribute(Deprecated("supplied", since="0.2.0", until="0.4.0"))
 
     @property
     def work(self) -> Floats:
@@ -133,8 +130,6 @@ class SimulationTruth:
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: range | None = None
     states: Mapping[str, Floats] = field(default_factory=dict)
-
-    account = DeprecatedAttribute(Deprecated("diagnostics", since="0.2.0", until="0.4.0"))
 
     @cached_property
     def energy(self) -> EnergyBalance:

@@ -32,9 +32,7 @@ from linkwise.absorption.text import (
     mass_rows,
     primary,
 )
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.display import csv_cell
 from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION
@@ -43,8 +41,6 @@ from linkwise.registry import Registry
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
 
 
-@deprecated_keyword("found", Deprecated("result", since="0.2.0", until="0.4.0"))
-@checked
 def absorption_of(result: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
     """Return the content of absorption.json as plain data.
 
@@ -171,8 +167,6 @@ def map_page(reported: Reported[AbsorptionMap], pictures: Mapping[str, Markup]) 
     )
 
 
-@deprecated_keyword("answer", Deprecated("result", since="0.2.0", until="0.4.0"))
-@checked
 def write_absorption(result: Answer, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a comparison with and without sinks into a folder: absorption.json, histories, figures and report.html.
 
@@ -209,8 +203,6 @@ def write_absorption(result: Answer, folder: str | Path, *, progress: Progress =
     return ABSORPTION_FOLDER.write(result, folder, progress=progress)
 
 
-@deprecated_keyword("found", Deprecated("result", since="0.2.0", until="0.4.0"))
-@checked
 def write_absorption_map(result: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a sweep into a folder: absorption.json, map.csv, map.png, map.svg and report.html.
 

@@ -18,8 +18,6 @@ from typing import Any
 from markupsafe import Markup
 
 from linkwise import plot
-from linkwise.argument_types import checked
-from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth, term_score
@@ -37,6 +35,7 @@ from linkwise.discovery.text import (
     term_rows,
 )
 from linkwise.display import csv_cell
+from linkwise.errors import expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
@@ -53,8 +52,6 @@ from linkwise.report.page import (
 )
 
 
-@deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
-@checked
 def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[str, Any]:
     """Return the content of result.json for a discovery as plain data.
 
@@ -232,8 +229,6 @@ def _rows(discovery: Discovery) -> list[tuple[str, ...]]:
     return rows
 
 
-@deprecated_keyword("found", Deprecated("discovery", since="0.2.0", until="0.4.0"))
-@checked
 def write_discovery(
     discovery: Discovery,
     folder: str | Path,
@@ -281,6 +276,8 @@ def write_discovery(
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['report.html', 'result.json', 'structure.toml']
     """
+    expect("write_discovery(discovery, folder): discovery", discovery, Discovery)
+    expect("write_discovery(discovery, folder): folder", folder, str, Path)
     return DISCOVERY_FOLDER.write(discovery, folder, truth=truth, progress=progress)
 
 

@@ -18,9 +18,8 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from linkwise import plot
-from linkwise.argument_types import checked
 from linkwise.display import format_chi_square, format_error, format_value
-from linkwise.errors import RecordError
+from linkwise.errors import RecordError, expect
 from linkwise.estimates.curves import GRID, has_loop
 from linkwise.estimates.estimate import Estimate, untrusted_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
@@ -263,7 +262,6 @@ def _true_mass(truth: Structure, name: str) -> float | None:
     return truth.mass(name.removesuffix(".mass")).mass.value
 
 
-@checked
 def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:
     """Return the content of result.json for an estimate as plain data.
 
@@ -314,7 +312,6 @@ def _error(true: Link, identified: Link, record: Record) -> float | None:
         return None
 
 
-@checked
 def write_result(
     estimate: Estimate,
     folder: str | Path,
@@ -361,6 +358,8 @@ def write_result(
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['report.html', 'result.json', 'structure.toml']
     """
+    expect("write_result(estimate, folder): estimate", estimate, Estimate)
+    expect("write_result(estimate, folder): folder", folder, str, Path)
     return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from linkwise import plot
-from linkwise.argument_types import checked
+from linkwise.errors import expect
 from linkwise.inspection.levels.result import distortion_rows, gaps_text, mode_rows, ring_down_rows
 from linkwise.inspection.levels.result import headline as level_headline
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline, labels
@@ -204,7 +204,6 @@ def inspection_page(reported: Reported[Inspection], pictures: Mapping[str, Marku
     )
 
 
-@checked
 def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write an inspection into a folder: inspection.json, figures of histories and spectra, and report.html.
 
@@ -239,6 +238,8 @@ def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Pr
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['inspection.json', 'report.html']
     """
+    expect("write_inspection(inspection, folder): inspection", inspection, Inspection)
+    expect("write_inspection(inspection, folder): folder", folder, str, Path)
     return INSPECTION_FOLDER.write(inspection, folder, progress=progress)
 
 

@@ -17,7 +17,6 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from linkwise import plot
-from linkwise.argument_types import checked
 from linkwise.display import csv_cell
 from linkwise.output import atomic_file
 from linkwise.paper.figures import (
@@ -397,7 +396,6 @@ STUDY_FIGURES: Registry[StudyFigure] = Registry(
 _FIGURES = "figures"
 
 
-@checked
 def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write the report of a study into its folder: report.html, figures/NAME.png, figures/NAME.svg and table_2.csv.
 

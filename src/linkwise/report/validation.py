@@ -15,7 +15,7 @@ from typing import Any
 from markupsafe import Markup
 
 from linkwise import plot
-from linkwise.argument_types import checked
+from linkwise.errors import expect
 from linkwise.files import write_record
 from linkwise.identification.validation.result import (
     CHANNEL_HEAD,
@@ -32,7 +32,6 @@ from linkwise.registry import Registry
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
 
 
-@checked
 def validation_of(validation: Validation) -> dict[str, Any]:
     """Return the content of validation.json as plain data.
 
@@ -163,7 +162,6 @@ def validation_page(reported: Reported[Validation], pictures: Mapping[str, Marku
     )
 
 
-@checked
 def write_validation(validation: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write a validation into a folder: validation.json, structure.toml, predicted.csv, figures and report.html.
 
@@ -199,6 +197,8 @@ def write_validation(validation: Validation, folder: str | Path, *, progress: Pr
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['report.html', 'structure.toml', 'validation.json']
     """
+    expect("write_validation(validation, folder): validation", validation, Validation)
+    expect("write_validation(validation, folder): folder", folder, str, Path)
     return VALIDATION_FOLDER.write(validation, folder, progress=progress)
 
 

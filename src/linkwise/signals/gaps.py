@@ -18,7 +18,6 @@ from math import ceil, isfinite
 import numpy as np
 import scipy
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import BAND_LIMITED
@@ -34,7 +33,6 @@ _NOTHING = 1e-10  # of the power of a channel: periods of inputs that differ by 
 _ALIKE = 0.5  # of the power of a channel: periods that differ by more are not repetitions
 
 
-@checked
 def average_periods(record: Record, period: float) -> Record:
     """Average a periodic test over its periods.
 

@@ -15,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
@@ -77,7 +76,6 @@ class States:
         return len(self.time)
 
 
-@checked
 def differentiate(record: Record, method: DifferentiationMethod = "spline", *, order: int = 4) -> States:
     """Displacement, velocity and acceleration of every mass with a sensor.
 

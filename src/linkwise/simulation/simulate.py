@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import NoneType
 from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.errors import RecordError, SimulationError
+from linkwise.errors import RecordError, SimulationError, expect
 from linkwise.model.excitation import Excitation, Impulse, InputSignal
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
@@ -86,7 +86,6 @@ class ExcitationKeywords(TypedDict, total=False):
     base: InputSignal | str | float | None
 
 
-@checked
 def simulate(
     structure: Structure,
     *,
@@ -144,6 +143,9 @@ def simulate(
     >>> lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=["x", "a:m2"])
     Record of 1001 samples at 1000 Hz, 0 to 1 s: x:m1, x:m2, a:m2
     """
+    expect("simulate(structure): structure", structure, Structure)
+    for name, value in (("duration", duration), ("rate", rate)):
+        expect(f"simulate(structure): {name}", value, float, NoneType)
     grid = output_times(duration, rate, times)
     drive = Excitation.of(**excitation)
     check_excitation(structure, drive, float(grid[-1]))
@@ -300,7 +302,6 @@ class OrbitEnvelope:
         return self.record.masses
 
 
-@checked
 def orbit_envelope(
     structure: Structure, release: Mapping[str, float], *, duration: float, rate: float
 ) -> OrbitEnvelope:

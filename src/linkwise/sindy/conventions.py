@@ -13,7 +13,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
 from linkwise.signals.states import DifferentiationMethod, States, differentiate
@@ -32,7 +31,6 @@ MEANING: dict[Convention, str] = {
 }
 
 
-@checked
 def noisy_states(
     record: Record,
     convention: Convention,

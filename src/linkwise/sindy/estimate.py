@@ -9,7 +9,6 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import NoiseEstimate
@@ -30,7 +29,6 @@ from linkwise.verdict import Verdict
 MAX_UNEXPLAINED = 0.1  # share of the forces (rms): columns with as much noise bias a slope by its square, 1 %
 
 
-@checked_class
 @final
 @dataclass(frozen=True)
 class PhysicsInformedSindy(Estimator):

@@ -12,7 +12,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import polynomial
@@ -28,7 +27,6 @@ READINGS: tuple[Reading, ...] = get_args(Reading)
 """How `monomial_force` can read the force of a link from a monomial model."""
 
 
-@checked
 def monomial_force(
     fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
 ) -> tuple[Floats, Floats]:
@@ -108,7 +106,6 @@ def monomial_force(
     return d, np.asarray(-sign * structure.mass_values[structure.mass_names.index(sink)] * (columns @ values))
 
 
-@checked
 def monomial_nmse(
     fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
 ) -> float:

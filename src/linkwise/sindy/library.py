@@ -14,7 +14,6 @@ from math import comb
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.expression import differentiate, symbols
@@ -163,7 +162,6 @@ def _product(variables: tuple[str, ...], chosen: tuple[int, ...]) -> str:
 _MAX_BYTES = 2 * 2**30  # of stored link columns
 
 
-@checked
 def monomial_equations(
     states: States,
     order: int,
@@ -233,7 +231,6 @@ def monomial_equations(
     return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes)
 
 
-@checked
 def local_equations(
     states: States, structure: Structure, order: int, *, mixing: int | None = None
 ) -> dict[str, StreamedSystem]:
@@ -284,7 +281,6 @@ def local_equations(
     return systems
 
 
-@checked
 def link_columns(states: States, structure: Structure) -> DenseSystem:
     """Equations of motion of all masses with one column per unknown: M a + B f = w (the paper's Eq. 6).
 

@@ -18,10 +18,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
-from linkwise.argument_types import checked, checked_class
-from linkwise.deprecation import Deprecated, DeprecatedAttribute, deprecated_keyword
 from linkwise.display import near_miss
-from linkwise.errors import IdentificationError, LawError, LinkwiseError, StudyError
+from linkwise.errors import IdentificationError, LawError, LinkwiseError, StudyError, expect
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
 from linkwise.model.link_file import decode, parse_toml, read_toml_text
@@ -35,7 +33,6 @@ from linkwise.study.subject import Subject
 _Entry = TypeVar("_Entry", Subject, StudyMethod)
 
 
-@checked_class
 @dataclass(frozen=True, eq=False)
 class Study:
     """A Monte Carlo study: every subject at every noise level by every method, once for each seed.
@@ -75,8 +72,6 @@ class Study:
     first_seed: int = 1000
     cycles: int = 100
     quick: int = 5
-
-    place = DeprecatedAttribute(Deprecated("sort_key", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
         named: dict[str, list[object]] = {
@@ -320,8 +315,6 @@ class _Document(msgspec.Struct, forbid_unknown_fields=True):
     quick: int = 5
 
 
-@deprecated_keyword("which", Deprecated("study", since="0.2.0", until="0.4.0"))
-@checked
 def read_study(study: str | Path) -> Study:
     """Read the definition of a study.
 
@@ -347,6 +340,7 @@ def read_study(study: str | Path) -> Study:
     >>> lw.read_study("paper").snr_db
     (40.0, 30.0, 20.0)
     """
+    expect("read_study(study): study", study, str, Path)
     path = Path(study)
     shipped = files("linkwise.study")
     names = sorted(

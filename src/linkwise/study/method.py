@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Literal, final
 import msgspec
 import numpy as np
 
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.estimates.estimate import Estimator
 from linkwise.identification.force_error import nmse
 from linkwise.identification.identify import IdentificationMethod, identify
@@ -80,8 +79,6 @@ class StudyMethod(ABC):
 
     name: str
     looks_for_terms: ClassVar[bool] = False
-
-    answer = DeprecatedAttribute(Deprecated("evaluate", since="0.2.0", until="0.4.0"))
 
     @abstractmethod
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:

@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
 
-from linkwise.argument_types import checked_class
-
 FAILED = "failed"  # the status of a row without an answer
 INTERNAL_ERROR = "internal error"  # the same, if the fault is linkwise's and not the case's
 WORKER_DIED = "worker died"  # the same, if worker processes were killed, ran out of memory, or crashed
 REPEATED = (INTERNAL_ERROR, WORKER_DIED)  # the cases of such rows are run again
 
 
-@checked_class
 @dataclass(frozen=True, order=True)
 class Case:
     """One run of a study.
@@ -44,7 +41,6 @@ class Case:
         return f"{self.structure}, {self.snr_db:g} dB, {self.method}, seed {self.seed}"
 
 
-@checked_class
 @dataclass(frozen=True)
 class Row:
     """The outcome of one case of a study.

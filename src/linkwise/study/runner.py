@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from linkwise.argument_types import checked
-from linkwise.deprecation import Deprecated, deprecated_keyword
 from linkwise.display import format_duration
-from linkwise.errors import StudyError
+from linkwise.errors import StudyError, expect
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.runtime import processors
 from linkwise.study.definition import Study, read_study
@@ -162,8 +160,6 @@ def _killed(study: Study, case: Case) -> CaseResult:
 MOST_CASES = 1_000_000  # kept in memory and in one file: years of computing time
 
 
-@deprecated_keyword("which", Deprecated("study", since="0.2.0", until="0.4.0"))
-@checked
 def run_study(
     study: Study | str | Path,
     folder: str | Path,
@@ -210,6 +206,8 @@ def run_study(
     >>> [(row.case.method, row.status) for row in rows]
     [('weak', 'converged'), ('weak', 'converged')]
     """
+    expect("run_study(study, folder): study", study, Study, str, Path)
+    expect("run_study(study, folder): folder", folder, str, Path)
     definition = study if isinstance(study, Study) else read_study(study)
     definition = definition.quickly() if quick else definition
     if workers is not None and scheduler is not None:

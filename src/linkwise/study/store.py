@@ -14,7 +14,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from linkwise.argument_types import checked
 from linkwise.errors import StudyError
 from linkwise.output import FullDiskError
 from linkwise.study.definition import Study, build_study
@@ -113,7 +112,6 @@ def open_store(folder: Path, study: Study) -> Iterator[Store]:
         yield Store(folder, database)
 
 
-@checked
 def read_rows(folder: str | Path) -> tuple[Row, ...]:
     """Read the rows of a study.
 
@@ -143,7 +141,6 @@ def read_rows(folder: str | Path) -> tuple[Row, ...]:
         return tuple(sorted(_rows(database), key=lambda row: study.sort_key(row.case)))
 
 
-@checked
 def stored_study(folder: str | Path) -> Study:
     """Read the definition of the study in a folder.
 

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.argument_types import checked_class
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, SimulationError, StudyError
 from linkwise.expression import differentiate, symbols
@@ -31,7 +29,6 @@ _KINDS = (*_ALL, "f", "state")
 _PRIOR = 1
 
 
-@checked_class
 @dataclass(frozen=True, eq=False)
 class Subject:
     """A structure of a study.
@@ -97,10 +94,6 @@ class Subject:
     judge: tuple[str, ...] = ()
     scatter: float = 0.0
     frequency: float | None = None
-
-    asked = DeprecatedAttribute(Deprecated("unknown_structure", since="0.2.0", until="0.4.0"))
-    judged = DeprecatedAttribute(Deprecated("judged_links", since="0.2.0", until="0.4.0"))
-    seen = DeprecatedAttribute(Deprecated("measured", since="0.2.0", until="0.4.0"))
 
     def __post_init__(self) -> None:
         for key, value in (("duration", self.duration), ("rate", self.rate)):

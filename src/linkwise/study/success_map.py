@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats, Indices
 from linkwise.study.definition import Study
 from linkwise.study.store import read_rows, stored_study
@@ -77,7 +76,6 @@ class SuccessMap:
         return _share(self.wrong_trusted, self.cases)
 
 
-@checked
 def success_maps(folder: str | Path) -> tuple[SuccessMap, ...]:
     """Count how often each method of a study that looks for terms has exactly the true ones.
 

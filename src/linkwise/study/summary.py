@@ -25,8 +25,6 @@ import numpy as np
 import pyarrow
 from pyarrow import parquet
 
-from linkwise.argument_types import checked
-from linkwise.deprecation import Deprecated, DeprecatedAttribute
 from linkwise.display import JudgedView, align_columns, csv_cell
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.model.structure import Structure
@@ -79,8 +77,6 @@ class Cell:
     failures: tuple[Row, ...]
     truth: Mapping[str, float] = field(default_factory=dict)
 
-    middle = DeprecatedAttribute(Deprecated("median_row", since="0.2.0", until="0.4.0"))
-
     @property
     def done(self) -> int:
         """The number of cases that were run, failed ones included."""
@@ -114,7 +110,6 @@ class Cell:
         median = self.nmse
         return min(self.answers, key=lambda row: (abs(_error(row) - median), row.seed))
 
-    @checked
     def share_above(self, value: float) -> float:
         """The part of the cases, failed ones included, whose error exceeds a value.
 
@@ -344,8 +339,6 @@ class StudySummary(JudgedView):
     name: str
     cells: tuple[Cell, ...]
 
-    hopeless = DeprecatedAttribute(Deprecated("failed_cells", since="0.2.0", until="0.4.0"))
-
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """What of the study was not run, and what has no answer."""
@@ -400,7 +393,6 @@ class StudySummary(JudgedView):
         }
 
 
-@checked
 def study_summary(folder: str | Path) -> StudySummary:
     """Summarise a study.
 
@@ -483,7 +475,6 @@ def covered(coverage: float | None, intervals: int) -> str:
 ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
 
 
-@checked
 def export_study(folder: str | Path) -> tuple[Path, ...]:
     """Write the tables of a study, finished or not, into its folder.
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import IdentificationError, RecordError, SimulationError
+from linkwise.errors import IdentificationError, RecordError, SimulationError, expect
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import uncertain
 from linkwise.identification.validation.windows import WindowPredictor
@@ -77,7 +76,6 @@ class FreeRun:
         return None if self.motion.simulated is None else self.motion.simulated.horizon
 
 
-@checked
 def free_run(structure: Structure, record: Record, *, settling: int = 50) -> FreeRun:
     """Simulate an identified structure under the inputs of a record, from the state that fits its first samples best.
 
@@ -118,6 +116,8 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     >>> sorted(run.rmse)
     ['x:m1', 'x:m2']
     """
+    expect("free_run(structure, record): structure", structure, Structure)
+    expect("free_run(structure, record): record", record, Record)
     refuse_rig(structure, "validation")
     refuse_memory(structure.links, "free runs")
     refuse_hosts(structure, "free runs")

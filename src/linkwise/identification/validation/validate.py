@@ -19,9 +19,8 @@ from typing import TypeAlias
 import numpy as np
 import scipy
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats
-from linkwise.errors import IdentificationError, RecordError
+from linkwise.errors import IdentificationError, RecordError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import (
@@ -223,7 +222,6 @@ _REFUTING = {
 _Predicted: TypeAlias = tuple[int, Prediction, tuple[Floats, Floats], dict[str, float]]
 
 
-@checked
 def validate(
     record: Record,
     answer: Structure | Estimate | Posterior | str | Path,
@@ -291,6 +289,8 @@ def validate(
     >>> sorted(validation.channels)
     ['x:m1', 'x:m2']
     """
+    expect("validate(record, answer): record", record, Record)
+    expect("validate(record, answer): answer", answer, Structure, Estimate, Posterior, str, Path)
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.quantities import (
@@ -33,7 +32,6 @@ _SHORTEST = 50  # samples of a decay
 _MOST = 6  # modes that are followed, where their number is not given: those that respond most
 
 
-@checked
 def compare_levels(
     records: Sequence[Record], *, modes: int | None = None, progress: Progress = silent
 ) -> LevelComparison:
@@ -89,7 +87,7 @@ def compare_levels(
     >>> found.first_nonlinear, found.moved(1), found.moved(2)
     (2, (), (1,))
     """
-    given = record_list(records, "records")
+    given = record_list(records, "compare_levels(records): records")
     if not given:
         raise RecordError("levels are compared between two records or more, or one that rings down; got none")
     records = [forces_bridged(record) for record in given]

@@ -50,7 +50,6 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
@@ -99,7 +98,6 @@ class ResponseFunction:
     coherence: Floats
 
     @classmethod
-    @checked
     def of(cls, record: Record, response: str, force: str) -> ResponseFunction:
         """Estimate that of two channels of a record; missing samples are bridged by straight lines.
 

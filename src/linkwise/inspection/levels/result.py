@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, as_text, format_error, format_value, paragraph
 from linkwise.inspection.levels.quantities import (
@@ -109,7 +108,6 @@ class LevelComparison(JudgedView):
         """(R, n) whether a mode could not be followed to a level, where what explains its record is no mode."""
         return np.asarray(self.damping <= UNDAMPED)
 
-    @checked
     def moved(self, level: int) -> tuple[int, ...]:
         """The modes whose frequency or damping differs from that at the lowest level by more than errors and what matters.
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 
@@ -113,7 +112,6 @@ def _check_positive(name: str, value: float) -> None:
         raise IdentificationError(f"{name} must be positive and finite, got {value}")
 
 
-@checked_class
 @dataclass(frozen=True)
 class Huber(Loss):
     """Huber's loss, quadratic for small and linear for large residuals: robust against single outliers.
@@ -153,7 +151,6 @@ class Huber(Loss):
         return np.asarray(self.corner / np.maximum(np.abs(residuals), self.corner))
 
 
-@checked_class
 @dataclass(frozen=True)
 class Student(Loss):
     """Negative log likelihood of Student's t distribution: robust where outliers are many or large.

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 
@@ -100,7 +99,6 @@ class LinearSystem(ABC):
             yield self.rows_of(slice(first, min(last, self.rows)) if rows is None else rows[first:last])
 
 
-@checked_class
 @dataclass(frozen=True, eq=False)
 class DenseSystem(LinearSystem):
     """Linear system A c = b in memory.

@@ -16,7 +16,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from linkwise.argument_types import checked
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.sindy.regression.gram import Gram
@@ -104,7 +103,6 @@ class RegressionFit:
     setting: Floats
     paths: tuple[tuple[SupportCandidate, ...], ...]
 
-    @checked
     def terms(self, target: str) -> dict[str, float]:
         """Terms of one equation.
 
@@ -129,7 +127,6 @@ class RegressionFit:
             for j in np.flatnonzero(self.support[:, column])
         }
 
-    @checked
     def text(self, digits: int = 6) -> str:
         """The identified equations as text.
 

@@ -22,7 +22,6 @@ from typing import ClassVar, final
 import numpy as np
 from scipy.linalg import cho_solve
 
-from linkwise.argument_types import checked_class
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.runtime import one_blas_thread
@@ -40,7 +39,6 @@ _PASSES = 50  # supports only shrink, so far fewer passes are enough
 _FEW, _FEWER = 64, 16  # terms below which a tenth is dropped at once, and below which one is
 
 
-@checked_class
 @final
 @dataclass(frozen=True)
 class Stlsq(Regressor):
@@ -153,7 +151,6 @@ _STEPS_PER_COLUMN = 8
 _PATIENCE = 30  # supports in a row that do not lower the BIC before the path is left
 
 
-@checked_class
 @final
 @dataclass(frozen=True)
 class L1(Regressor):

@@ -1,0 +1,90 @@
+"""Where values of users enter, what has another type is refused with the argument, what was given and the next step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import NoneType
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.errors import expect
+
+CHAIN = lw.bnes_chain(2)
+LAW = lw.Law.parse("k*d")
+RECORD = chain_record(2, duration=0.5, rate=500.0)
+ENDS = ("m1", "ground")
+
+READ = "; read_record(path) reads one from a file"
+STRUCTURE = "must be of type Structure, got Record; read_structure(path) reads one from a file"
+DOORS: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]] = [
+    (lw.simulate, (RECORD,), {"duration": 1.0, "rate": 9.0}, f"simulate(structure): structure {STRUCTURE}"),
+    (lw.simulate, (CHAIN,), {"duration": "1", "rate": 9.0}, "duration must be of type float or None, got '1'"),
+    (lw.simulate, (CHAIN,), {"duration": 1.0, "rate": 9.0, "release": {"v:m1": "1"}}, "release['v:m1'] must be of type"),
+    (lw.simulate, (CHAIN,), {"duration": 1.0, "rate": 9.0, "release": 1.0}, "release must be of type Mapping or None"),
+    (lw.identify, ("run.csv", CHAIN), {}, f"identify(record, structure): record must be of type Record, got 'run.csv'{READ}"),
+    (lw.identify, (CHAIN, RECORD), {}, f"record must be of type Record, got Structure{READ}"),
+    (lw.identify, ([RECORD, Path("b.csv")], CHAIN), {}, "record[1] must be of type Record, got PosixPath('b.csv')"),
+    (lw.identify, (RECORD, RECORD), {}, f"structure {STRUCTURE}"),
+    (lw.identify, (RECORD, CHAIN), {"method": lw.WeakForm}, "method must be of type str or Estimator, got WeakForm"),
+    (lw.discover, ({"m1": 1.0}, RECORD), {}, f"discover(record, masses): record must be of type Record, got dict{READ}"),
+    (lw.discover, (RECORD, ["m1"]), {}, "masses must be of type Mapping, Structure or PartialStructure, got list"),
+    (lw.absorb, (RECORD,), {"duration": 1.0}, f"absorb(structure): structure {STRUCTURE}"),
+    (lw.absorb, (CHAIN,), {"duration": "1"}, "AbsorptionOptions: duration must be of type float, got '1'"),
+    (lw.validate, (CHAIN, RECORD), {}, "validate(record, answer): record must be of type Record"),
+    (lw.validate, (RECORD, 3), {}, "answer must be of type Structure, Estimate, Posterior, str or Path, got 3"),
+    (lw.limit, (RECORD,), {"duration": 1.0, "rate": 9.0, "noise": 20.0}, f"limit(structure): structure {STRUCTURE}"),
+    (lw.inspect, ("run.csv",), {}, f"inspect(records): records must be of type Record, got 'run.csv'{READ}"),
+    (lw.read_record, (RECORD,), {}, "read_record(path): path must be of type str or Path, got Record"),
+    (lw.write_record, ("run.csv", RECORD), {}, "write_record(record, path): record must be of type Record, got 'run.csv'"),
+    (lw.read_structure, (CHAIN,), {}, "read_structure(path): path must be of type str or Path, got Structure"),
+    (lw.write_structure, ("a.toml", CHAIN), {}, "write_structure(structure, path): structure must be of type Structure"),
+    (lw.export_answer, (3, "a.m"), {}, "answer must be of type Structure, Estimate, Posterior, str or Path, got 3"),
+    (lw.read_study, (CHAIN,), {}, "read_study(study): study must be of type str or Path, got Structure"),
+    (lw.run_study, ("paper", CHAIN), {}, "run_study(study, folder): folder must be of type str or Path, got Structure"),
+    (lw.nmse, (CHAIN, CHAIN, RECORD), {}, "nmse(true, estimated, record): true must be of type Link, got Structure"),
+    (lw.write_result, (Path("answer"), "fit"), {}, "estimate must be of type Estimate, got PosixPath('answer')"),
+    (lw.Mass, ("m1", "1.0"), {}, 'mass "m1" must be of type Coefficient or float, got \'1.0\'; Coefficient.unknown() makes'),
+    (lw.Link, ("leaf", ENDS, "k*d", {"k": 1.0}), {}, 'link "leaf": law must be of type Law, got \'k*d\'; Law.parse(text)'),
+    (lw.Link, ("leaf", ENDS, LAW, {"k": None}), {}, 'link "leaf": coefficient k must be of type Coefficient or float'),
+    (lw.Link, ("leaf", "m1", LAW, {"k": 1.0}), {}, 'link "leaf": between must be of type tuple or list, got \'m1\''),
+    (lw.Structure, ("one", CHAIN.links, CHAIN.masses), {}, 'structure "one": masses[0] must be of type Mass, got Link'),
+    (lw.Coefficient, (1.0, 1), {}, "coefficient: known must be of type bool, got 1"),
+    (lw.Record, (0.0, "9", ("x:m1",), np.zeros((40, 1))), {}, "Record: rate must be of type float, got '9'; write"),
+    (lw.Record.from_arrays, (RECORD.time, RECORD.values), {}, "channels must be of type Mapping, got ndarray"),
+    (lw.Impulse, ("m1", "0.1"), {}, "Impulse: momentum must be of type float, got '0.1'; write a number without quotes"),
+    (lw.Excitation, (), {"impulses": (1.0,)}, "Excitation: impulses[0] must be of type Impulse, got 1.0"),
+    (lw.HostMode, ("5 Hz", 0.01, {"tip": 1.0}), {}, "the frequency of a mode must be of type Coefficient or float"),
+    (lw.Host, ("wing", (5.2,)), {}, 'host "wing": modes[0] must be of type HostMode, got 5.2'),
+    (lw.MaximumLikelihood, (), {"delays": "x:m1"}, "MaximumLikelihood: delays must be of type tuple or list, got 'x:m1'"),
+    (lw.DiscoveryOptions, (), {"delays": {"x:m1": 1.0}}, "delays must be of type str, tuple or list, got dict"),
+    (lw.plot.histories, (RECORD,), {"ax": Figure().subplots(1, 2)}, "ax must be of type Axes or None, got ndarray"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("door", "arguments", "keywords", "message"), DOORS)
+def test_what_has_another_type_is_refused(
+    door: Callable[..., Any], arguments: tuple[Any, ...], keywords: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(lw.ArgumentTypeError) as error:
+        door(*arguments, **keywords)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "kinds"),
+    [(np.float64(2.0), (float,)), (2, (float,)), (np.int64(2), (int,)), (None, (float, NoneType)), (True, (bool,))],
+)  # fmt: skip
+def test_what_fits_passes(value: object, kinds: tuple[type, ...]) -> None:
+    expect("value", value, *kinds)
+
+
+@pytest.mark.parametrize(("value", "kind"), [(True, float), (True, int), (2.0, int), ("2", float)])
+def test_neither_a_bool_nor_a_text_is_a_number(value: object, kind: type) -> None:
+    with pytest.raises(lw.ArgumentTypeError, match=rf"value must be of type {kind.__name__}, got {value!r}"):
+        expect("value", value, kind)
