@@ -8,8 +8,6 @@ not counted, on the wall and less a bare start of NumPy and SciPy; they count on
 
 from __future__ import annotations
 
-import ast
-import io
 import json
 import os
 import re
@@ -17,7 +15,6 @@ import resource
 import shutil
 import subprocess
 import sys
-import tokenize
 from collections import Counter
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -28,16 +25,13 @@ from time import perf_counter
 from types import FrameType
 
 import pytest
+from sources import SOURCE, sizes
 
 import linkwise as lw
 
-SOURCE = Path(lw.__file__).parent
 TESTS = Path(__file__).parents[1] / "tests"
 ESTIMATORS = ("likelihood", "weak", "discovery")
 PEERS = ("optimistix", "diffrax", "pysindy", "skfem")
-IGNORED = {
-    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
-}  # fmt: skip
 ROUNDS = 5
 BUSY = 1.3  # wall over processor time of the bare start; above it other work takes the processors
 REFERENCE = "bare start of NumPy and SciPy"
@@ -55,35 +49,6 @@ import linkwise as lw
 print(lw.identify(lw.read_record("run2.csv"), lw.read_structure("unknown.toml")))
 print(time.perf_counter() - started, *(name for name in sys.modules if name.startswith("linkwise")))
 """
-
-
-def lines_of_code(text: str) -> int:
-    """Lines of a module with a token that is no comment, docstring or import."""
-    left_out: set[int] = set()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            left_out.update(range(node.lineno, (node.end_lineno or 0) + 1))
-        elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            first = node.body[0] if ast.get_docstring(node, clean=False) is not None else None
-            left_out.update(range(first.lineno, (first.end_lineno or 0) + 1) if first is not None else ())
-    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
-    lines = {
-        line
-        for kind, _, start, end, _ in tokens
-        if kind not in IGNORED
-        for line in range(start[0], end[0] + 1)
-    }
-    return len(lines - left_out)
-
-
-def sizes(folder: Path) -> Counter[tuple[str, str]]:
-    """Files and lines of code below a folder, by package: the first folder below it, or the root."""
-    counted: Counter[tuple[str, str]] = Counter()
-    for path in sorted(folder.rglob("*.py")):
-        first, *rest = path.relative_to(folder).parts
-        counted["files", first if rest else "root"] += 1
-        counted["lines", first if rest else "root"] += lines_of_code(path.read_text(encoding="utf-8"))
-    return counted
 
 
 def total(counted: Counter[tuple[str, str]], what: str, without: tuple[str, ...] = ()) -> int:
