@@ -76,7 +76,7 @@ FAULTS: dict[tuple[str, str], Fault] = {
 def test_a_delay_of_several_samples_is_told_as_it_is(samples: int, snr_db: float) -> None:
     """To first order in the delay, 3 samples were told as 3.3, and as a gain of 0.87 beside it."""
     record = faulty(BESIDE[f"chain of 2, {snr_db:g} dB"](), "a:m1", partial(late, samples=samples))
-    (fit,) = (fit for fit in RecordSignals.of(record).kinematics if fit.upper.name == "a:m1")
+    (fit,) = (fit for fit in RecordSignals.of(record).kinematics if fit.upper.channel == "a:m1")
     assert fit.delay[0] * record.rate == pytest.approx(samples, abs=0.1)
     assert [(alert.kind, alert.channel) for alert in lw.inspect(record).alerts] == [("delay", "a:m1")]
 

@@ -104,9 +104,9 @@ def test_notes_on_a_voltmeter_have_the_unit_of_the_file(
 
 def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
     known = lw.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf)
-    again = lw.SensorStatement.of(attributes_of(known, "v:m1"), "v:m1")
+    again = lw.SensorStatement.of(attributes_of(known, "m/s"), "v:m1")
     assert again.uncertainty == known
-    state = lw.SensorStatement.of(attributes_of(known, "state:joint.z"), "state:joint.z")
+    state = lw.SensorStatement.of(attributes_of(known, "?"), "state:joint.z")
     assert state.uncertainty == known
 
 
@@ -191,8 +191,8 @@ def test_an_offset_in_another_unit_than_the_record_is_refused() -> None:
 
 def test_what_is_known_of_a_rotation_is_written_in_rad() -> None:
     known = lw.SensorUncertainty(offset=1e-3)
-    assert attributes_of(known, "x:disc1", "rad") == {"offset": "+- 0.001 rad"}
-    assert lw.SensorStatement.of(attributes_of(known, "x:disc1", "rad"), "x:disc1").uncertainty == known
+    assert attributes_of(known, "rad") == {"offset": "+- 0.001 rad"}
+    assert lw.SensorStatement.of(attributes_of(known, "rad"), "x:disc1").uncertainty == known
 
 
 def test_a_unit_that_cannot_be_read_is_answered_with_that_of_a_rotation_too() -> None:

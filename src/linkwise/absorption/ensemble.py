@@ -24,7 +24,7 @@ from linkwise.absorption.wells import Potentials, RestPositions, Runs, batch_run
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
-from linkwise.model.parameters import is_shape
+from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel_units import unit_in
@@ -217,19 +217,19 @@ class Variants:
 
 def _changes_baseline(comparison: Comparison, structure: Structure, name: str) -> bool:
     """Whether a parameter may change the structure without sinks."""
+    asked = Name.parse(name)
     if (
         ":" in name
-        or is_shape(name)
+        or asked.is_shape
         or any(coefficient.same_as for link in structure.links for coefficient in link.coefficients.values())
     ):
         return True
     if any(mass.mass.same_as for mass in structure.masses):
         return True
-    owner = name.rpartition(".")[0]
     baseline = comparison.baseline.structure
-    if owner in {link.name for link in structure.links}:
-        return owner in {link.name for link in baseline.links}
-    return comparison.options.without != "removed" or owner in baseline.mass_names
+    if asked.owner in {link.name for link in structure.links}:
+        return asked.owner in {link.name for link in baseline.links}
+    return comparison.options.without != "removed" or asked.owner in baseline.mass_names
 
 
 T = TypeVar("T")

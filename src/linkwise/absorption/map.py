@@ -23,7 +23,7 @@ from linkwise.absorption.sinks import find_sinks
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, as_text
 from linkwise.errors import LinkwiseError, SimulationError, StructureError, expect
-from linkwise.model.parameters import is_shape, shape_unit
+from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in
@@ -351,13 +351,7 @@ def _unit(structure: Structure, name: str) -> str:
                 "a sweep takes coefficients, masses and releases; write a release as x:MASS or v:MASS", name
             )
         return unit_in(structure, name)
-    structure.coefficient(name)
-    if is_shape(name):
-        return shape_unit(name, structure.rotations)
-    owner, _, key = name.rpartition(".")
-    if key == "mass" and owner in structure.mass_names:
-        return structure.mass(owner).mass_unit
-    return structure.link(owner).law.units[key]
+    return structure.unit_of(name)
 
 
 def _comparison(structure: Structure, point: Mapping[str, float], options: AbsorptionOptions) -> Comparison:
@@ -366,7 +360,7 @@ def _comparison(structure: Structure, point: Mapping[str, float], options: Absor
     numbers = {
         name: value
         for name, value in point.items()
-        if ":" not in name and not name.rpartition(".")[0].endswith(SUFFIX)
+        if ":" not in name and not Name.parse(name).owner.endswith(SUFFIX)
     }
     at_point = structure.with_values(numbers) if numbers else structure
     known = all(structure.coefficient(name).value is not None for name in numbers)

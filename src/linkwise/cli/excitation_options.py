@@ -82,11 +82,10 @@ def _base_motion(text: str) -> lw.TimeFunction | lw.Sampled:
     if not is_file(Path(text)):
         return _time_function(text, "x:base")
     record = lw.read_record(text)
-    kinds = [kind for kind in "xva" if f"{kind}:base" in record.channels]
-    name = f"{kinds[0] if kinds else 'x'}:base"
-    _require(record, name, Path(text))
-    signal = lw.Sampled(record.start, record.rate, record.channel(name))
-    for _ in range("xva".index(name[0])):
+    channel = next(iter(record.motions_of("base")), lw.Channel("x", "base"))
+    _require(record, channel, Path(text))
+    signal = lw.Sampled(record.start, record.rate, record.channel(channel))
+    for _ in range(channel.order):
         signal = lw.Sampled(signal.start, signal.rate, signal.integral(record.time))
     return signal
 

@@ -19,7 +19,6 @@ from linkwise.model.link import BASE, GROUND, Link, Mass, refuse_memory
 from linkwise.model.rotations import differ_in_unit, mass_in_si, rotations_of
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
-from linkwise.records.channel import Channel
 from linkwise.records.joining import check_distinct, check_stated_noise
 from linkwise.records.record import Record
 
@@ -338,7 +337,7 @@ def candidates_for(
     _require_no_priors(given, stated)
     if not hosts:  # whose modes have masses
         _require_scale(given, records)
-    base = {name for record in records for name in record.channels if Channel.parse(name).mass == BASE}
+    base = {name for record in records for name in record.channels if name.place == BASE}
     grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
     if hosts and base:
         raise IdentificationError("a moving base beside a host is not supported in discovery")
@@ -373,7 +372,7 @@ def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:
 
 def _require_scale(masses: Sequence[Mass], records: Sequence[Record]) -> None:
     """StructureError if all masses are unknown and no applied force sets the scale of the forces."""
-    forced = any(name.startswith("force:") for record in records for name in record.channels)
+    forced = any(record.forces for record in records)
     if not forced and not any(mass.mass.known for mass in masses):
         raise StructureError(
             "the mass is unknown, and neither an applied force nor another mass sets the scale of the forces; weigh one mass, "

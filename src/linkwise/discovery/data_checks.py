@@ -107,7 +107,7 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
 
 def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     """What records cannot show of candidates between points of hosts; which of them are alike, the fit says."""
-    measured = [name for name in candidates.places if any(_shows(record, name) for record in records)]
+    measured = [name for name in candidates.places if any(record.motions_of(name) for record in records)]
     if not measured:
         raise IdentificationError(
             f"no channel measures the motion of a mass or point, which are {_enumerate(candidates.places)}; add a channel "
@@ -115,7 +115,7 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
             arguments=("channels",),
         )
     ratios = [
-        _signal_to_noise(record, [name for name in measured if _shows(record, name)]) for record in records
+        _signal_to_noise(record, [name for name in measured if record.motions_of(name)]) for record in records
     ]
     if all(ratio < _AT_REST for record_ratios in ratios for ratio in record_ratios):
         raise IdentificationError(_NO_MOTION)
@@ -127,11 +127,6 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
             "links there are determined less well."
         )
     return DataChecks(tuple(remarks), (), (), ())
-
-
-def _shows(record: Record, place: str) -> bool:
-    """Whether a channel measures the motion of a place."""
-    return any(f"{kind}:{place}" in record.channels for kind in "xva")
 
 
 def _level(ratio: float) -> str:
@@ -179,7 +174,7 @@ def inactive_remark(names: Sequence[str]) -> tuple[str, ...]:
 
 def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
     for record in records:
-        unseen = [name for name in names if not any(f"{kind}:{name}" in record.channels for kind in "xva")]
+        unseen = [name for name in names if not record.motions_of(name)]
         if unseen:
             raise IdentificationError(
                 f"no channel measures the motion of {_enumerate(unseen)}, and links to a mass that is not measured cannot be "
@@ -209,7 +204,7 @@ def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
     noise = channel_noise(record)
     best = []
     for name in names:
-        channels = [f"{kind}:{name}" for kind in "xva" if f"{kind}:{name}" in record.channels]
+        channels = record.motions_of(name)
         ratios = [
             _power(record.channel(channel)) / noise[channel] ** 2 - 1.0 if noise[channel] > 0.0 else 0.0
             for channel in channels

@@ -39,7 +39,7 @@ from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, rising, silent
-from linkwise.records.channel import BASE, Channel, of_links
+from linkwise.records.channel import BASE
 from linkwise.records.joining import joined_notes, record_list
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
@@ -374,7 +374,7 @@ def check_discovery(
 def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     """What the records cannot show, and which of their channels are not used."""
     checks = check_data(framed_records(records, candidates.full_structure), candidates)
-    unused = of_links(records[0].channels)
+    unused = [channel for channel in records[0].channels if channel.of_link]
     if not unused:
         return checks
     remark = f"{', '.join(unused)} were not used: discovery does not take forces and states of links."
@@ -384,5 +384,5 @@ def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
 def _channels_of(record: Record, places: Sequence[str]) -> Record:
     """`record` without the channels of other masses; the same object if it has none."""
     names = {BASE, *places}
-    channels = [channel for channel in record.channels if Channel.parse(channel).mass in names]
+    channels = [channel for channel in record.channels if channel.place in names]
     return record if len(channels) == len(record.channels) else record.select(channels)

@@ -20,7 +20,6 @@ from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import channel_motion
 
-_KINDS = "xva"
 # of a force in a window, so that its samples are more than the series can follow whatever it is of
 _PERIODS = 4.0
 _SHORTEST = 16  # samples of a window
@@ -43,9 +42,7 @@ def tree_of_forces(records: Sequence[Record], candidates: Candidates) -> frozens
     if candidates.hosts or any(pair.stated for pair in candidates.pairs):
         return frozenset()
     names = [mass.name for mass in candidates.masses]
-    if not all(
-        any(f"{kind}:{name}" in record.channels for kind in _KINDS) for record in records for name in names
-    ):
+    if not all(record.motions_of(name) for record in records for name in names):
         return frozenset()
     supports = [end for end in (GROUND, BASE) if any(end in pair.between for pair in candidates.pairs)]
     motions = [_Motions.of(record, candidates, supports) for record in records]
@@ -76,13 +73,11 @@ class _Motions:
         sigma = channel_noise(record)
         orders, motions, forces = [], [], []
         for mass in candidates.masses:
-            channel = next(
-                channel for kind in _KINDS if (channel := f"{kind}:{mass.name}") in record.channels
-            )
+            channel = record.motions_of(mass.name)[0]
             motion = channel_motion(record, channel, sigma[channel])
             applied = f"force:{mass.name}"
             acting = record.channel(applied) if applied in record.channels else 0.0
-            orders.append(_KINDS.index(channel[0]))
+            orders.append(channel.order)
             motions.append(motion[:2])
             forces.append((mass.mass.value or 0.0) * motion[2] - acting)
         for support in supports:

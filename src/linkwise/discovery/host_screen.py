@@ -43,7 +43,11 @@ def screen_links(record: Record, candidates: Candidates) -> frozenset[str]:
     noise = channel_noise(record)
     try:
         chosen = _added_links(_Filter.of(record, structure, noise), structure, candidates)
-        free = [p.name for p in structure.parameters if p.name.rpartition(".")[0] in structure.mass_names]
+        free = [
+            p.name
+            for p in structure.parameters
+            if p.name.owner in structure.mass_names and not p.name.is_shape
+        ]
         if free:  # stated as they are known beforehand, which links may make up for
             names = _candidates_on(chosen, structure, candidates)
             tuned = tuned_modes(record, candidates.structure(names), noise)

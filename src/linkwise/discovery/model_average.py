@@ -27,6 +27,7 @@ from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import ranked_moves
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 from linkwise.model.law import Law
+from linkwise.model.names import Name
 
 _WINDOW = 10.0  # of the criterion above that of the selected model: "very strong" evidence, as of decisions that are certain
 _MOST = 60  # models that survive
@@ -46,7 +47,7 @@ class ModelAverage:
         Their weights, of sum one.
     probabilities : mapping of str to float
         Of every candidate that was tested: the sum of the weights of the models with it, of all that single moves reach.
-    coefficients : tuple of str
+    coefficients : tuple of Name
         The names of the u coefficients that one of the models has.
     values : array of shape (m, u)
         Their values in each model, 0 where it has not the term.
@@ -68,7 +69,7 @@ class ModelAverage:
     models: tuple[tuple[str, ...], ...]
     weights: Floats
     probabilities: Mapping[str, float]
-    coefficients: tuple[str, ...]
+    coefficients: tuple[Name, ...]
     values: Floats
     covariances: Floats
     laws: Mapping[str, Law]
@@ -144,10 +145,9 @@ class ModelAverage:
         slopes = law.partials(d, 0.0, {**link.link.values, **link.link.zero_states}).by_coefficient
         gradient = np.zeros((len(self.coefficients), len(d)))
         for row, name in zip(gradient, self.coefficients, strict=True):
-            place, _, coefficient = name.rpartition(".")
-            if place == link.link.name and coefficient in slopes:
-                row[:] = slopes[coefficient]
-            elif place == link.link.name and name in self.laws:
+            if name.owner == link.link.name and name.key in slopes:
+                row[:] = slopes[name.key]
+            elif name.owner == link.link.name and name in self.laws:
                 row[:] = self.laws[name].force(d, 0.0, {})
         return gradient
 
@@ -200,7 +200,7 @@ def model_average(selection: Selection, candidates: Candidates, errors: Floats) 
         ),
         weights=weights[surviving] / weights[surviving].sum(),
         probabilities=probabilities,
-        coefficients=tuple(names),
+        coefficients=tuple(map(Name.parse, names)),
         values=values,
         covariances=covariances * np.outer(factors, factors),
         laws={name: candidates.by_name[name].term.law for name in names if name in candidates.by_name},

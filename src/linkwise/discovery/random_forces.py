@@ -85,7 +85,9 @@ def _marginal_model(
         for place, number in enumerate(additions.numbers.tolist())
         if np.isfinite(deviations[place])
     ]
-    values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
+    values: dict[str, float] = dict(
+        zip((p.name for p in structure.parameters), map(float, fit.values), strict=True)
+    )
     slopes = determinant_slopes(
         fit.optimum,
         structure.with_values(values),

@@ -16,6 +16,7 @@ from linkwise.discovery.rival_errors import RivalError
 from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_only_noise
 from linkwise.errors import IdentificationError
 from linkwise.model.link import GROUND, Link
+from linkwise.model.names import Name
 
 _FREQUENCY = "frequency"
 _CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
@@ -32,9 +33,9 @@ def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[RivalEr
         pair.name for pair in search.candidates.pairs if not pair.stated and ends.issuperset(pair.between)
     }
     names = [parameter.name for parameter in structure.parameters]
-    replaced = tuple(k for k, name in enumerate(names) if name.rpartition(".")[0] in on_hosts)
+    replaced = tuple(k for k, name in enumerate(names) if name.owner in on_hosts)
     links = [structure.link(name) for name in sorted(structure.modes)]
-    modes = [f"{link.name}.{_FREQUENCY}" for link in links if _is_stated(link)]
+    modes = [Name(link.name, _FREQUENCY) for link in links if _is_stated(link)]
     if not (replaced and modes and selection.settled and leaves_only_noise(selection.fit)):
         return ()
     remaining = selection.chosen - {names[k] for k in replaced}
@@ -61,7 +62,7 @@ def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[RivalEr
     changes = {name: float(fit.values[place[name]]) - values[name] for name in modes}
     most = max(modes, key=lambda name: abs(changes[name]) / deviations[place[name]])
     size = changes[most] / values[most]
-    return (RivalError(_FREQUENCY, most.rpartition(".")[0], size, replaced, float(excess)),)
+    return (RivalError(_FREQUENCY, most.owner, size, replaced, float(excess)),)
 
 
 def _is_stated(mode: Link) -> bool:

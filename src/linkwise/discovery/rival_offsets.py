@@ -34,7 +34,7 @@ from linkwise.runtime import one_blas_thread
 
 
 def rival_offsets(
-    selection: Selection, candidates: Candidates, channels: Sequence[str]
+    selection: Selection, candidates: Candidates, channels: Sequence[Channel]
 ) -> tuple[RivalError, ...]:
     """For each set of terms with a constant force the offset that replaces it best, the best of all first.
 
@@ -46,14 +46,14 @@ def rival_offsets(
         for number, name in enumerate(names)
         if (entry := candidates.by_name.get(name)) is not None and entry.term.is_constant
     ]
-    shown = [name for name in channels if not Channel.parse(name).is_input]
+    shown = [name for name in channels if not name.is_input]
     tested = [number for number, name in enumerate(shown) if name not in selection.fit.offsets]
     if not (constants and tested):
         return ()
-    errors = [("offset", shown[number]) for number in tested]
+    errors: list[tuple[str, str]] = [("offset", shown[number]) for number in tested]
     of_channels = np.eye(len(tested))
     units = [unit_in(selection.structure, where) for _, where in errors]
-    displacements = np.array([Channel.parse(where).kind == "x" for _, where in errors])
+    displacements = np.array([shown[number].kind == "x" for number in tested])
     if np.count_nonzero(displacements) > 1 and len(set(compress(units, displacements))) == 1:
         errors.append(("common offset", "all displacements"))
         of_channels = np.column_stack([of_channels, displacements])

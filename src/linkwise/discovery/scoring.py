@@ -26,6 +26,7 @@ from linkwise.expression import (
 )
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import COMPARISON, Link, refuse_memory
+from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 
 _POINTS = 200
@@ -79,7 +80,7 @@ class _ComparedTerm:
     `found` says that the basis has parameters that were found, such as a gap.
     """
 
-    name: str
+    name: Name
     link: str
     ends: frozenset[str]
     value: float
@@ -202,7 +203,7 @@ def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
         matches = [(own, factor) for own in ours if (factor := _factor(own, term)) is not None]
         if matches:
             own, factor = matches[0]
-            name = own.name.rpartition(".")[2]
+            name = own.name.key
             if name in values:  # otherwise it is a number in the law
                 values[name] += factor * term.value
                 continue
@@ -230,7 +231,7 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
     for name, value, basis in terms:
         function = _reversed(basis) if reversed_ else basis
         yield _ComparedTerm(
-            f"{link.name}.{name}",
+            Name(link.name, name),
             link.name,
             ends,
             value,

@@ -80,7 +80,7 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
         coefficient.value != 0.0
         for link in estimate.links
         for coefficient in link.coefficients
-        if coefficient.name.rpartition(".")[2] not in link.link.law.nonlinear
+        if coefficient.name.key not in link.link.law.nonlinear
     )
     trust = "can be trusted" if discovery.trusted else "NOT to be trusted"
     if discovery.trusted and discovery.in_doubt:
@@ -184,7 +184,7 @@ def _term_row(
     else:
         error = format_error(coefficient.standard_error)
     return (
-        coefficient.name.rpartition(".")[2],
+        coefficient.name.key,
         format_value(coefficient.value, coefficient.standard_error),
         error,
         rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else "",

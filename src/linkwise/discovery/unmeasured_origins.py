@@ -15,7 +15,6 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.selection import Selection
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import GROUND
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 _ODD = 1e-9  # of the largest force: rounding
@@ -37,8 +36,8 @@ def unknown_origins(
     estimate: Estimate, records: Sequence[Record], selection: Selection, candidates: Candidates
 ) -> tuple[UnknownOrigin, ...]:
     """The links that were found whose force is not odd in their motion, and whose displacement is not in the records."""
-    channels = [Channel.parse(name) for record in records for name in record.channels]
-    placed = {GROUND, *(channel.mass for channel in channels if channel.kind == "x")}
+    channels = [channel for record in records for channel in record.channels]
+    placed = {GROUND, *(channel.place for channel in channels if channel.kind == "x")}
     origins = []
     for index, link in enumerate(estimate.structure.links):
         if placed.issuperset(link.between) or link.law.states:

@@ -12,15 +12,14 @@ Noise of one channel, as an estimate reports it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from linkwise.model.host import in_words, is_between_modes
-from linkwise.model.parameters import MASS
-from linkwise.records.channel import Channel
+from linkwise.model.names import MASS
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 
@@ -594,7 +593,7 @@ class NoiseEstimate:
     snr_db: float
 
     @classmethod
-    def of(cls, record: Record, name: str, sigma: float, unit: str | None = None) -> NoiseEstimate:
+    def of(cls, record: Record, name: str, sigma: float, unit: str = "") -> NoiseEstimate:
         """Noise of a channel of a record.
 
         Parameters
@@ -613,21 +612,21 @@ class NoiseEstimate:
         NoiseEstimate
             The noise.
         """
-        noise = cls.from_power(float(np.nanmean(record.channel(name) ** 2)), name, sigma)
-        return noise if unit is None else replace(noise, unit=unit)
+        power = float(np.nanmean(record.channel(name) ** 2))
+        return cls.from_power(power, sigma, unit or record.unit(name))
 
     @classmethod
-    def from_power(cls, power: float, name: str, sigma: float) -> NoiseEstimate:
+    def from_power(cls, power: float, sigma: float, unit: str) -> NoiseEstimate:
         """Noise of a channel of known mean square.
 
         Parameters
         ----------
         power : float
             Mean square of the samples, noise included.
-        name : str
-            Name of the channel.
         sigma : float
-            Standard deviation of the noise in its SI unit.
+            Standard deviation of the noise in the SI unit of the channel.
+        unit : str
+            That unit.
 
         Returns
         -------
@@ -640,4 +639,4 @@ class NoiseEstimate:
             if sigma > 0.0 and motion > 0.0
             else (np.inf if sigma == 0.0 else -np.inf)
         )
-        return cls(float(sigma), Channel.parse(name).unit, float(ratio))
+        return cls(float(sigma), unit, float(ratio))

@@ -166,9 +166,7 @@ def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
         rate = None if base is None else np.gradient(base, 1.0 / estimate.record.rate)
         d = truth.elongations(simulated.displacement, base)[:, index]
         v = truth.elongations(simulated.velocity, rate)[:, index]
-        true_states = {
-            key.rpartition(".")[2]: s for key, s in simulated.states.items() if key.startswith(f"{name}.")
-        }
+        true_states = {key: simulated.states[f"{name}.{key}"] for key in truth.link(name).law.states}
         force = truth.link(name).force(d, v, true_states)
         known = {state: true_states.get(state, at_rest) for state, at_rest in states.items()}
         identified = link.force(d, v, known)

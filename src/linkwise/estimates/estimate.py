@@ -43,7 +43,8 @@ from linkwise.inspection.mark_missing import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.host import is_between_modes
 from linkwise.model.link import Link
-from linkwise.model.parameters import SHAPE, Parameter, is_shape
+from linkwise.model.names import MASS, SHAPE, Name
+from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
@@ -100,7 +101,7 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
         "name": link.link.name,
         "between": list(link.link.between),
         "law": link.link.law.text,
-        "coefficients": {c.name.rpartition(".")[2]: coefficient_document(c) for c in link.coefficients},
+        "coefficients": {c.name.key: coefficient_document(c) for c in link.coefficients},
         "range": {"d": list(link.d_range), "v": list(link.v_range)},
     }
     if link.link.law.states:
@@ -132,9 +133,12 @@ def mode_document(mode: LinkEstimate, shapes: Sequence[CoefficientEstimate] = ()
     dict
         Its name, frequency and damping, and where shapes were estimated those of the mode, by point.
     """
-    coefficients = {c.name.rpartition(".")[2]: coefficient_document(c) for c in mode.coefficients}
-    start = f"{mode.link.name}.{SHAPE}"
-    own = {c.name.removeprefix(start): coefficient_document(c) for c in shapes if c.name.startswith(start)}
+    coefficients = {c.name.key: coefficient_document(c) for c in mode.coefficients}
+    own = {
+        c.name.key.removeprefix(SHAPE): coefficient_document(c)
+        for c in shapes
+        if c.name.owner == mode.link.name
+    }
     return {"name": mode.link.name, **coefficients, **({"shape": own} if own else {})}
 
 
@@ -334,7 +338,7 @@ class Estimate(JudgedView):
     def masses(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of all masses, with names such as "m1.mass"."""
         return tuple(
-            self._coefficient(f"{mass.name}.mass", (-1 - n, "mass"), mass.mass_unit, mass.mass.value or 0.0)
+            self._coefficient(Name(mass.name, MASS), -1 - n, mass.mass_unit, mass.mass.value or 0.0)
             for n, mass in enumerate(self.structure.masses)
             if mass.name not in self.structure.modes
         )
@@ -343,8 +347,8 @@ class Estimate(JudgedView):
     def shapes(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of the shapes of hosts that were not known exactly, with names such as "wing.mode1.shape.tip"."""
         value = self.structure.coefficient
-        given = ((p, value(p.name).value or 0.0) for p in self.parameters if is_shape(p.name))
-        return tuple(self._coefficient(p.name, p.members[0], p.unit, shape) for p, shape in given)
+        given = ((p, value(p.name).value or 0.0) for p in self.parameters if p.name.is_shape)
+        return tuple(self._coefficient(p.name, p.members[0][0], p.unit, shape) for p, shape in given)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
@@ -450,7 +454,7 @@ class Estimate(JudgedView):
             "alerts": [alert.to_dict() for alert in self.alerts],
             "findings": list(self.findings),
             "notes": list(self.notes),
-            "masses": {mass.name.removesuffix(".mass"): coefficient_document(mass) for mass in self.masses},
+            "masses": {mass.name.owner: coefficient_document(mass) for mass in self.masses},
             "links": [link_document(link) for link in self.links],
             **({"modes": [mode_document(mode, self.shapes) for mode in self.modes]} if self.modes else {}),
         }
@@ -475,11 +479,11 @@ class Estimate(JudgedView):
             member: number for number, parameter in enumerate(self.parameters) for member in parameter.members
         }
 
-    def _coefficient(self, name: str, slot: tuple[int, str], unit: str, value: float) -> CoefficientEstimate:
-        number = self._parameter_index.get(slot)
+    def _coefficient(self, name: Name, index: int, unit: str, value: float) -> CoefficientEstimate:
+        number = self._parameter_index.get((index, name.key))
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
-        identified = self.trusted and self.free[number] and name.rpartition(".")[0] not in self.links_in_doubt
+        identified = self.trusted and self.free[number] and name.owner not in self.links_in_doubt
         if not identified:
             return CoefficientEstimate(name, value, unit, known=False)
         error = float(np.sqrt(max(self.covariance[number, number], 0.0)))
@@ -495,9 +499,7 @@ class Estimate(JudgedView):
         return LinkEstimate(
             link=link,
             coefficients=tuple(
-                self._coefficient(
-                    f"{link.name}.{name}", (index, name), link.law.units[name], link.values[name]
-                )
+                self._coefficient(Name(link.name, name), index, link.law.units[name], link.values[name])
                 for name in link.coefficients
             ),
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),

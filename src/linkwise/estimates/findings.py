@@ -44,7 +44,7 @@ def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[Co
     law, values = link.link.law, {**link.link.values, **link.link.zero_states}
     moving, resting = (law.partials(d, rate, values).by_coefficient for rate in (v, np.zeros_like(v)))
     for coefficient in link.coefficients:
-        name = coefficient.name.rpartition(".")[2]
+        name = coefficient.name.key
         if coefficient.interval is None or coefficient.interval[1] >= 0.0 or name in law.nonlinear:
             continue
         power = np.nan_to_num((moving[name] - resting[name]) * v)

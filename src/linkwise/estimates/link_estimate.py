@@ -17,6 +17,7 @@ from linkwise.analysis.wells import law_kind, lowest_escape, wells
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
+from linkwise.model.names import Name
 from linkwise.model.structure import Link, Structure
 
 T = TypeVar("T")
@@ -32,7 +33,7 @@ class CoefficientEstimate:
 
     Attributes
     ----------
-    name : str
+    name : Name
         Full name, such as "nes1.alpha" or "m1.mass".
     value : float
         Its value in the SI unit.
@@ -56,7 +57,7 @@ class CoefficientEstimate:
     (False, 'N/m')
     """
 
-    name: str
+    name: Name
     value: float
     unit: str
     known: bool

@@ -110,7 +110,7 @@ def _noise(estimate: Estimate) -> str:
 
 
 def _link(link: LinkEstimate) -> str:
-    rows = [_row(coefficient, coefficient.name.rpartition(".")[2]) for coefficient in link.coefficients]
+    rows = [_row(coefficient, coefficient.name.key) for coefficient in link.coefficients]
     rows += [_derived(well, f"well {i}") for i, well in enumerate(link.wells, start=1)]
     if link.barrier is not None:
         rows.append(_derived(link.barrier, "barrier"))

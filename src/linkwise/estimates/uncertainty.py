@@ -14,6 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.display import csv_cell, from_csv_cell
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
+from linkwise.model.names import MASS, Name
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
@@ -36,7 +37,7 @@ class Posterior:
     ----------
     structure : Structure
         The identified structure, all coefficients numbers.
-    names : tuple of str
+    names : tuple of Name
         Full names of the p uncertain coefficients.
     covariance : array of shape (p, p)
         Their covariance.
@@ -62,7 +63,7 @@ class Posterior:
     """
 
     structure: Structure
-    names: tuple[str, ...]
+    names: tuple[Name, ...]
     covariance: Floats
     lower: Floats
     upper: Floats
@@ -298,17 +299,18 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
         )
 
 
-def _bounds(names: Sequence[str]) -> tuple[Floats, Floats]:
+def _bounds(names: Sequence[Name]) -> tuple[Floats, Floats]:
     """Bounds, which folders do not store: masses are positive, others unbounded."""
-    lower = np.array([np.finfo(float).tiny if name.endswith(".mass") else -np.inf for name in names])
+    lower = np.array([np.finfo(float).tiny if name.key == MASS else -np.inf for name in names])
     return lower, np.full(len(names), np.inf)
 
 
-def _entry(path: Path, number: int, line: list[str]) -> tuple[str, str, float, float]:
+def _entry(path: Path, number: int, line: list[str]) -> tuple[Name, Name, float, float]:
     """Two names, their covariance, and the part of it for dropped terms."""
     try:
         first, second, value, dropped = [*line, "0"] if len(line) == len(_HEADER) else line
-        return from_csv_cell(first), from_csv_cell(second), float(value), float(dropped)
+        row, column = (Name.parse(from_csv_cell(cell)) for cell in (first, second))
+        return row, column, float(value), float(dropped)
     except ValueError:
         text = ",".join(line)
         raise RecordError(
@@ -340,7 +342,7 @@ def _missing(folder: Path) -> str:
     )
 
 
-def _name(structure: Structure, slot: tuple[int, str]) -> str:
+def _name(structure: Structure, slot: tuple[int, str]) -> Name:
     index, key = slot
     owner = structure.links[index] if index >= 0 else structure.masses[-1 - index]
-    return f"{owner.name}.{key}"
+    return Name(owner.name, key)

@@ -11,7 +11,7 @@ import numpy as np
 
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Column
-from linkwise.records.channel import OF_MASSES
+from linkwise.records.channel import KINDS
 
 RATES = (
     "rate",
@@ -23,7 +23,7 @@ RATES = (
     "sampling frequency",
 )
 _STEPS = ("dt", "step", "delta_t")
-_SPELLED = re.compile(rf"^({'|'.join(OF_MASSES)})_(\w+)$")
+_SPELLED = re.compile(rf"^({'|'.join(key for key, kind in KINDS.items() if kind.of == 'mass')})_(\w+)$")
 
 
 def columns_of(tree: Mapping[str, Any]) -> tuple[Column, ...]:

@@ -14,7 +14,7 @@ from linkwise.files.header import si_factor
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.sensor_attributes import statement_of
 from linkwise.files.table import Table
-from linkwise.records.channel import Channel, check_rate, si_unit
+from linkwise.records.channel import check_rate, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.sensor_uncertainty import COMMON
@@ -51,7 +51,7 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
     """The record in a table; RecordError names file, line and channel."""
     mapping = options.mapping
     chosen = choose(table, file, mapping.channels, options.known_masses)
-    columns = {choice.name: _in_si(table, file, choice) for choice in chosen if choice.name != "time"}
+    columns = {choice.channel: _in_si(table, file, choice) for choice in chosen if choice.channel}
     notes = [*table.notes, *ignored(table, chosen), *units_over_headers(table, chosen)]
     time_column = next((choice for choice in chosen if choice.name == "time"), None)
     if time_column is not None and mapping.rate is not None:
@@ -90,7 +90,7 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
 def _stated_units(chosen: tuple[ColumnChoice, ...]) -> dict[str, str]:
     """Units of states, and in SI those of places, each of which may turn, where the file states them."""
     units = {}
-    for choice in (choice for choice in chosen if choice.unit and choice.name != "time"):
+    for choice in (choice for choice in chosen if choice.unit and choice.channel):
         if choice.kind == "state":
             units[choice.name] = choice.unit
         else:
@@ -116,8 +116,8 @@ def _statements(
         stated[name] = own.over(stated.get(name, SensorStatement()))
     if mapping.calibration is not None:
         general = SensorStatement(gain=StatedError(1.0, mapping.calibration))
-        for name in (choice.name for choice in chosen if choice.name != "time"):
-            if not Channel.parse(name).is_input:
+        for name in (choice.channel for choice in chosen if choice.channel):
+            if not name.is_input:
                 stated[name] = stated.get(name, SensorStatement()).over(general)
     return stated, unread
 

@@ -18,14 +18,19 @@ _SHOWN = 12  # columns listed in an error or a note
 class ColumnChoice:
     """Column number `column` (from 0) holds `name`, which is "time" or a channel, in `unit` ("" for SI)."""
 
-    name: str
+    channel: Channel | None
     column: int
     unit: str
 
     @property
+    def name(self) -> str:
+        """The name of the channel, or "time"."""
+        return self.channel or "time"
+
+    @property
     def kind(self) -> str:
         """The kind of the channel, or "time"."""
-        return self.name if self.name == "time" else Channel.parse(self.name).kind
+        return self.channel.kind if self.channel else "time"
 
 
 def choose(
@@ -44,7 +49,7 @@ def choose(
     return chosen
 
 
-def recognised(table: Table, file: str) -> dict[int, str]:
+def recognised(table: Table, file: str) -> dict[int, Channel | str]:
     """The channel or "time" by number of the column whose header says it."""
     return {choice.column: choice.name for choice in _recognised(table, file, (), None)}
 
@@ -69,11 +74,7 @@ def _other_spelling(column: Column) -> str:
     leaf = ColumnHeader.parse(column.header).leaf
     kind, colon, mass = leaf.name.rpartition(":")
     meant = f"{kind.lower()}{colon}{mass}"
-    if leaf.channel is not None or meant == leaf.name:
-        return ""
-    try:
-        Channel.parse(meant)
-    except RecordError:
+    if leaf.channel is not None or meant == leaf.name or ColumnHeader(meant, "").channel is None:
         return ""
     return f"did you mean {meant}?"
 
@@ -108,17 +109,16 @@ def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple
     chosen: dict[str, ColumnChoice] = {}
     for key, column in channels.items():
         header = ColumnHeader.parse(key)
-        if header.is_time:
-            name = "time"
-        else:
-            try:
-                name = str(Channel.parse(header.name))
-            except RecordError as error:
-                raise RecordError(f"in `channels`: {error.message}", file, arguments=("channels",)) from error
+        try:
+            channel = None if header.is_time else Channel.parse(header.name)
+        except RecordError as error:
+            raise RecordError(f"in `channels`: {error.message}", file, arguments=("channels",)) from error
+        name = channel or "time"
         if name in chosen:
             raise RecordError("is mapped twice in `channels`", file, channel=name, arguments=("channels",))
         index = _find(table, file, key, column)
-        chosen[name] = ColumnChoice(name, index, header.unit or ColumnHeader.parse(table.headers[index]).unit)
+        unit = header.unit or ColumnHeader.parse(table.headers[index]).unit
+        chosen[name] = ColumnChoice(channel, index, unit)
     return tuple(chosen.values())
 
 
@@ -163,7 +163,8 @@ def _recognised(
         header = _meaning(column, known_masses)
         if header is None or index in used:
             continue
-        name = "time" if header.is_time else str(header.channel)
+        channel = None if header.is_time else header.channel
+        name = channel or "time"
         if name in mapped_names:
             continue
         if name in recognised:
@@ -177,7 +178,7 @@ def _recognised(
                 name,
                 arguments=("channels",),
             )
-        recognised[name] = ColumnChoice(name, index, header.unit)
+        recognised[name] = ColumnChoice(channel, index, header.unit)
     return tuple(recognised.values())
 
 
@@ -194,7 +195,7 @@ def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHead
         return None
     if known_masses is None:
         return None if column.instead else meant
-    return meant if meant.channel.mass in (*known_masses, BASE) else None
+    return meant if meant.channel.place in (*known_masses, BASE) else None
 
 
 def _nothing_recognised(table: Table, file: str) -> RecordError:
@@ -218,10 +219,10 @@ def _nothing_recognised(table: Table, file: str) -> RecordError:
 
 def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tuple[str, ...] | None) -> None:
     """Raise RecordError for a channel of a mass that the structure does not have."""
-    if known_masses is None or choice.name == "time":
+    channel = choice.channel
+    if known_masses is None or channel is None:
         return
-    channel = Channel.parse(choice.name)
-    mass = channel.mass
+    mass = channel.place
     if channel.of_link or mass == BASE or mass in known_masses:
         return
     near = get_close_matches(mass, known_masses, n=1, cutoff=0.5)

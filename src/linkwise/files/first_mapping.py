@@ -14,7 +14,7 @@ from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.columns import recognised
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Table
-from linkwise.records.channel import OF_MASSES, QUANTITIES, UNITS, Channel, is_angular
+from linkwise.records.channel import KINDS, MOTIONS, Channel, is_angular
 from linkwise.units import factor_to_si
 
 _NAMES = (
@@ -61,12 +61,12 @@ def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
             continue
         if not name:
             name, why = guessed[number]
-            if name == "time":
+            if not isinstance(name, Channel):
                 unit, remark = unit or "s", f"guessed from its {why}"
                 guesses.append(f"Column {label} was guessed to be the time.")
             else:
                 remark = f"guessed from its {why}; of which mass?"
-                quantity = _article(QUANTITIES[name.partition(":")[0]])
+                quantity = _article(KINDS[name.kind].quantity)
                 guesses.append(f"Column {label} was guessed from its {why} to be {quantity}, {name}.")
         known[number] = name
         blocks.append(_block(name, label, unit, remark))
@@ -74,74 +74,74 @@ def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
         raise RecordError("no column holds numbers, so there is nothing to map", path)
     unused = [f"\n# not used: {', '.join(map(_quoted, spare))}\n"] if spare else []
     if set(known.values()) <= {"time"} and spare:
-        example = _block("x:m1", spare[0], "mm", "").strip().split("\n")
+        example = _block(Channel("x", "m1"), spare[0], "mm", "").strip().split("\n")
         unused += ["\n", *(f"# {line}\n" for line in example)]
     return _HEAD.format(path=on_one_line(path.name)) + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
 
 
 def _guessed_names(
-    headers: Mapping[int, ColumnHeader], known: Mapping[int, str]
-) -> dict[int, tuple[str, str]]:
+    headers: Mapping[int, ColumnHeader], known: Mapping[int, Channel | str]
+) -> dict[int, tuple[Channel | str, str]]:
     """The channel or "time" that each column not `known` may be, and what says so; forces act on masses that move."""
-    guessed: dict[int, tuple[str, str]] = {}
+    guessed: dict[int, tuple[Channel | str, str]] = {}
     of_forces = []
     for number, header in headers.items():
         if number in known:
             continue
-        channels = [*known.values(), *(name for name, _ in guessed.values())]
+        named = [*known.values(), *(name for name, _ in guessed.values())]
         kind, why = _guessed(header)
-        if "time" not in channels and _TIMES.match(header.name):
+        if "time" not in named and _TIMES.match(header.name):
             guessed[number] = "time", "name"
         elif kind == "force":
             of_forces.append((number, why))
         elif kind:
-            guessed[number] = f"{kind}:{_free_mass(channels)}", why
+            guessed[number] = Channel(kind, _free_mass(named)), why
     for number, why in of_forces:
-        channels = [*known.values(), *(name for name, _ in guessed.values())]
-        guessed[number] = f"force:{_driven_mass(channels)}", why
+        named = [*known.values(), *(name for name, _ in guessed.values())]
+        guessed[number] = Channel("force", _driven_mass(named)), why
     return guessed
 
 
-def _free_mass(channels: Iterable[str]) -> str:
+def _free_mass(named: Iterable[Channel | str]) -> str:
     """The first of m1, m2, ... that none of the channels has."""
-    masses = {name.rpartition(":")[2] for name in channels}
+    masses = {channel.place for channel in named if isinstance(channel, Channel)}
     return next(f"m{number}" for number in count(1) if f"m{number}" not in masses)
 
 
-def _driven_mass(channels: Iterable[str]) -> str:
+def _driven_mass(named: Iterable[Channel | str]) -> str:
     """The first mass of a sensor among the channels on which none of them acts; without one the first of m1, m2, ..."""
-    parsed = [Channel.parse(name) for name in channels if name != "time"]
-    driven = [channel.mass for channel in parsed if channel.kind == "force"]
-    moving = [channel.mass for channel in parsed if channel.kind in OF_MASSES and not channel.is_input]
-    return next((mass for mass in sorted(moving) if mass not in driven), _free_mass(channels))
+    channels = [channel for channel in named if isinstance(channel, Channel)]
+    driven = [channel.place for channel in channels if channel.is_force]
+    moving = [channel.place for channel in channels if channel.is_motion and not channel.is_input]
+    return next((mass for mass in sorted(moving) if mass not in driven), _free_mass(named))
 
 
 def _guessed(header: ColumnHeader) -> tuple[str, str]:
     """The kind of channel that a header may stand for, and what says so; none where nothing does."""
-    for kind in ("x", "v", "a", "force"):
+    for kind in (*MOTIONS, "force"):
         if is_angular(header.unit, kind):
             return kind, "unit"
         try:
-            factor_to_si(header.unit, UNITS[kind])
+            factor_to_si(header.unit, KINDS[kind].unit)
         except LinkwiseError:
             continue
         return kind, "unit"
     return next(((kind, "name") for pattern, kind in _NAMES if pattern.search(header.name)), ("", ""))
 
 
-def _block(name: str, column: str | int, unit: str, remark: str) -> str:
+def _block(name: Channel | str, column: str | int, unit: str, remark: str) -> str:
     title = "[time]" if name == "time" else f"[channel.{_quoted(name)}]"
     lines = ["", f"{title}{f'  # {remark}' if remark else ''}", f"column = {_quoted(column)}"]
     if unit:
         lines.append(f"unit = {_quoted(unit)}")
-    elif name != "time":
-        lines.append(f'# unit = "{UNITS[name.removeprefix("rel:").partition(":")[0]]}"')
+    elif isinstance(name, Channel):
+        lines.append(f'# unit = "{name.unit}"')
     return "\n".join([*lines, ""])
 
 
 def _quoted(text: str | int) -> str:
     """A number, or a text as TOML writes it, which for all but DEL is as JSON does."""
-    return msgspec.json.encode(text).decode().replace("\x7f", "\\u007f")
+    return msgspec.json.encode(text, enc_hook=str).decode().replace("\x7f", "\\u007f")
 
 
 def _article(noun: str) -> str:

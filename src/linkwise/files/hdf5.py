@@ -109,7 +109,7 @@ def write(record: Record, path: Path) -> None:
         file.attrs["start"] = record.start
         file.attrs["rate"] = record.rate
         file.attrs["source"] = record.source
-        file.attrs["channels"] = list(record.channels)
+        file.attrs["channels"] = np.array(record.channels, dtype=h5py.string_dtype())
         file.attrs["notes"] = np.array(record.notes, dtype=h5py.string_dtype())
         file.create_dataset("time", data=record.time).attrs["unit"] = "s"
         for name in record.channels:

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import ANGULAR_UNITS, QUANTITIES, UNITS, Channel, is_angular
+from linkwise.records.channel import KINDS, Channel, is_angular
 from linkwise.records.record import Record
 from linkwise.units import factor_to_si
 
@@ -55,11 +55,11 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
 
     For an acceleration, `g` is standard gravity. Raises RecordError for a unit that is unknown or of another quantity.
     """
-    if not unit or unit == UNITS.get(kind):
+    dimension, quantity = ("s", "time") if kind == "time" else (KINDS[kind].unit, KINDS[kind].quantity)
+    if not unit or (unit == dimension and kind != "time"):
         return 1.0
-    dimension, quantity = ("s", "time") if kind == "time" else (UNITS[kind], QUANTITIES[kind])
     if is_angular(unit, kind):
-        return factor_to_si(unit, ANGULAR_UNITS[kind])
+        return factor_to_si(unit, KINDS[kind].angular_unit)
     try:
         return factor_to_si(unit, dimension)
     except LinkwiseError as error:
@@ -73,6 +73,5 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
 def headers(record: Record) -> tuple[str, ...]:
     """The headers under which a file holds the channels in SI units: those of places that turn state their unit."""
     return tuple(
-        name if record.unit(name) == Channel.parse(name).unit else f"{name}[{record.unit(name)}]"
-        for name in record.channels
+        name if record.unit(name) == name.unit else f"{name}[{record.unit(name)}]" for name in record.channels
     )

@@ -223,12 +223,12 @@ def read_mapping(path: str | Path) -> RecordMapping:
     )
 
 
-def _checked_name(name: str, source: str) -> str:
+def _checked_name(name: str, source: str) -> Channel:
     """The name of a channel; RecordError names the key."""
     if ColumnHeader.parse(name).unit:
         raise RecordError(f'channel."{name}": write the unit as a key of its own, as in unit = "mm"', source)
     try:
-        return str(Channel.parse(name))
+        return Channel.parse(name)
     except RecordError as error:
         raise RecordError(f'channel."{name}": {error.message}', source) from error
 

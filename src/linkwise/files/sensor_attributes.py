@@ -13,9 +13,9 @@ import numpy as np
 from linkwise.errors import RecordError
 from linkwise.files.header import ColumnHeader
 from linkwise.files.table import Column
-from linkwise.records.channel import ANGULAR_UNITS
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, attributes_of
+from linkwise.records.sensor_uncertainty import COMMON
 
 _KEYS = ("calibration", "gain", "offset", "delay")  # "noise" of a column is read with the noise of others
 _EXAMPLES = {"calibration": "1 %", "gain": "1.02 +- 1 %", "offset": "+- 0.1 mm", "delay": "+- 1 ms"}
@@ -92,7 +92,7 @@ def as_statements(stated: object, file: Path) -> dict[str, dict[str, object]]:
 
 def sensors_of(record: Record) -> dict[str, dict[str, str]]:
     """What `as_statements` reads back as the uncertainty of the sensors of a record."""
-    turning = {name: unit for name, unit in record.units.items() if unit in ANGULAR_UNITS.values()}
     return {
-        name: attributes_of(known, name, turning.get(name, "")) for name, known in record.uncertainty.items()
+        name: attributes_of(known, "" if name == COMMON else record.unit(name))
+        for name, known in record.uncertainty.items()
     }

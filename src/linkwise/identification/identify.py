@@ -16,7 +16,7 @@ from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.likelihood.sensor_priors import uncounted
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import Channel, of_links
+from linkwise.records.channel import Channel
 from linkwise.records.channel_units import in_units_of
 from linkwise.records.joining import check_distinct, check_stated_noise, joined_notes, record_list
 from linkwise.records.record import Record
@@ -96,12 +96,12 @@ def identify(
     return replace(estimate, seconds=seconds, notes=notes, remarks=(*estimate.remarks, *remarks))
 
 
-def _unused(channels: Sequence[str], method: str) -> tuple[str, ...]:
+def _unused(channels: Sequence[Channel], method: str) -> tuple[str, ...]:
     """A remark on the channels of links that a method does not use; the weak form uses measured states."""
     if method == MaximumLikelihood.method:
         return ()
     states = method == WeakForm.method
-    unused = [name for name in of_links(channels) if not (states and Channel.parse(name).kind == "state")]
+    unused = [name for name in channels if name.of_link and not (states and name.kind == "state")]
     takes = "forces of links" if states else "forces and states of links"
     return (f'{", ".join(unused)} were not used: method "ml" alone takes {takes}.',) if unused else ()
 

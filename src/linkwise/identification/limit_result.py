@@ -20,6 +20,7 @@ from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, Der
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.likelihood.prescribed.state_path import LinkPath
 from linkwise.model.link import Link
+from linkwise.model.names import Name
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import channel_unit
@@ -159,7 +160,9 @@ class Limit(JudgedView):
         IdentificationError
             If there is no such unknown; the message lists them.
         """
-        coefficients = {coefficient.name: coefficient for coefficient in self.coefficients}
+        coefficients: dict[str, CoefficientEstimate] = {
+            coefficient.name: coefficient for coefficient in self.coefficients
+        }
         if name not in coefficients:
             raise IdentificationError(
                 f'"{name}" is not an unknown of this test; choose from {", ".join(coefficients)}'
@@ -318,7 +321,7 @@ class Limit(JudgedView):
             link=link,
             coefficients=tuple(
                 _coefficient(
-                    f"{link.name}.{key}", link.law.units[key], link.values[key], float(errors[columns[key]])
+                    Name(link.name, key), link.law.units[key], link.values[key], float(errors[columns[key]])
                 )
                 for key in free
             ),
@@ -343,7 +346,7 @@ def true_path(link: Link, index: int, record: Record) -> LinkPath:
     return LinkPath(link.law, ordered, d, v, record.step, inside, True)
 
 
-def _coefficient(name: str, unit: str, value: float, error: float) -> CoefficientEstimate:
+def _coefficient(name: Name, unit: str, value: float, error: float) -> CoefficientEstimate:
     half = NORMAL_95 * error
     interval = (value - half, value + half) if np.isfinite(error) else None
     return CoefficientEstimate(name, value, unit, False, error, interval)

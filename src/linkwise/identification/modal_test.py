@@ -35,7 +35,7 @@ from linkwise.model.host import Host, HostMode
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.model.rotations import with_units
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import ANGULAR_UNITS, BASE, Channel
+from linkwise.records.channel import BASE
 from linkwise.records.joining import check_distinct, record_list
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
@@ -268,18 +268,19 @@ def identify_host(
 def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
     """Units of the points whose channels state one. Raises RecordError for a point that is said to turn and to move."""
     units: dict[str, str] = {}
-    stated = ((name, unit) for record in records for name, unit in record.units.items())
-    for name, unit in stated:
-        channel = Channel.parse(name)
-        if channel.kind not in ANGULAR_UNITS or channel.mass == BASE:
+    stated = (
+        (channel, record) for record in records for channel in record.channels if channel in record.units
+    )
+    for channel, record in stated:
+        if not channel.angular_unit or channel.place == BASE:
             continue
-        point = channel.mass.removeprefix(f"{host.name}.")
-        turns = ANGLE if unit == ANGULAR_UNITS[channel.kind] else LENGTH
+        unit, point = record.units[channel], channel.place.removeprefix(f"{host.name}.")
+        turns = ANGLE if unit == channel.angular_unit else LENGTH
         if units.setdefault(point, turns) != turns:
             raise RecordError(
-                f"is in {unit}, and another channel of {channel.mass} says that it is displaced in {units[point]}: correct "
+                f"is in {unit}, and another channel of {channel.place} says that it is displaced in {units[point]}: correct "
                 "the unit of one of them",
-                channel=name,
+                channel=channel,
             )
     return {point: unit for point, unit in units.items() if point in host.modes[0].shape}
 

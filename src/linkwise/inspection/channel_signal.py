@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.records.channel import ANGULAR_UNITS, Channel
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import noise_sigma
 
@@ -227,22 +227,22 @@ _NOISE_SAMPLES = (
 
 @dataclass(frozen=True, eq=False)
 class ChannelSignal:
-    """Samples `values` (N,) of the channel `name` at `rate` in Hz from `start` in s, with noise of standard deviation `sigma`.
+    """Samples `values` (N,) of a channel in `unit` at `rate` in Hz from `start` in s.
 
-    `sigma` is NaN where it cannot be estimated; `angular` says that its place turns.
+    `sigma` is the standard deviation of its noise, NaN where it cannot be estimated.
     """
 
-    name: str
+    channel: Channel
     values: Floats
+    unit: str
     rate: float
     start: float
     sigma: float
-    angular: bool = False
 
     @property
-    def channel(self) -> Channel:
-        """Kind and place."""
-        return replace(Channel.parse(self.name), angular=self.angular)
+    def angular(self) -> bool:
+        """Whether its place turns."""
+        return self.unit == self.channel.angular_unit
 
     @property
     def is_input(self) -> bool:
@@ -355,7 +355,6 @@ _SINGULAR = 1e10
 _STEPS = 8  # until what is left of the delay is small
 _SMALL = 0.02  # samples
 _FAR = 0.1  # of the fastest period: a delay beyond it is searched from several starts
-_KINDS = "xva"
 
 
 @dataclass(frozen=True)
@@ -379,10 +378,10 @@ def kinematic_fits(channels: Iterable[ChannelSignal]) -> Iterator[KinematicFit]:
     """A fit for each place with two channels or more, of neighbours in displacement, velocity and acceleration."""
     places: dict[tuple[str, bool], list[ChannelSignal]] = {}
     for signal in channels:
-        if signal.channel.kind in _KINDS:
-            places.setdefault((signal.channel.mass, signal.channel.relative), []).append(signal)
+        if signal.channel.is_motion:
+            places.setdefault((signal.channel.place, signal.channel.relative), []).append(signal)
     for beside in places.values():
-        ordered = sorted(beside, key=lambda signal: _KINDS.index(signal.channel.kind))
+        ordered = sorted(beside, key=lambda signal: signal.channel.order)
         for lower, upper in pairwise(ordered):
             fit = _fit(lower, upper)
             if fit is not None:
@@ -429,7 +428,7 @@ def _width(lower: ChannelSignal, upper: ChannelSignal) -> int:
 def _fit_about(lower: ChannelSignal, upper: ChannelSignal, late: float) -> KinematicFit | None:
     """The fit of two channels, of which `upper` comes `late` by so many samples and by the delay of the fit."""
     shift = round(late)
-    order = _KINDS.index(upper.channel.kind) - _KINDS.index(lower.channel.kind)
+    order = upper.channel.order - lower.channel.order
     width = _width(lower, upper)
     count = len(lower.values) - abs(shift)
     if not width or count < width * _FEWEST:
@@ -509,11 +508,11 @@ class RecordSignals:
         """Those of a record; noise is what the record states, else estimated."""
         estimated = noise_sigma(record.values)
         channels = []
-        for name, values, sigma in zip(record.channels, record.values.T, estimated, strict=True):
-            stated = record.noise.get(name, np.nan)
+        for channel, values, sigma in zip(record.channels, record.values.T, estimated, strict=True):
+            stated = record.noise.get(channel, np.nan)
             noise = float(sigma if np.isnan(stated) else stated)
-            angular = record.unit(name) in ANGULAR_UNITS.values()
-            channels.append(ChannelSignal(name, values, record.rate, record.start, noise, angular))
+            unit = record.unit(channel)
+            channels.append(ChannelSignal(channel, values, unit, record.rate, record.start, noise))
         return cls(record, tuple(channels))
 
     @property

@@ -76,8 +76,8 @@ def summary(signal: ChannelSignal, record: str) -> ChannelSummary:
     )
     highest = None if signal.is_constant else without_spikes(signal).highest or None
     return ChannelSummary(
-        name=signal.name,
-        unit=signal.channel.unit,
+        name=signal.channel,
+        unit=signal.unit,
         record=record,
         samples=len(values),
         missing=len(signal.values) - len(values),

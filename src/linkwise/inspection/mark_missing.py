@@ -74,17 +74,18 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
     """
     names = (faults,) if isinstance(faults, str) else tuple(faults)
     functions = {name: FAULTY_SAMPLES.lookup(name) for name in names}
-    values, notes, clipped = record.values.copy(), [], {}
+    values, notes = record.values.copy(), []
+    clipped: dict[str, ClippedSamples] = {}
     for signal in RecordSignals.of(record).responses:
-        column = record.channels.index(signal.name)
+        column = record.channels.index(signal.channel)
         marked = {name: faulty for name, of in functions.items() if (faulty := of(signal)).any()}
         for name, faulty in marked.items():
             values[faulty, column] = np.nan
-            notes.append(f"{signal.name}: {int(faulty.sum())} {_MARKED} ({name}).")
+            notes.append(f"{signal.channel}: {int(faulty.sum())} {_MARKED} ({name}).")
         stays = long_stays(signal, marked["clipped"]) if "clipped" in marked else []
         notes += [_why_no_bounds(signal, stay) for stay in stays]
         if (beyond := _clipped(record, signal, marked, values[:, column].copy(), stays)) is not None:
-            clipped[signal.name] = beyond
+            clipped[signal.channel] = beyond
     if not notes:
         return record
     return replace(record, values=values, notes=(*record.notes, *notes), clipped=clipped)
@@ -93,8 +94,8 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
 def _why_no_bounds(signal: ChannelSignal, stay: slice) -> str:
     first, last = (signal.start + number / signal.rate for number in (stay.start, stay.stop - 1))
     return (
-        f"{signal.name}: its readings at the end of the range from {first:.6g} s to {last:.6g} s tell nothing of the motion: "
-        "they stay there for longer than two of its periods, as those of a sensor that recovers from an overload."
+        f"{signal.channel}: its readings at the end of the range from {first:.6g} s to {last:.6g} s tell nothing of the "
+        "motion: they stay there for longer than two of its periods, as those of a sensor that recovers from an overload."
     )
 
 
@@ -106,7 +107,7 @@ def _clipped(
     stays: Sequence[slice],
 ) -> ClippedSamples | None:
     """What a channel, of which `samples` (N,) are left, read where it was clipped; spikes that were clipped tell nothing."""
-    before = record.clipped.get(signal.name)
+    before = record.clipped.get(signal.channel)
     before = None if before is None else before.of(signal.values)
     if "clipped" not in marked:
         return None if before is None else replace(before, samples=samples)

@@ -41,12 +41,12 @@ def delay(signals: RecordSignals) -> Iterator[Alert]:
             continue
         late, early = (fit.upper, fit.lower) if value > 0.0 else (fit.lower, fit.upper)
         message = (
-            f"comes {1e3 * abs(value):.3g} ms ({abs(samples):.2g} samples) +- {1e3 * error:.1g} ms later than {early.name} "
+            f"comes {1e3 * abs(value):.3g} ms ({abs(samples):.2g} samples) +- {1e3 * error:.1g} ms later than {early.channel} "
             "says: a delay turns stiffness into damping, by many standard errors; give both the same filter, shift "
             "the channel by that time, or estimate the delay with the laws"
         )
         share = min(1.0, 2.0 * 3.14 * late.highest * abs(value))
-        yield Alert("delay", late.name, message, share, arguments=("delays",))
+        yield Alert("delay", late.channel, message, share, arguments=("delays",))
 
 
 def gain(signals: RecordSignals) -> Iterator[Alert]:
@@ -59,7 +59,7 @@ def gain(signals: RecordSignals) -> Iterator[Alert]:
         ):
             continue
         named.append(fit)
-        lower, upper = fit.lower.name, fit.upper.name
+        lower, upper = fit.lower.channel, fit.upper.channel
         known = next(
             (text for factor, text in _FACTORS.items() if isclose(value, factor, rel_tol=_NEAR)), None
         )
@@ -83,12 +83,12 @@ def offset(signals: RecordSignals) -> Iterator[Alert]:
         value, error = fit.offset
         if abs(value) < max(_LEVEL * fit.upper.rms, _CERTAIN * error):
             continue
-        unit = fit.upper.channel.unit
+        unit = fit.upper.unit
         message = (
-            f"has an offset of {value:.3g} +- {error:.1g} {unit}, while {fit.lower.name} has no drift: it acts "
+            f"has an offset of {value:.3g} +- {error:.1g} {unit}, while {fit.lower.channel} has no drift: it acts "
             "like a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
         )
-        yield Alert("offset", fit.upper.name, message, abs(value) / fit.upper.rms, arguments=("offsets",))
+        yield Alert("offset", fit.upper.channel, message, abs(value) / fit.upper.rms, arguments=("offsets",))
 
 
 def drift(signals: RecordSignals) -> Iterator[Alert]:
@@ -99,12 +99,12 @@ def drift(signals: RecordSignals) -> Iterator[Alert]:
         if abs(over) < _TREND * fit.upper.rms or abs(value) < _CERTAIN * error:
             continue
         message = (
-            f"drifts by {over:.3g} {fit.upper.channel.unit} over the record, as {fit.lower.name} shows: a drift acts like a "
+            f"drifts by {over:.3g} {fit.upper.unit} over the record, as {fit.lower.channel} shows: a drift acts like a "
             "slow force, and biases stiffness; let the sensor warm up, subtract the trend, or use shorter pieces"
         )
         yield Alert(
             "drift",
-            fit.upper.name,
+            fit.upper.channel,
             message,
             0.3 * abs(over) / fit.upper.rms,
             arguments=("earliest", "latest"),
@@ -142,10 +142,10 @@ def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         if abs(value) < max(_REST_LEVEL * signal.rms, _REST_CERTAIN * error):
             continue
         message = (
-            f"is {value:.3g} +- {error:.1g} {signal.channel.unit} while nothing moves, {_when(signal, rest)}: it acts like "
+            f"is {value:.3g} +- {error:.1g} {signal.unit} while nothing moves, {_when(signal, rest)}: it acts like "
             "a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
         )
-        yield Alert("offset", signal.name, message, abs(value) / signal.rms, arguments=("offsets",))
+        yield Alert("offset", signal.channel, message, abs(value) / signal.rms, arguments=("offsets",))
 
 
 def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
@@ -165,13 +165,13 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         if abs(slope) < _REST_CERTAIN * error or abs(over) < _CHANGE * signal.rms or apart > allowed:
             continue
         message = (
-            f"drifts by {slope * signal.rate:.3g} {signal.channel.unit}/s while nothing moves, {_when(signal, rest)}: by "
-            f"{over:.3g} {signal.channel.unit} over the record: it acts like a slow force, and biases stiffness; let the "
+            f"drifts by {slope * signal.rate:.3g} {signal.unit}/s while nothing moves, {_when(signal, rest)}: by "
+            f"{over:.3g} {signal.unit} over the record: it acts like a slow force, and biases stiffness; let the "
             "sensor warm up, subtract the trend, or use shorter pieces"
         )
         yield Alert(
             "drift",
-            signal.name,
+            signal.channel,
             message,
             0.3 * abs(over) / signal.rms,
             arguments=("drifts", "earliest", "latest"),

@@ -34,19 +34,19 @@ def dead(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses that hold nothing, and of inputs without samples."""
     for signal in signals.channels:
         if not signal.observed.size:
-            yield Alert("dead", signal.name, "every sample is missing; leave the channel out", np.inf)
+            yield Alert("dead", signal.channel, "every sample is missing; leave the channel out", np.inf)
         elif signal.is_constant and not signal.is_input:
             message = (
                 f"every sample is {signal.observed[0]:g}: it shows no motion, and a fit to it is wrong throughout; "
                 "leave the channel out, and check sensor and cable"
             )
-            yield Alert("dead", signal.name, message, np.inf)
+            yield Alert("dead", signal.channel, message, np.inf)
         elif not signal.is_input and _is_noise(signal):
             message = (
-                f"holds nothing but noise of {signal.sigma:.3g} {signal.channel.unit}: nothing of the motion is in it; check "
+                f"holds nothing but noise of {signal.sigma:.3g} {signal.unit}: nothing of the motion is in it; check "
                 "sensor, cable and range, excite more strongly, or leave the channel out"
             )
-            yield Alert("dead", signal.name, message, np.inf)
+            yield Alert("dead", signal.channel, message, np.inf)
 
 
 def _is_noise(signal: ChannelSignal) -> bool:
@@ -63,15 +63,15 @@ def equal(signals: RecordSignals) -> Iterator[Alert]:
         shape = (signal.values / peak).astype(
             np.float32
         )  # single precision: copies in different units compare equal
-        first, mirrored = known.setdefault(shape.tobytes(), (signal.name, bool(peak < 0.0)))
-        if first == signal.name or signal.is_input:
+        first, mirrored = known.setdefault(shape.tobytes(), (signal.channel, bool(peak < 0.0)))
+        if first == signal.channel or signal.is_input:
             continue
         how = "the samples of" if mirrored == (peak < 0.0) else "the samples, with the opposite sign, of"
         message = (
             f"holds {how} {first}: one measurement counts twice, and one mass gets the motion of another; find out which of "
             "the two is mislabelled and leave it out"
         )
-        yield Alert("equal", signal.name, message, np.inf)
+        yield Alert("equal", signal.channel, message, np.inf)
 
 
 _WHITE = 0.58  # of a step: noise, rounding included, below which rounding is not white; noise of half a step whitens it
@@ -83,14 +83,14 @@ def quantised(signals: RecordSignals) -> Iterator[Alert]:
     for signal in signals.moving:
         if signal.step <= _FINE_STEP * signal.rms or not signal.sigma < _WHITE * signal.step:
             continue
-        unit, rounding = signal.channel.unit, signal.step / 12.0**0.5
+        unit, rounding = signal.unit, signal.step / 12.0**0.5
         steps = (signal.observed.max() - signal.observed.min()) / signal.step
         message = (
             f"comes in steps of {signal.step:.3g} {unit}, {steps:.0f} over its range, and its noise is smaller: rounding then "
             "follows the motion, and intervals are too narrow; use a smaller range of the converter, or state a noise of "
             f"{rounding:.2g} {unit}"
         )
-        yield Alert("quantised", signal.name, message, rounding / signal.rms, arguments=("noise",))
+        yield Alert("quantised", signal.channel, message, rounding / signal.rms, arguments=("noise",))
 
 
 _FEWEST = 4  # samples at an end
@@ -110,14 +110,14 @@ def clipped(signals: RecordSignals) -> Iterator[Alert]:
         if not ends:
             continue
         total = sum(count for count, _ in ends)
-        where = " and ".join(f"{count} at {value:.4g} {signal.channel.unit}" for count, value in ends)
+        where = " and ".join(f"{count} at {value:.4g} {signal.unit}" for count, value in ends)
         message = (
             f"{total} samples are at the end of the range ({where}): the sensor or the amplifier was overloaded, and "
             "stiffness and damping at large motion come out wrong; mark these samples as missing (mark_missing), or measure "
             "with a larger range"
         )
         error = float(total / len(signal.observed)) ** 0.5
-        yield Alert("clipped", signal.name, message, error, arguments=("mark_missing",))
+        yield Alert("clipped", signal.channel, message, error, arguments=("mark_missing",))
 
 
 def clipped_samples(signal: ChannelSignal) -> Bools:
@@ -233,11 +233,11 @@ def spikes(signals: RecordSignals) -> Iterator[Alert]:
         when = signal.start + indices[largest] / signal.rate
         message = (
             f"{len(indices)} sample{'s lie' if len(indices) > 1 else ' lies'} far from the neighbours, the farthest by "
-            f"{size[largest]:.3g} {signal.channel.unit} at {when:.6g} s: least squares follows such samples, and noise and "
+            f"{size[largest]:.3g} {signal.unit} at {when:.6g} s: least squares follows such samples, and noise and "
             "intervals come out too wide; mark them as missing (mark_missing), or use a robust loss"
         )
         error = float(np.sqrt(np.sum(size**2) / len(signal.values))) / signal.rms
-        yield Alert("spikes", signal.name, message, error, arguments=("mark_missing", "loss"))
+        yield Alert("spikes", signal.channel, message, error, arguments=("mark_missing", "loss"))
 
 
 def _deviations(values: Floats) -> Floats:
@@ -378,7 +378,9 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
             f"{finding}: if the logger wrote samples twice, everything after them comes late, and stiffness and damping are "
             "wrong by many standard errors; cut the record to a piece without them, or mark them as missing"
         )
-        yield Alert("doubled", signal.name, message, float(held_share**0.5), arguments=("earliest", "latest"))
+        yield Alert(
+            "doubled", signal.channel, message, float(held_share**0.5), arguments=("earliest", "latest")
+        )
 
 
 def _natural(steps: Floats, grain: Floats) -> float:
@@ -433,7 +435,7 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
                 f"has a sample in one of {every} rows, so that its rate is {signal.rate / every:g} Hz: maximum likelihood and "
                 "discovery take it as it is; the weak form alone and differentiation need samples that all channels have"
             )
-            yield Alert("dropped", signal.name, message, float(missing.mean()))
+            yield Alert("dropped", signal.channel, message, float(missing.mean()))
             continue
         message = (
             f"{missing.sum()} of {len(missing)} samples are missing in {gaps}, the longest of {lengths[longest]} samples at "
@@ -441,7 +443,7 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
             "costs accuracy only; differentiation needs a complete piece, cut to one"
         )
         share, arguments = float(missing.mean()), ("earliest", "latest")
-        yield Alert("dropped", signal.name, message, share, arguments=arguments, is_of_gaps=True)
+        yield Alert("dropped", signal.channel, message, share, arguments=arguments, is_of_gaps=True)
 
 
 def lost(signals: RecordSignals) -> Iterator[Alert]:
@@ -458,4 +460,4 @@ def lost(signals: RecordSignals) -> Iterator[Alert]:
             "to a piece without a jump, or put the lost times back"
         )
         size = float(np.sqrt(np.sum(np.diff(signal.filled)[rows - 1] ** 2) / len(signal.values))) / signal.rms
-        yield Alert("dropped", signal.name, message, size**0.5, arguments=("earliest", "latest"))
+        yield Alert("dropped", signal.channel, message, size**0.5, arguments=("earliest", "latest"))

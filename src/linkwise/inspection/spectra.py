@@ -55,16 +55,14 @@ def hum(signals: RecordSignals) -> Iterator[Alert]:
         ]
         if not steady:
             continue
-        lines = " and ".join(
-            f"{size:.3g} {signal.channel.unit} at {frequency:.5g} Hz" for frequency, size in steady
-        )
+        lines = " and ".join(f"{size:.3g} {signal.unit} at {frequency:.5g} Hz" for frequency, size in steady)
         message = (
             f"carries a line that neither grows nor decays, of {lines}: hum of the mains acts like an applied force and "
             "biases damping; shield and ground the sensor, or find the line with the laws"
         )
         error = float(np.sqrt(0.5 * sum(size**2 for _, size in steady))) / signal.rms
         frequencies = tuple(frequency for frequency, _ in steady)
-        yield Alert("hum", signal.name, message, error, arguments=("hums",), frequencies=frequencies)
+        yield Alert("hum", signal.channel, message, error, arguments=("hums",), frequencies=frequencies)
 
 
 def _peak(signal: ChannelSignal) -> _Driven:
@@ -171,7 +169,7 @@ def aliasing(signals: RecordSignals) -> Iterator[Alert]:
             "spectral density there: faster motion is aliased to lower frequencies, where no law explains it; sample faster, "
             "and behind an anti-alias filter"
         )
-        yield Alert("aliasing", signal.name, message, float(min(1.0, level / even)) ** 0.5)
+        yield Alert("aliasing", signal.channel, message, float(min(1.0, level / even)) ** 0.5)
 
 
 def coloured(signals: RecordSignals) -> Iterator[Alert]:
@@ -190,11 +188,11 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
         if np.ptp(correlations) > _STEADY * sigma**2:
             continue
         message = (
-            f"has noise at rest of {sigma:.3g} {signal.channel.unit} whose neighbouring samples are correlated by "
+            f"has noise at rest of {sigma:.3g} {signal.unit} whose neighbouring samples are correlated by "
             f"{correlation:.2g}: the weak form takes noise for white, and its values and intervals come out wrong; use "
             "maximum likelihood, which allows for such noise, or reduce the rate until the noise is white"
         )
-        yield Alert("coloured", signal.name, message, sigma / signal.rms)
+        yield Alert("coloured", signal.channel, message, sigma / signal.rms)
 
 
 def _detrended(values: Floats) -> Floats:
@@ -233,7 +231,7 @@ def few_samples(signals: RecordSignals) -> Iterator[Alert]:
             "and integrals between samples are guesses, and what is faster is aliased to lower frequencies; sample at "
             f"{10.0 * signal.highest:.2g} Hz or more, behind an anti-alias filter"
         )
-        yield Alert("few-samples", signal.name, message, 0.5)
+        yield Alert("few-samples", signal.channel, message, 0.5)
 
 
 def short(signals: RecordSignals) -> Iterator[Alert]:
@@ -248,25 +246,24 @@ def short(signals: RecordSignals) -> Iterator[Alert]:
             f"{len(record)} samples and {periods:.2g} periods of its motion are few: noise and spectrum cannot be estimated, "
             "and intervals are unreliable; record at least ten periods"
         )
-        yield Alert("short", signal.name, message, 0.3)
+        yield Alert("short", signal.channel, message, 0.3)
 
 
 FASTEST = 340.0  # m/s, that of sound: no structure vibrates so fast over a whole record
 STRONGEST = 1e5  # m/s^2: only microscopic structures are accelerated so strongly over a whole record
-_ORDERS = {"x": 0, "v": 1, "a": 2}  # derivatives of the displacement
 
 
 def unit(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose velocity or acceleration is beyond anything that vibrates."""
     for signal in signals.moving:
-        if signal.channel.kind not in _ORDERS or signal.angular or signal.highest <= 0.0:
+        if not signal.channel.is_motion or signal.angular or signal.highest <= 0.0:
             continue
         spectrum = signal.spectrogram
         inside = (spectrum.frequency > 0.0) & (spectrum.frequency <= signal.highest)
         omega = 2.0 * np.pi * spectrum.frequency[inside]
         velocity, acceleration = (
             float(np.sqrt(np.sum(spectrum.mean[inside] * omega**power) * spectrum.frequency[1]))
-            for power in (2 * (order - _ORDERS[signal.channel.kind]) for order in (1, 2))
+            for power in (2 * (order - signal.channel.order) for order in (1, 2))
         )
         if acceleration > STRONGEST:
             motion = f"accelerate by {acceleration:.2g} m/s^2 (root mean square), more than 100 km/s^2"
@@ -277,7 +274,7 @@ def unit(signals: RecordSignals) -> Iterator[Alert]:
         else:
             continue
         message = (
-            f"would {motion}: {unless}its unit is not {signal.channel.unit}, or the times are not in s, and all "
+            f"would {motion}: {unless}its unit is not {signal.unit}, or the times are not in s, and all "
             "coefficients are wrong by powers of the factor; state the unit in the name of the column, such as [mm] or [ms]"
         )
-        yield Alert("unit", signal.name, message, np.inf, arguments=("channels",))
+        yield Alert("unit", signal.channel, message, np.inf, arguments=("channels",))

@@ -25,7 +25,7 @@ def clipped_samples(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[C
     ends: dict[str, set[tuple[float, float]]] = {}
     for record in records:
         for signal in RecordSignals.of(record).responses:
-            ends.setdefault(signal.name, set()).update(rails(signal))
+            ends.setdefault(signal.channel, set()).update(rails(signal))
     for number, name in enumerate(responses):
         samples, observed = fit.segments.samples[:, number], fit.segments.observed[:, number]
         residuals = fit.misfit.residuals[:, number] / fit.optimum.noise

@@ -62,7 +62,9 @@ _NOTHING_TESTED = " Errors of sensors and missing terms were not tested: at thes
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
 
-def diagnose(fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool) -> Diagnosis:
+def diagnose(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
+) -> Diagnosis:
     """The causes that are significant, that with the largest gain first; `channels` are those of the record.
 
     All missing terms and links are tested where `terms` is true, and where one of the others is significant, which may
@@ -154,7 +156,7 @@ def _not_tested(tested: TestedCauses, parameters: int) -> str:
 
 
 def tested_causes(
-    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, terms: bool
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
 ) -> TestedCauses:
     """Errors of sensors, masses and forces, and missing terms, all of these and missing links only where `terms` is true.
 
@@ -174,7 +176,7 @@ def _tested_in(
     longer: tuple[Optimum, Misfit],
     fit: LikelihoodFit,
     identified: Structure,
-    channels: Sequence[str],
+    channels: Sequence[Channel],
     terms: bool,
 ) -> tuple[TestedCauses, float]:
     """The tests of a fit in segments of its own or longer ones, and by how much the states grow in these."""
@@ -184,7 +186,7 @@ def _tested_in(
         optimum, misfit, filtered = in_half_the_samples(optimum, misfit, filtered)
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
-    shown = [name for name in channels if not Channel.parse(name).is_input]
+    shown = [name for name in channels if not name.is_input]
     hypotheses += [
         Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
         for kind, channel, source in zip(

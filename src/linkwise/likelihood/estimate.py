@@ -353,7 +353,9 @@ def estimate_of(
     IdentificationError where the records do not tell a gain.
     """
     require_told(fit)
-    values = dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
+    values: dict[str, float] = dict(
+        zip((p.name for p in structure.parameters), map(float, fit.values), strict=True)
+    )
     identified = structure.with_values(values)
     fit = with_limits(fit)
     structures = (structure,) if offered is None else (offered, structure)
@@ -363,7 +365,7 @@ def estimate_of(
     added = [addition for addition in additions if addition is not None]
     skewed = judgement.for_skewed_profiles
     covariance = sum(added if skewed is None else [*added, skewed], covariance)
-    units = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
+    units: dict[str, str] = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
     unseen = unseen_terms(fit, identified, judgement.trusted_tests, covariance, terms=of_terms)

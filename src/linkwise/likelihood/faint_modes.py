@@ -11,13 +11,14 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 
 _WIDTH = 0.2  # of half the bandwidth of a mode: the largest standard error of its frequency for a quadratic likelihood
 _SINGULAR = 1e-12  # of correlations: rounding
 
 
-def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats, tuple[str, ...]]:
+def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats, tuple[Name, ...]]:
     """The covariance of a fit in which faint modes keep the standard deviations known beforehand.
 
     Parameters
@@ -43,15 +44,15 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
     duration = float(np.sum(segments.step)) * segments.steps
     factor, names = np.ones(len(fit.values)), []
     for place, frequency in places.items():
-        mode, _, key = place.rpartition(".")
-        if mode not in identified.modes or key != "frequency":
+        mode = place.owner
+        if mode not in identified.modes or place.key != "frequency":
             continue
         if not np.isfinite(known[frequency]):
             continue
         values = identified.link(mode).values
         if not alone[frequency] > _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):
             continue
-        for name in (f"{mode}.frequency", f"{mode}.damping"):
+        for name in (place, Name(mode, "damping")):
             number = places.get(name)
             if number is not None and 0.0 < errors[number] < known[number] < np.inf:
                 factor[number] = known[number] / errors[number]

@@ -362,7 +362,7 @@ def _fitted(
 
 def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> dict[str, float]:
     """What was found, by the channels as the record names them."""
-    given = {plain: name for name, plain in frame.names.items()}
+    given: dict[str, str] = {plain: name for name, plain in frame.names.items()}
     return dict(zip((given.get(name, name) for name in names), map(float, values), strict=True))
 
 

@@ -11,6 +11,7 @@ from linkwise.estimates.causes import ErrorKind, SensorErrorEstimate
 from linkwise.inspection.mark_missing import EstimatedError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
+from linkwise.model.names import Name
 from linkwise.records.record import Record
 
 _LOOSENED = (
@@ -27,7 +28,7 @@ def fit_remarks(
     fit: LikelihoodFit,
     records: Sequence[Record],
     sensor_errors: Sequence[SensorErrorEstimate],
-    faint: Sequence[str] = (),
+    faint: Sequence[Name] = (),
 ) -> tuple[str, ...]:
     """What was found beside the coefficients.
 
@@ -184,11 +185,11 @@ def _unused_bounds(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[st
         )
 
 
-def _of_faint_modes(faint: Sequence[str]) -> Iterator[str]:
+def _of_faint_modes(faint: Sequence[Name]) -> Iterator[str]:
     """What is said of modes that the record hardly shows."""
-    by_mode: dict[str, list[str]] = {}
+    by_mode: dict[str, list[Name]] = {}
     for name in faint:
-        by_mode.setdefault(name.rpartition(".")[0], []).append(name)
+        by_mode.setdefault(name.owner, []).append(name)
     for names in by_mode.values():
         verb, intervals = (
             ("is", "its interval is that") if len(names) == 1 else ("are", "their intervals are those")

@@ -10,9 +10,8 @@ import numpy as np
 
 from linkwise.errors import IdentificationError
 from linkwise.model.link import Link
-from linkwise.model.parameters import MASS
+from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.units import base_exponents
 from linkwise.weak.fit import NO_FORCE_SCALE
@@ -35,7 +34,7 @@ def require_force_scale(
         return
     _require_scale_of_motion(records, structure, unknown_gains)
     channels = dict.fromkeys(name for record in records for name in record.channels)
-    forces = [name for name in channels if Channel.parse(name).kind in ("force", "f")]
+    forces = [name for name in channels if name.kind in ("force", "f")]
     if not set(forces) <= set(unknown_gains):
         return
     if any(parameter.sigma < np.inf for parameter in structure.parameters):

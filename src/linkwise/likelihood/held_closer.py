@@ -28,8 +28,9 @@ from linkwise.likelihood.shooting.anneal import (
     anneal,
 )
 from linkwise.model.law import Law
-from linkwise.model.parameters import MASS
+from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 
 _CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error, or the noise of inputs
 _CLOSER_IF_LONG = (
@@ -76,7 +77,7 @@ class HiddenTerm:
         return self.cause.term in MEMORY_TERMS or "v" in symbols(Law.parse(f"a*{self.cause.term}").expression)
 
 
-def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> CloserFit | None:
+def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel]) -> CloserFit | None:
     """The fit with its motion held closer to the laws, and what explains what they leave there.
 
     Parameters
@@ -128,7 +129,11 @@ def _searched_closer(tight: Optimum) -> AnnealingFit | None:
 
 
 def _diagnosed(
-    fit: LikelihoodFit, closer: AnnealingFit, tight: Optimum, identified: Structure, channels: Sequence[str]
+    fit: LikelihoodFit,
+    closer: AnnealingFit,
+    tight: Optimum,
+    identified: Structure,
+    channels: Sequence[Channel],
 ) -> CloserFit | None:
     """A search by the equations of `tight`, whose end is `closer`, with what explains what it leaves; None where that is not
     finite. The structure is `identified` with the values of the fit.

@@ -208,12 +208,10 @@ def about_another_rest(fit: LikelihoodFit) -> str:
     )
 
 
-def _hidden_links(structure: Structure, channels: Sequence[str]) -> tuple[_HiddenLink, ...]:
+def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> tuple[_HiddenLink, ...]:
     """Links that bend and alone hold a mass whose displacement no channel shows."""
     incidence = structure.incidence.toarray()
-    shown = {
-        parsed.mass for name in channels if (parsed := Channel.parse(name)).kind == "x" and not parsed.of_link
-    }
+    shown = {channel.place for channel in channels if channel.kind == "x"}
     hidden = []
     for coordinate, name in enumerate(structure.mass_names):
         numbers = np.flatnonzero(incidence[coordinate])

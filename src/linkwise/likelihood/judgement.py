@@ -45,7 +45,7 @@ from linkwise.likelihood.stated_masses import HintedMasses, hinted_masses
 from linkwise.likelihood.tested_causes import TestedCauses
 from linkwise.likelihood.unstated_forces import unstated_forces
 from linkwise.likelihood.whiteness import is_coloured
-from linkwise.model.parameters import MASS
+from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.signals.noise import outliers_exceed_noise
@@ -109,7 +109,7 @@ class Judgement:
 
 
 def assess(
-    fit: LikelihoodFit, identified: Structure, channels: Sequence[str], *, searched: bool = False
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, searched: bool = False
 ) -> Judgement:
     """Assess a fit to a record of these `channels`, whose laws were `searched` in it or stated.
 
@@ -126,7 +126,7 @@ def assess(
     causes = tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
     given, fit = fit, fit if searched else with_small_model_error(fit, causes, diagnosis.tested)
     share = _share(fit, identified, causes) if fit.model_error > 0.0 else 0.0
-    responses = [name for name in channels if not Channel.parse(name).is_input]
+    responses = [name for name in channels if not name.is_input]
     remembering = [] if coloured is None else [responses[number] for number in coloured.channels]
     inexact = fit.model_error > 0.0
     counted = counted_causes(fit, identified, causes, diagnosis.tested) if inexact else CountedCauses()
@@ -356,14 +356,16 @@ def _noisy_inputs(fit: LikelihoodFit, masses: Sequence[str]) -> list[str]:
     ]
 
 
-def _of_forces(fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], channels: Sequence[str]) -> str:
+def _of_forces(
+    fit: LikelihoodFit, verdict: Verdict, causes: Sequence[Cause], channels: Sequence[Channel]
+) -> str:
     """What random forces leave open, or that they may be what is missing."""
     if any(force.ambient for force in fit.random_forces):
         return (
             " Ambient forces are assumed to be white and independent, which is tested where the structure moves; errors of "
             "sensors and stated masses are not tested with them."
         )
-    inputs = [name for name in channels if Channel.parse(name).is_input]
+    inputs = [name for name in channels if name.is_input]
     if not (fit.random_forces or inputs) and verdict in _LIKE_A_FORCE:
         return " If an unrecorded force acts, such as wind or traffic, state it as ambient."
     noisy = [cause for cause in causes[1:] if cause.kind == "input noise"]

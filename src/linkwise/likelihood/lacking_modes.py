@@ -21,7 +21,7 @@ from linkwise.likelihood.fitted_motion import motion_of_links
 from linkwise.modal.oscillators import SampledForce
 from linkwise.model.host import Host
 from linkwise.model.structure import Structure
-from linkwise.records.channel import BASE, Channel
+from linkwise.records.channel import BASE
 from linkwise.records.record import Record
 
 _SAMPLES = 20_000  # of a record, from its start
@@ -59,7 +59,7 @@ def lacking_modes(fit: LikelihoodFit, identified: Structure, records: Sequence[R
         For each host at most one; none on a moving base, and where a model error stands for what the laws lack.
     """
     record = records[0]
-    if not fit.chi_square_off or any(Channel.parse(name).mass == BASE for name in record.channels):
+    if not fit.chi_square_off or any(channel.place == BASE for channel in record.channels):
         return ()
     start = record[: min(len(record), _SAMPLES)]
     forces = _forces_on_points(fit, identified, records, len(start))
@@ -88,10 +88,9 @@ def _forces_on_points(
         for point, sign in zip(link.between, (-1.0, 1.0), strict=True):
             if point in points:
                 totals[point] = totals.get(point, 0.0) + sign * np.nan_to_num(force)
-    for name in record.inputs:
-        point = Channel.parse(name).mass
-        if Channel.parse(name).kind == "force" and point in points:
-            totals[point] = totals.get(point, 0.0) + np.nan_to_num(record.channel(name)[:samples])
+    for channel in record.forces:
+        if (point := channel.place) in points:
+            totals[point] = totals.get(point, 0.0) + np.nan_to_num(record.channel(channel)[:samples])
     return totals
 
 
@@ -114,9 +113,9 @@ class _Shown:
     ) -> _Shown | None:
         """None where no sensor is on the host, no force acts, or there are too many modes for the samples."""
         sensors = [
-            (name, "xva".index(parsed.kind), parsed.mass)
-            for name in record.responses
-            if (parsed := Channel.parse(name)).kind in ("x", "v", "a") and parsed.mass in host.points
+            (channel, channel.order, channel.place)
+            for channel in record.motions
+            if channel.place in host.points
         ]
         acting = {point: SampledForce(force, record.step) for point, force in forces.items() if force.any()}
         acting = {point: force for point, force in acting.items() if point in host.points}

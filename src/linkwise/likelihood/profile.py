@@ -116,7 +116,7 @@ def profile_ends(optimum: Optimum, name: str, deviation: float, progress: Progre
 
 
 def _column(estimate: Estimate, name: str) -> int:
-    names = [parameter.name for parameter in estimate.parameters]
+    names: list[str] = [parameter.name for parameter in estimate.parameters]
     if name not in names:
         raise IdentificationError(f'"{name}" was not identified; the unknowns were {", ".join(names)}')
     return names.index(name)

@@ -103,7 +103,7 @@ def random_forces(
         unit = unit_in(structure, f"{_INPUT}{name}")
         density = _positive(value, f"the ambient force on {name}", f"{unit}/sqrt(Hz)")
         forces[name] = RandomForce(name, density, ambient=True, unit=unit)
-    channels = [channel for channel in record.inputs if channel.startswith(_INPUT)]
+    channels: list[str] = [*record.forces]
     moving = exciting_base(record, structure) if input_noise else None
     channels += [] if moving is None else [moving]
     if input_noise and not channels:
@@ -157,7 +157,7 @@ def _require_white(channel: str, record: Record, structure: Structure) -> None:
             f"noise of {channel} cannot be allowed for: what moves the masses is its derivative, in which each sample of "
             f"noise undoes the one before; give the acceleration, a:{BASE}, or the displacement, x:{BASE}"
         )
-    rates = [name for name in record.responses if name.startswith(("rel:v", "rel:a"))]
+    rates = [channel for channel in record.motions if channel.relative and channel.order]
     if channel == f"x:{BASE}" and rates:
         raise IdentificationError(
             f"noise of {channel} cannot be allowed for beside {rates[0]}, to which its derivative is added: leave {channel} "
@@ -202,7 +202,7 @@ def refuse_beside_random_forces(
     records: Sequence[Record],
 ) -> None:
     """IdentificationError for what is not estimated, or not tested, beside random forces."""
-    of_links = [name for record in records for name in record.channels if name.startswith(("f:", "state:"))]
+    of_links = [channel for record in records for channel in record.channels if channel.of_link]
     refused = (
         (
             delays,

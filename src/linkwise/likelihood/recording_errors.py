@@ -21,7 +21,7 @@ from linkwise.errors import LinkwiseError
 from linkwise.estimates.causes import DEGREES, Cause
 from linkwise.model.structure import Structure
 from linkwise.progress import silent
-from linkwise.records.channel import ANGULAR_UNITS
+from linkwise.records.channel import KINDS
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed_records
@@ -140,7 +140,7 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[RecordingError]
     for factor in _UNITS:
         for name in (*displacements, *forces):
             yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
-    for name in (name for name in displacements if unit_in(structure, name) == ANGULAR_UNITS["x"]):
+    for name in (name for name in displacements if unit_in(structure, name) == KINDS["x"].angular_unit):
         for factor in _ANGLES:
             yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
     for channels in (displacements, forces):

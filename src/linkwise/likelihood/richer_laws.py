@@ -168,7 +168,7 @@ class _RicherLaws:
     def diagnosis(self) -> Diagnosis:
         """What is significant beside them, and all that was tested."""
         names = [parameter.name for parameter in self.structure.parameters]
-        values = dict(zip(names, map(float, self.fit.values), strict=True))
+        values: dict[str, float] = dict(zip(names, map(float, self.fit.values), strict=True))
         channels = self.records[0].channels
         return diagnose(self.fit, self.structure.with_values(values), channels, terms=True)
 

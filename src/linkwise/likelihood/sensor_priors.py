@@ -49,7 +49,7 @@ def errors_to_find(
     """
     stated = _stated(records)
     requested = dict(calibration or {})
-    inputs, forces = records[0].inputs, _forces(records[0])
+    inputs, forces = records[0].inputs, records[0].forces
     _require_recorded((*gains, *delays), forces)
     _require_acting((*gains, *delays), records)
     delays = [
@@ -84,7 +84,7 @@ def errors_to_find(
 
 def require_calibration(record: Record, calibration: Mapping[str, float]) -> None:
     """Raise IdentificationError for a calibration of a channel that `record` lacks, or of a size that none has."""
-    by_channel(calibration, record.responses, _forces(record))
+    by_channel(calibration, record.responses, record.forces)
 
 
 def unknown_gains(errors: Mapping[str, Any]) -> tuple[str, ...]:
@@ -103,11 +103,6 @@ def _deviations(
 ) -> dict[str, float]:
     sigmas = {name: float(getattr(known, kind)) for name, known in stated.items() if name not in requested}
     return {name: sigma for name, sigma in sigmas.items() if sigma and not isinf(sigma)}
-
-
-def _forces(record: Record) -> tuple[str, ...]:
-    """The channels of applied forces."""
-    return tuple(name for name in record.inputs if name.startswith(FORCE))
 
 
 def _require_recorded(named: Sequence[str], forces: Sequence[str]) -> None:

@@ -20,7 +20,6 @@ from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 
 ALL = "all"
-_LATE = ("x", "v", "a")  # kinds of sensors with a delay that can be estimated
 ADMISSIBLE = ("gain", "offset", "delay")
 _OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
@@ -145,12 +144,12 @@ def late_channels(record: Record, channel: str) -> tuple[str, ...]:
         is_smooth = record.interpolation.get(channel, BAND_LIMITED) == BAND_LIMITED
         return (channel,) if channel.startswith(FORCE) and is_smooth else ()
     stand_in = record.responses if channel in record.inputs else (channel,)
-    return tuple(name for name in stand_in if Channel.parse(name).kind in _LATE)
+    return tuple(name for name in stand_in if Channel.parse(name).is_motion)
 
 
 def _bases(record: Record) -> tuple[str, ...]:
     """The inputs of which no gain can be found: motions of a base."""
-    return tuple(name for name in record.inputs if not name.startswith(FORCE))
+    return tuple(channel for channel in record.inputs if not channel.is_force)
 
 
 def _rivals(first: Cause, second: Cause) -> bool:
@@ -327,7 +326,7 @@ def _shifted(record: Record, late: Mapping[str, int]) -> Record:
         return record
     first = max(0, *(-samples for samples in late.values()))
     count = len(record) - first - max(0, *late.values())
-    rows = {
+    rows: dict[str, slice] = {
         name: slice(first + late.get(name, 0), first + late.get(name, 0) + count) for name in record.channels
     }
     columns = [record.values[rows[name], column] for column, name in enumerate(record.channels)]

@@ -132,7 +132,7 @@ class SensorModel:
         record = self.frames[0].record if self.frames else None
         if record is None or not self.random or record.inputs:
             return False
-        return any(Channel.parse(name).kind == "a" for name in record.responses)
+        return any(channel.kind == "a" for channel in record.responses)
 
     @property
     def sigma(self) -> Floats:
@@ -225,13 +225,13 @@ class SensorModel:
         ]
         return Waveforms(np.array(channel), np.nan_to_num(np.concatenate(parts, axis=2)))
 
-    def _delays(self, channels: Sequence[str]) -> Indices:
+    def _delays(self, channels: Sequence[Channel]) -> Indices:
         """(C,) index of the unknown delay of each channel, -1 for none."""
-        of_sensors = [name for name in self.delays if not name.startswith(FORCE)]
-        absent = [name for name in of_sensors if name not in channels or Channel.parse(name).of_link]
+        sensors = [channel for channel in channels if not channel.of_link]
+        absent = [name for name in self.delays if not name.startswith(FORCE) and name not in sensors]
         if absent:
             raise IdentificationError(
                 f"no delay of {absent[0]} can be estimated: the sensors of masses in the record are "
-                f"{', '.join(name for name in channels if not Channel.parse(name).of_link)}"
+                f"{', '.join(sensors)}"
             )
         return np.array([self.delays.index(name) if name in self.delays else -1 for name in channels])

@@ -15,7 +15,7 @@ from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.sensor_errors import SensorErrors, motion_of
 from linkwise.likelihood.shooting.tangent_forces import CandidateForces
-from linkwise.model.parameters import SHAPE
+from linkwise.model.names import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 
@@ -33,11 +33,11 @@ class ShapeErrors:
 
     @classmethod
     def of(
-        cls, optimum: Optimum, misfit: Misfit, structure: Structure, channels: Sequence[str]
+        cls, optimum: Optimum, misfit: Misfit, structure: Structure, channels: Sequence[Channel]
     ) -> ShapeErrors | None:
         """The shapes at points with a link, a force or a sensor; None where there are none, or too many."""
         used = {end for link in structure.links for end in link.between}
-        used |= {Channel.parse(name).mass for name in channels}
+        used |= {channel.place for channel in channels}
         parameter_names = optimum.segments.system.parameters.names
         places = [
             (point, mode, shape)
@@ -85,14 +85,16 @@ class _Parts:
     optimum: Optimum
     misfit: Misfit
     structure: Structure
-    channels: Sequence[str]
+    channels: Sequence[Channel]
     motion: tuple[Floats, Floats]
     slopes: tuple[tuple[Floats, Floats], ...]
     forces: tuple[Floats, ...]
     applied: dict[str, tuple[Floats, Floats]]
 
     @classmethod
-    def of(cls, optimum: Optimum, misfit: Misfit, structure: Structure, channels: Sequence[str]) -> _Parts:
+    def of(
+        cls, optimum: Optimum, misfit: Misfit, structure: Structure, channels: Sequence[Channel]
+    ) -> _Parts:
         segments = optimum.segments
         stride = segments.flow_steps_per_tangent
         mechanics = segments.system.at(optimum.point.theta)
@@ -106,7 +108,7 @@ class _Parts:
             mechanics.force(links[:, 0], links[:, 1], memory, force, np.empty_like(memory))
             forces.append(force)
         applied: dict[str, tuple[Floats, Floats]] = {}
-        forced = [Channel.parse(name).mass for name in channels if Channel.parse(name).kind == "force"]
+        forced = [channel.place for channel in channels if channel.is_force]
         if segments.inputs.force is not None and forced:
             rows = np.stack([structure.topology.row(name) for name in forced])
             known = np.linalg.pinv(rows.T)  # a few points by modes
@@ -141,12 +143,12 @@ class _Parts:
     def shown(self, point: str, mode: str, shape: float) -> list[tuple[int, Floats]]:
         """What sensors at the point show more of."""
         segments, number = self.optimum.segments, self.structure.topology.index[mode]
-        responses = [name for name in self.channels if not Channel.parse(name).is_input]
+        responses = [name for name in self.channels if not name.is_input]
         return [
             (
                 channel,
                 shape * motion_of(segments, self.misfit, int(segments.sensors.kind[channel]), number)[0],
             )
             for channel, name in enumerate(responses)
-            if Channel.parse(name).mass == point
+            if name.place == point
         ]

@@ -19,7 +19,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.hypotheses import Hypothesis
 from linkwise.likelihood.single_tests import SingleTests
-from linkwise.model.parameters import MASS
+from linkwise.model.names import MASS
 
 LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
 

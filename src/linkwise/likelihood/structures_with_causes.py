@@ -8,7 +8,7 @@ from linkwise.estimates.causes import Cause
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
-from linkwise.model.parameters import SHAPE
+from linkwise.model.names import SHAPE
 from linkwise.model.structure import Structure
 
 FREED = {

@@ -46,7 +46,7 @@ def with_understated_noise(
             continue
         if name not in stated or not is_white(residuals.ravel()):
             return None
-        exceeded.append(f"{ratio:.2g} times in {name}, {fit.noise[name]:.2g} {Channel.parse(name).unit}")
+        exceeded.append(f"{ratio:.2g} times in {name}, {fit.noise[name]:.2g} {records[0].unit(name)}")
     if not exceeded:
         return None
     which = " and ".join(exceeded)
@@ -74,7 +74,7 @@ def beyond_statement(records: Sequence[Record]) -> str:
     str
         A sentence on such channels; empty where there are none.
     """
-    scatters: dict[str, tuple[float, float]] = {}
+    scatters: dict[Channel, tuple[float, float]] = {}
     for record in records:
         responses = record.select(record.responses)
         for name, sigma in zip(responses.channels, noise_sigma(responses.values).tolist(), strict=True):
@@ -85,8 +85,7 @@ def beyond_statement(records: Sequence[Record]) -> str:
     if not scatters:
         return ""
     which = " and ".join(
-        f"{ratio:.2g} times in {name}, {sigma:.2g} {Channel.parse(name).unit}"
-        for name, (ratio, sigma) in scatters.items()
+        f"{ratio:.2g} times in {name}, {sigma:.2g} {name.unit}" for name, (ratio, sigma) in scatters.items()
     )
     return (
         f"Before any law, neighbouring samples scatter by far more than the noise that is stated ({which}): state what it is, "

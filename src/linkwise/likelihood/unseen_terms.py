@@ -23,7 +23,7 @@ from linkwise.likelihood.held_errors import LARGEST_SHIFT
 from linkwise.likelihood.hypotheses import BETWEEN_MODES, which_between_modes, which_usual
 from linkwise.likelihood.stated_masses import LARGEST, beyond_white, which_stated
 from linkwise.likelihood.tested_causes import TestedCauses
-from linkwise.model.parameters import MASS
+from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
 
 _NEGLIGIBLE = 0.01

@@ -85,13 +85,12 @@ class ModalMeasurement:
         Raises IdentificationError if channels are of a host of another name, if forces or responses are missing or, where
         shapes are to be `scaled`, none is at the point of the other.
         """
-        responses = [channel for channel in records[0].responses if Channel.parse(channel).kind in "xva"]
-        forces = [channel for channel in records[0].inputs if Channel.parse(channel).kind == "force"]
+        responses, forces = records[0].motions, records[0].forces
         for record in records:
             if set(record.channels) != set(records[0].channels):
                 raise IdentificationError("the records of a modal test must have the same channels")
             _check(record, responses, forces)
-        places = [Channel.parse(channel).mass for channel in (*responses, *forces)]
+        places = [channel.place for channel in (*responses, *forces)]
         host = _host_named(name, places)
         own = [place.removeprefix(f"{host}.") for place in places]
         points = tuple(dict.fromkeys(own))
@@ -108,11 +107,10 @@ class ModalMeasurement:
     @classmethod
     def of_decay(cls, record: Record) -> ModalMeasurement:
         """The motions of a record on which no force acts."""
-        responses = [channel for channel in record.responses if Channel.parse(channel).kind in "xva"]
-        points = tuple(dict.fromkeys(Channel.parse(channel).mass for channel in responses))
-        sensed = np.array([points.index(Channel.parse(channel).mass) for channel in responses])
-        run = _run(record, responses, ())
-        return cls("", points, _kinds(responses), sensed, np.empty(0, dtype=np.intp), (run,))
+        points = tuple(dict.fromkeys(channel.place for channel in record.motions))
+        sensed = np.array([points.index(channel.place) for channel in record.motions])
+        run = _run(record, record.motions, ())
+        return cls("", points, _kinds(record.motions), sensed, np.empty(0, dtype=np.intp), (run,))
 
 
 def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> MeasuredRun:
@@ -125,9 +123,9 @@ def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> Mea
     )
 
 
-def _kinds(responses: Sequence[str]) -> Indices:
+def _kinds(responses: Sequence[Channel]) -> Indices:
     """(C,) orders of the derivatives of the displacement."""
-    return np.array(["xva".index(Channel.parse(channel).kind) for channel in responses])
+    return np.array([channel.order for channel in responses])
 
 
 def _deviations(record: Record, responses: Sequence[str]) -> Floats:

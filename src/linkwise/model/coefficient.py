@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from linkwise.errors import StructureError, expect
+from linkwise.model.names import Name
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Coefficient:
         Whether the coefficient is known.
     lower, upper : float, optional
         Bounds of an unknown.
-    same_as : str, optional
+    same_as : Name, optional
         Full name of another coefficient, such as ``"nes1.alpha"``, that this one is equal to. In a `Structure` the other
         fields repeat those of that coefficient.
     sigma : float, optional
@@ -46,7 +47,7 @@ class Coefficient:
     known: bool
     lower: float = -math.inf
     upper: float = math.inf
-    same_as: str | None = None
+    same_as: Name | None = None
     sigma: float = math.inf
 
     @staticmethod
@@ -105,7 +106,7 @@ class Coefficient:
         Coefficient
             The coefficient.
         """
-        return Coefficient(None, known=False, same_as=same_as)
+        return Coefficient(None, known=False, same_as=Name.parse(same_as))
 
     def __post_init__(self) -> None:
         expect("coefficient: known", self.known, bool)

@@ -1,4 +1,4 @@
-"""Names of masses and links: lookup with suggestions, prefixes and uniqueness."""
+"""Names of coefficients, masses and links: lookup with suggestions, prefixes and uniqueness."""
 
 from __future__ import annotations
 
@@ -8,6 +8,69 @@ from typing import TypeVar
 
 from linkwise.display import near_miss
 from linkwise.errors import StructureError
+
+MASS = "mass"
+SHAPE = "shape."
+"""What the names of shapes in their mode begin with; the name of the point follows."""
+
+
+class Name(str):
+    """The full name of a coefficient, a text that is equal to any other of the same characters, in its two parts.
+
+    Parameters
+    ----------
+    owner : str
+        The link, mass or mode.
+    key : str
+        Its name there: that in the law, "mass", or "shape." and a point.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> name = lw.bnes_chain(2).unknown("nes").parameters[0].name
+    >>> name, name.owner, name.key
+    ('nes1.alpha', 'nes1', 'alpha')
+    """
+
+    __slots__ = ("key", "owner")
+    owner: str
+    key: str
+
+    def __new__(cls, owner: str, key: str) -> Name:
+        name = super().__new__(cls, f"{owner}.{key}" if owner else key)
+        object.__setattr__(name, "owner", owner)
+        object.__setattr__(name, "key", key)
+        return name
+
+    def __reduce__(self) -> tuple[type[Name], tuple[str, str]]:
+        return Name, (self.owner, self.key)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"the {name} of a name cannot be changed")
+
+    @classmethod
+    def parse(cls, text: str) -> Name:
+        """Read a full name.
+
+        Parameters
+        ----------
+        text : str
+            OWNER.KEY, such as "nes1.alpha" or "wing.mode1.shape.tip".
+
+        Returns
+        -------
+        Name
+            The name; of a text without a dot one without an owner.
+        """
+        if isinstance(text, Name):
+            return text
+        owner, _, point = text.partition(f".{SHAPE}")
+        return cls(owner, f"{SHAPE}{point}") if point else cls(*text.rpartition(".")[::2])
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether it is that of the shape of a mode at a point of its host."""
+        return self.key.startswith(SHAPE)
 
 
 def matching(names: Iterable[str], typed: str) -> list[str]:

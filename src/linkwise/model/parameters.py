@@ -7,7 +7,7 @@ of a mode of a host at a point. A shared coefficient refers to its leader, the c
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from linkwise.display import near_miss
@@ -17,11 +17,8 @@ from linkwise.model.host import Host
 from linkwise.model.law import Law
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.named_laws import named_law_of
-from linkwise.model.names import matching, quoted
+from linkwise.model.names import MASS, SHAPE, Name, matching, quoted
 
-MASS = "mass"
-SHAPE = "shape."
-"""What the names of shapes in their mode begin with; the name of the point follows."""
 SHAPE_UNITS = {LENGTH: "1/sqrt(kg)", ANGLE: "rad/(m sqrt(kg))"}
 """Units of shapes by that of the displacement of their point."""
 _ANY_UNIT = "?"  # unit of a coefficient that its law does not determine
@@ -29,13 +26,13 @@ _ANY_UNIT = "?"  # unit of a coefficient that its law does not determine
 
 @dataclass(frozen=True)
 class CoefficientSlot:
-    """A coefficient in its place: link `index`, or -1 - i for mass or mode i, and its name `key` there.
+    """A coefficient in its place: link `index`, or -1 - i for mass or mode i, under its full `name`.
 
     Its unit is that of its law, or `own_unit` of a mass or a shape.
     """
 
     index: int
-    key: str
+    name: Name
     law: Law | None
     coefficient: Coefficient
     own_unit: str = ""
@@ -45,12 +42,12 @@ class CoefficientSlot:
         """The coefficient as an unknown without value, start or prior, within its bounds or those of a named law."""
         freed = self.coefficient.freed()
         named = None if self.law is None else named_law_of(self.law)
-        return freed if named is None else named.within_bounds(self.key, freed)
+        return freed if named is None else named.within_bounds(self.name.key, freed)
 
     @property
     def unit(self) -> str:
         """SI unit. Inferred on access, since a simulation never needs it."""
-        return self.own_unit if self.law is None else self.law.units[self.key]
+        return self.own_unit if self.law is None else self.law.units[self.name.key]
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class Parameter:
 
     Attributes
     ----------
-    name : str
+    name : Name
         Full name, such as ``"nes1.alpha"`` or ``"m1.mass"``.
     unit : str
         SI unit; ``"?"`` where the law does not determine it.
@@ -80,7 +77,7 @@ class Parameter:
     ['nes1.alpha', 'nes1.beta', 'nes1.c']
     """
 
-    name: str
+    name: Name
     unit: str
     start: float | None
     lower: float
@@ -99,25 +96,25 @@ def coefficient_slots(
     slots: dict[str, CoefficientSlot] = {}
     for index, link in enumerate(links):
         for key, coefficient in link.coefficients.items():
-            slots[f"{link.name}.{key}"] = CoefficientSlot(index, key, link.law, coefficient)
+            name = Name(link.name, key)
+            slots[name] = CoefficientSlot(index, name, link.law, coefficient)
     modes = {name: mode for host in hosts for name, mode in zip(host.coordinates, host.modes, strict=True)}
     for index, mass in enumerate(masses):
         if mass.name in modes:
             continue
-        name = f"{mass.name}.mass"
+        name = Name(mass.name, MASS)
         if name in slots:
             raise StructureError(
                 f'"{name}" names both a mass and a coefficient of a link; rename the mass or the link'
             )
-        slots[name] = CoefficientSlot(-1 - index, MASS, None, mass.mass, MASS_UNITS[mass.unit])
+        slots[name] = CoefficientSlot(-1 - index, name, None, mass.mass, MASS_UNITS[mass.unit])
     for index, mass in enumerate(masses if modes else ()):
         if mass.name in modes:
             mode = modes[mass.name]
             for point in mode.shape:
-                key, unit = f"{SHAPE}{point}", SHAPE_UNITS[ANGLE if point in mode.rotations else LENGTH]
-                slots[f"{mass.name}.{key}"] = CoefficientSlot(
-                    -1 - index, key, None, mode.shape_value(point), unit
-                )
+                name = Name(mass.name, f"{SHAPE}{point}")
+                unit = SHAPE_UNITS[ANGLE if point in mode.rotations else LENGTH]
+                slots[name] = CoefficientSlot(-1 - index, name, None, mode.shape_value(point), unit)
     return slots
 
 
@@ -150,28 +147,24 @@ def free_parameters(
 ) -> tuple[Parameter, ...]:
     """The free parameters in the order of `slots`, each with all coefficients that share it."""
     members: dict[str, list[tuple[int, str]]] = {
-        name: [(slot.index, slot.key)]
+        name: [(slot.index, slot.name.key)]
         for name, slot in slots.items()
         if slot.coefficient.same_as is None and not slot.coefficient.known
     }
     units = {name: slots[name].unit for name in members}
     for name, leader in leaders.items():
         if leader in members:
-            members[leader].append((slots[name].index, slots[name].key))
+            members[leader].append((slots[name].index, slots[name].name.key))
             if units[leader] == _ANY_UNIT:
                 units[leader] = slots[name].unit
-    return tuple(
-        _parameter(name, units[name], slots[name], tuple(sharing)) for name, sharing in members.items()
-    )
+    return tuple(_parameter(units[name], slots[name], tuple(sharing)) for name, sharing in members.items())
 
 
-def _parameter(
-    name: str, unit: str, slot: CoefficientSlot, members: tuple[tuple[int, str], ...]
-) -> Parameter:
+def _parameter(unit: str, slot: CoefficientSlot, members: tuple[tuple[int, str], ...]) -> Parameter:
     coefficient = slot.coefficient
     of_mass = any(index < 0 and key == MASS for index, key in members)
     lower = max(coefficient.lower, 0.0) if of_mass else coefficient.lower
-    return Parameter(name, unit, coefficient.value, lower, coefficient.upper, members, coefficient.sigma)
+    return Parameter(slot.name, unit, coefficient.value, lower, coefficient.upper, members, coefficient.sigma)
 
 
 def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:
@@ -181,30 +174,18 @@ def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:
         )
 
 
-def is_shape(name: str) -> bool:
-    """Whether a full name is that of a shape of a host, such as "wing.mode1.shape.tip"."""
-    return f".{SHAPE}" in name
-
-
-def shape_unit(name: str, rotations: Collection[str]) -> str:
-    """The unit of a shape by its full name, such as "wing.mode1.shape.tip", among points that are `rotations`."""
-    mode, _, point = name.partition(f".{SHAPE}")
-    turns = f"{mode.rpartition('.')[0]}.{point}" in rotations
-    return SHAPE_UNITS[ANGLE if turns else LENGTH]
-
-
 def chosen_names(selector: str, links: Mapping[str, int], slots: Mapping[str, CoefficientSlot]) -> list[str]:
     """Full names that one argument of `Structure.unknown` selects, `links` being numbers by name. Raises StructureError."""
     if selector == "all":
         return [name for name, slot in slots.items() if slot.index >= 0]
-    if is_shape(selector) and selector in slots:
-        return [selector]
+    asked = Name.parse(selector)
+    if asked.is_shape and asked in slots:
+        return [asked]
     numbers = {links[name] for name in matching(links, selector)}
     if numbers:
         return [name for name, slot in slots.items() if slot.index in numbers]
-    head, _, key = selector.rpartition(".")
-    chosen = [f"{name}.{key}" for name in (matching(links, head) if head else ())]
-    chosen = [name for name in chosen if name in slots]
+    owners = matching(links, asked.owner) if asked.owner else ()
+    chosen = [str(name) for owner in owners if (name := Name(owner, asked.key)) in slots]
     if not chosen:
         raise StructureError(
             f'"{selector}" is not a link, a prefix of link names or a coefficient'
@@ -224,12 +205,12 @@ def replace_coefficients(
     by_link: dict[int, dict[str, Coefficient]] = {}
     for name, coefficient in changes.items():
         slot = slots[name]
-        if slot.key.startswith(SHAPE) and slot.law is None:
+        if slot.name.key.startswith(SHAPE) and slot.law is None:
             continue
         if slot.index < 0:
             new_masses[-1 - slot.index] = replace(masses[-1 - slot.index], mass=coefficient)
         else:
-            by_link.setdefault(slot.index, {})[slot.key] = coefficient
+            by_link.setdefault(slot.index, {})[slot.name.key] = coefficient
     for index, new in by_link.items():
         new_links[index] = replace(links[index], coefficients={**links[index].coefficients, **new})
     return tuple(new_masses), tuple(new_links)
@@ -239,9 +220,8 @@ def replace_shapes(hosts: tuple[Host, ...], changes: Mapping[str, Coefficient]) 
     """Hosts with some shapes, given by full name, replaced."""
     by_mode: dict[str, dict[str, Coefficient]] = {}
     for name, coefficient in changes.items():
-        mode, separator, point = name.partition(f".{SHAPE}")
-        if separator:
-            by_mode.setdefault(mode, {})[point] = coefficient
+        if (asked := Name.parse(name)).is_shape:
+            by_mode.setdefault(asked.owner, {})[asked.key.removeprefix(SHAPE)] = coefficient
     if not by_mode:
         return hosts
     return tuple(

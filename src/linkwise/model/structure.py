@@ -29,7 +29,7 @@ from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.host import Host, counted, is_between_modes, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
-from linkwise.model.names import check_unique, index_of, quoted
+from linkwise.model.names import MASS, Name, check_unique, index_of, quoted
 from linkwise.model.parameters import (
     CoefficientSlot,
     Parameter,
@@ -321,11 +321,35 @@ class Structure(NotebookView):
         StructureError
             If there is no coefficient of this name.
         """
+        slot = self._slot(name)
+        return self._slots[self._leaders[name]].coefficient if name in self._leaders else slot.coefficient
+
+    def unit_of(self, name: str) -> str:
+        """Look up the SI unit of a coefficient.
+
+        Parameters
+        ----------
+        name : str
+            Its full name.
+
+        Returns
+        -------
+        str
+            The unit; ``"?"`` where the law does not determine it.
+
+        Raises
+        ------
+        StructureError
+            If there is no coefficient of this name.
+        """
+        return self._slot(name).unit
+
+    def _slot(self, name: str) -> CoefficientSlot:
         if name not in self._slots:
             raise StructureError(
                 f'unknown coefficient "{name}"{near_miss(name, self._slots)}; choose from {quoted(self._slots)}'
             )
-        return self._slots[self._leaders.get(name, name)].coefficient
+        return self._slots[name]
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -418,7 +442,7 @@ class Structure(NotebookView):
         """Full names that one argument of `unknown` selects. Raises StructureError if there are none."""
         if not selector.startswith("mass:"):
             return chosen_names(selector, self._link_index, self._slots)
-        name = f"{self.mass(selector.removeprefix('mass:')).name}.mass"
+        name = Name(self.mass(selector.removeprefix("mass:")).name, MASS)
         self.coefficient(name)  # a mode has none
         return [name]
 

@@ -17,7 +17,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,47 +27,78 @@ from linkwise.errors import IdentificationError, LinkwiseError, RecordError, exp
 from linkwise.model.excitation import Sampled
 from linkwise.units import factor_to_si
 
-UNITS = {"x": "m", "v": "m/s", "a": "m/s^2", "force": "N", "f": "N", "state": "?"}
-ANGULAR_UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "force": "N m", "f": "N m"}
-"""Of places that turn, and of links between them: a force there is a moment."""
-QUANTITIES = {
-    "x": "displacement", "v": "velocity", "a": "acceleration", "force": "applied force", "f": "force in a link",
-    "state": "state of a link",
-}  # fmt: skip
-OF_MASSES = ("x", "v", "a", "force")
-FORCE = "force:"  # with which the names of applied forces begin
+
+class Kind(NamedTuple):
+    """A kind of channel: its quantity, the SI units of it (of places that turn: `angular_unit`), and of what it is one.
+
+    `order` counts the derivatives of a displacement; None where it is no motion.
+    """
+
+    quantity: str
+    unit: str
+    angular_unit: str = ""
+    of: Literal["mass", "link", "state"] = "mass"
+    order: int | None = None
+    is_input: bool = False
+
+
+KINDS = {
+    "x": Kind("displacement", "m", "rad", order=0),
+    "v": Kind("velocity", "m/s", "rad/s", order=1),
+    "a": Kind("acceleration", "m/s^2", "rad/s^2", order=2),
+    "force": Kind("applied force", "N", "N m", is_input=True),
+    "f": Kind("force in a link", "N", "N m", of="link"),
+    "state": Kind("state of a link", "?", of="state"),
+}
+"""All kinds, and all that other modules know of them; a place is a mass, a point of a host or the base."""
+MOTIONS = tuple(
+    sorted(
+        (key for key, kind in KINDS.items() if kind.order is not None), key=lambda key: KINDS[key].order or 0
+    )
+)
+ANGULAR_UNITS = frozenset(kind.angular_unit for kind in KINDS.values() if kind.angular_unit)
 BASE = "base"
+FORCE = "force:"  # with which the names of applied forces begin
 _RELATIVE = "rel:"
 _RESERVED = frozenset(":[]()\"',;\t\n")
 
 
-@dataclass(frozen=True)
-class Channel:
-    """One sensor, or one input.
+class Channel(str):
+    """One sensor, or one input: its name, a text that is equal to any other of the same characters, and what that says.
 
     Parameters
     ----------
     kind : {"x", "v", "a", "force", "f", "state"}
         Displacement (m), velocity (m/s), acceleration (m/s^2), applied force (N), force in a link (N) or state of a link.
-    mass : str
+    place : str
         Name of the mass, or "base" for the moving base; of a link its name, of a state "LINK.NAME".
     relative : bool, optional
         Whether a sensor shows the motion of the mass relative to the base, as "rel:x:m1" does.
-    angular : bool, optional
-        Whether its place turns, so that it is in rad, rad/s, rad/s^2 or N m; its name does not tell.
 
     Examples
     --------
     >>> import linkwise as lw
     >>> channel = lw.Channel.parse("v:m1")
-    >>> channel.kind, channel.mass, channel.unit, channel.is_input
-    ('v', 'm1', 'm/s', False)
+    >>> channel, channel.kind, channel.place, channel.unit, channel.is_input
+    ('v:m1', 'v', 'm1', 'm/s', False)
     """
 
+    __slots__ = ("kind", "place", "relative")
     kind: str
-    mass: str
-    relative: bool = False
-    angular: bool = False
+    place: str
+    relative: bool
+
+    def __new__(cls, kind: str, place: str, relative: bool = False) -> Channel:
+        channel = super().__new__(cls, f"{_RELATIVE if relative else ''}{kind}:{place}")
+        for name, value in (("kind", kind), ("place", place), ("relative", relative)):
+            object.__setattr__(channel, name, value)
+        return channel
+
+    def __reduce__(self) -> tuple[type[Channel], tuple[str, str, bool]]:
+        return Channel, (self.kind, self.place, self.relative)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"the {name} of a channel cannot be changed")
 
     @classmethod
     def parse(cls, name: str) -> Channel:
@@ -88,58 +119,78 @@ class Channel:
         RecordError
             If it is not the name of a channel.
         """
-        if type(name) is not str:  # a comparison takes no call, and names are parsed by the thousand
+        if isinstance(name, Channel):
+            return name
+        if type(name) is not str:  # a comparison takes no call
             expect("Channel.parse(name): name", name, str)
         relative = name.startswith(_RELATIVE)
-        kind, colon, mass = name.removeprefix(_RELATIVE).partition(":")
-        if not colon or not mass or not kind:
+        kind, colon, place = name.removeprefix(_RELATIVE).partition(":")
+        if not colon or not place or not kind:
             raise RecordError(
-                f"{name!r} is not a channel: expected KIND:MASS, such as x:m1, with KIND one of {', '.join(UNITS)}"
+                f"{name!r} is not a channel: expected KIND:MASS, such as x:m1, with KIND one of {', '.join(KINDS)}"
             )
-        if kind not in UNITS:
-            known = ", ".join(f"{key} ({QUANTITIES[key]}, {unit})" for key, unit in UNITS.items())
+        if kind not in KINDS:
+            known = ", ".join(f"{key} ({kind.quantity}, {kind.unit})" for key, kind in KINDS.items())
             raise RecordError(f"{name!r} is not a channel: unknown kind {kind!r}; choose from {known}")
-        if mass != mass.strip() or _RESERVED & set(mass):
-            raise RecordError(f"{name!r} is not a channel: {mass!r} is not a valid name of a mass")
-        if kind == "force" and mass == BASE:
+        if place != place.strip() or _RESERVED & set(place):
+            raise RecordError(f"{name!r} is not a channel: {place!r} is not a valid name of a mass")
+        channel = cls(kind, place, relative)
+        if kind == "force" and place == BASE:
             raise RecordError(
                 "'force:base' is not a channel: a base is moved by x:base, v:base or a:base, not by a force"
             )
-        if kind == "state" and not all(mass.rpartition(".")[::2]):
+        if kind == "state" and not (channel.link and channel.state):
             raise RecordError(f"{name!r} is not a channel: a state is written state:LINK.NAME")
-        if relative and (kind not in "xva" or mass == BASE):
+        if relative and (not channel.is_motion or place == BASE):
             raise RecordError(
                 f"{name!r} is not a channel: only the motion of a mass is relative to the base, as in rel:x:m1"
             )
-        return cls(kind, mass, relative)
+        return channel
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether it shows a displacement, a velocity or an acceleration."""
+        return self.kind in MOTIONS
+
+    @property
+    def order(self) -> int:
+        """Which derivative of a displacement a motion is."""
+        return MOTIONS.index(self.kind)
+
+    @property
+    def is_force(self) -> bool:
+        """Whether it is an applied force."""
+        return self.kind == "force"
 
     @property
     def of_link(self) -> bool:
         """Whether it shows the force in a link or its state."""
-        return self.kind not in OF_MASSES
+        return KINDS[self.kind].of != "mass"
 
     @property
     def link(self) -> str:
         """The name of the link of such a channel."""
-        return self.mass.rpartition(".")[0] if self.kind == "state" else self.mass
+        return self.place.rpartition(".")[0] if self.kind == "state" else self.place
 
-    def __str__(self) -> str:
-        return f"{_RELATIVE if self.relative else ''}{self.kind}:{self.mass}"
+    @property
+    def state(self) -> str:
+        """The name that a state has in its link."""
+        return self.place.rpartition(".")[2]
 
     @property
     def unit(self) -> str:
-        """The SI unit of the channel; "?" of a state, which is in the unit that its law gives it."""
-        return (ANGULAR_UNITS if self.angular else UNITS)[self.kind]
+        """The SI unit where nothing turns; "?" of a state, which is in the unit that its law gives it."""
+        return KINDS[self.kind].unit
+
+    @property
+    def angular_unit(self) -> str:
+        """The SI unit where the place turns, in which a force is a moment; empty of a state."""
+        return KINDS[self.kind].angular_unit
 
     @property
     def is_input(self) -> bool:
         """True for what drives the structure (applied force, base motion), False for a response."""
-        return self.kind == "force" or (self.mass == BASE and not self.of_link)
-
-
-def of_links(channels: Iterable[str]) -> tuple[str, ...]:
-    """Those of these channels that show forces or states of links."""
-    return tuple(name for name in channels if Channel.parse(name).of_link)
+        return KINDS[self.kind].is_input or (self.place == BASE and not self.of_link)
 
 
 HELD, LINEAR, BAND_LIMITED = INTERPOLATIONS = ("held", "linear", "band-limited")
@@ -323,13 +374,16 @@ def is_angular(unit: str, kind: str) -> bool:
     bool
         Whether it is.
     """
-    words = _MOMENT if kind in ("force", "f") else _ANGLE
-    return kind in ANGULAR_UNITS and bool(words.search(unit)) and _converts(unit, ANGULAR_UNITS[kind])
+    row = KINDS.get(kind)
+    if row is None or not row.angular_unit:
+        return False
+    words = _MOMENT if row.unit == "N" else _ANGLE
+    return bool(words.search(unit)) and _converts(unit, row.angular_unit)
 
 
 def si_unit(unit: str, kind: str) -> str:
     """The SI unit of a channel of `kind` that is stated in `unit`."""
-    return ANGULAR_UNITS[kind] if is_angular(unit, kind) else UNITS[kind]
+    return KINDS[kind].angular_unit if is_angular(unit, kind) else KINDS[kind].unit
 
 
 def unit_behind(quantity: str) -> str:
@@ -383,8 +437,9 @@ FASTEST = 1e30  # Hz, and its inverse the slowest rate: accelerations of such re
 LARGEST = 1e100  # in any unit: products of four larger values are not finite
 
 
-def check_clipped(channels: Sequence[str], clipped: Mapping[str, object]) -> None:
+def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) -> None:
     """Raise RecordError for clipped samples of a name that is not a response of these channels."""
+    inputs = {channel for channel in channels if channel.is_input}
     for name, samples in clipped.items():
         if name not in channels:
             raise RecordError(
@@ -392,18 +447,16 @@ def check_clipped(channels: Sequence[str], clipped: Mapping[str, object]) -> Non
             )
         if not isinstance(samples, ClippedSamples):
             raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
-        if Channel.parse(name).is_input:
+        if name in inputs:
             raise RecordError(
                 f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
             )
 
 
 def check_names(
-    channels: Sequence[str], noise: Mapping[str, float], interpolation: Mapping[str, str]
+    channels: Sequence[Channel], noise: Mapping[str, float], interpolation: Mapping[str, str]
 ) -> None:
-    """Raise RecordError for a name that is not a channel or is listed twice, and for invalid noise or interpolation."""
-    for name in channels:
-        Channel.parse(name)
+    """Raise RecordError for a channel that is listed twice, and for invalid noise or interpolation."""
     repeated = [name for i, name in enumerate(channels) if name in channels[:i]]
     if repeated:
         raise RecordError("is listed twice", channel=repeated[0])
@@ -416,7 +469,7 @@ def check_names(
         if not (np.isfinite(sigma) and sigma >= 0.0):
             raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)
 
-    check_interpolation([name for name in channels if Channel.parse(name).is_input], interpolation)
+    check_interpolation([name for name in channels if name.is_input], interpolation)
 
 
 def check_rate(rate: float, file: str | None = None) -> None:
@@ -457,13 +510,13 @@ def _beyond(value: float) -> str:
 
 
 def column_notes(
-    name: str, samples: NDArray[np.generic], file: str | None, lines: NDArray[np.int64] | None
+    name: Channel, samples: NDArray[np.generic], file: str | None, lines: NDArray[np.int64] | None
 ) -> list[str]:
     """Notes on one measured column (N,). Raises RecordError unless it holds real, finite numbers."""
     if samples.dtype.kind not in "iuf":
         raise RecordError(f"must be real numbers, got {samples.dtype}", file, channel=name)
     if samples.dtype.kind in "iu":
-        return [f"{name}: integers were taken as values in {Channel.parse(name).unit}; counts need a unit."]
+        return [f"{name}: integers were taken as values in {name.unit}; counts need a unit."]
     beyond = np.flatnonzero(np.abs(samples) > LARGEST)
     if len(beyond):
         row = int(beyond[0])
@@ -475,14 +528,14 @@ def column_notes(
     return [f"{name}: {missing} of {len(samples)} samples are missing."] if missing else []
 
 
-def check_responses(names: tuple[str, ...], values: Floats, file: str | None) -> None:
+def check_responses(names: Iterable[Channel], values: Floats, file: str | None) -> None:
     """Raise RecordError for a response without information: missing throughout, constant, or a copy of another.
 
     `values` (N, C) are the columns of the channels `names`; inputs may be constant or equal.
     """
     names_by_samples: dict[bytes, str] = {}
     for column, name in enumerate(names):
-        if Channel.parse(name).is_input:
+        if name.is_input:
             continue
         samples = values[:, column]
         present = samples[~np.isnan(samples)]

@@ -6,10 +6,19 @@ from dataclasses import replace
 
 from linkwise.errors import RecordError
 from linkwise.model.structure import Structure
-from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel
+from linkwise.records.channel import ANGULAR_UNITS, KINDS, Channel
 from linkwise.records.record import Record
 
-_MOTIONS = frozenset(ANGULAR_UNITS.values())
+
+def places_of(kind: str, structure: Structure) -> tuple[str, ...]:
+    """What channels of a kind may name in a structure."""
+    match KINDS[kind].of:
+        case "link":
+            return tuple(link.name for link in structure.links)
+        case "state":
+            return tuple(f"{link.name}.{state}" for link in structure.links for state in link.law.states)
+        case "mass":
+            return structure.places
 
 
 def unit_in(structure: Structure, name: str) -> str:
@@ -29,14 +38,14 @@ def unit_in(structure: Structure, name: str) -> str:
     """
     channel = Channel.parse(name)
     if channel.kind == "state":
-        return structure.link(channel.link).law.state_units[channel.mass.rpartition(".")[2]].replace("?", "")
+        return structure.link(channel.link).law.state_units[channel.state].replace("?", "")
     if not structure.rotations:
         return channel.unit
-    if channel.kind == "f":
+    if channel.of_link:
         return next(
             (link.law.force_unit for link in structure.links if link.name == channel.link), channel.unit
         )
-    return (ANGULAR_UNITS if channel.mass in structure.rotations else UNITS)[channel.kind]
+    return channel.angular_unit if channel.place in structure.rotations else channel.unit
 
 
 def channel_unit(record: Record, name: str, structure: Structure) -> str:
@@ -80,34 +89,33 @@ def in_units_of(record: Record, structure: Structure) -> Record:
     RecordError
         If a channel is stated in units of a rotation and its place moves in m, or the other way round.
     """
-    if not structure.rotations and _MOTIONS.isdisjoint(record.units.values()):
+    if not structure.rotations and ANGULAR_UNITS.isdisjoint(record.units.values()):
         return record
-    units = {}
-    for name in record.channels:
-        channel = Channel.parse(name)
-        if channel.kind not in ANGULAR_UNITS:
+    units: dict[str, str] = {}
+    for channel in record.channels:
+        if not channel.angular_unit:
             continue
-        unit, stated = unit_in(structure, name), record.units.get(name)
+        unit, stated = unit_in(structure, channel), record.units.get(channel)
         if stated is not None and stated != unit:
-            raise RecordError(_contradiction(channel, stated, unit), channel=name)
+            raise RecordError(_contradiction(channel, stated, unit), channel=channel)
         if unit != channel.unit:
             if channel.relative:
                 raise RecordError(
-                    f"{channel.mass} turns, and the base moves in m: nothing turns relative to it; name the channel "
-                    f"{channel.kind}:{channel.mass}",
-                    channel=name,
+                    f"{channel.place} turns, and the base moves in m: nothing turns relative to it; name the channel "
+                    f"{channel.kind}:{channel.place}",
+                    channel=channel,
                 )
-            units[name] = unit
+            units[channel] = unit
     return replace(record, units={**record.units, **units}) if units else record
 
 
 def _contradiction(channel: Channel, stated: str, unit: str) -> str:
     if channel.of_link:
         return f"is stated in a unit that converts to {stated}, and the force of this link is in {unit}: correct the unit"
-    turns = unit == ANGULAR_UNITS[channel.kind]
-    contrary, (host, _, point) = "m" if turns else "rad", channel.mass.rpartition(".")
+    turns = unit == channel.angular_unit
+    contrary, (host, _, point) = "m" if turns else "rad", channel.place.rpartition(".")
     place = f"point in its host: units = {{ {point} = " if host else "mass: "
     remedy = f"correct the unit of the channel, or that of the {place}"
     remedy += f'"{contrary}" }}' if host else f'unit = "{contrary}"'
     how = "turns" if turns else "moves along a line"
-    return f"is stated in a unit that converts to {stated}, and {channel.mass} {how}, so it is in {unit}: {remedy}"
+    return f"is stated in a unit that converts to {stated}, and {channel.place} {how}, so it is in {unit}: {remedy}"

@@ -24,7 +24,7 @@ import numpy as np
 from linkwise.arrays import Bools
 from linkwise.errors import RecordError, expect
 from linkwise.model.excitation import Sampled
-from linkwise.records.channel import OF_CHANNELS, Channel, ClippedSamples
+from linkwise.records.channel import OF_CHANNELS, ClippedSamples
 from linkwise.records.record import Record
 
 _BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
@@ -77,7 +77,7 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
         return record
     if last <= first:
         raise RecordError("the delays leave no sample that all channels have")
-    listed = ", ".join(f"{delay:g} s in {Channel.parse(name)}" for name, delay in delays.items())
+    listed = ", ".join(f"{delay:g} s in {name}" for name, delay in delays.items())
     note = f"Delays were taken out: {listed}. One that is found with the laws is what is left beside it."
     moved = replace(record, values=values, notes=(*record.notes, note))
     return moved[first:last]
@@ -141,7 +141,6 @@ def check_stated_noise(records: Sequence[Record]) -> None:
                 )
 
 
-_MOTION = ("x", "v", "a")
 _REGULAR = (
     0.9  # of the distances, multiples of that of most samples: a few samples more or less make no other rate
 )
@@ -161,8 +160,7 @@ def common_samples(record: Record) -> Record | None:
         The record at every so-manyth of its samples, without a filter; None where most samples that all displacements,
         velocities and accelerations have follow one another.
     """
-    moving = [name for name in record.responses if Channel.parse(name).kind in _MOTION]
-    complete = np.asarray(np.isfinite(record.select(moving).values).all(axis=1))
+    complete = np.asarray(np.isfinite(record.select(record.motions).values).all(axis=1))
     every = sampled_every(complete)
     if every < 2:
         return None

@@ -20,6 +20,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError, expect
 from linkwise.records.channel import (
+    MOTIONS,
     OF_CHANNELS,
     Channel,
     ClippedSamples,
@@ -137,7 +138,7 @@ class Record(NotebookView):
 
     start: float
     rate: float
-    channels: tuple[str, ...]
+    channels: tuple[Channel, ...]
     values: Floats
     noise: Mapping[str, float] = field(default_factory=dict)
     simulated: SimulationTruth | None = None
@@ -153,10 +154,13 @@ class Record(NotebookView):
             expect(f"Record: {name}", getattr(self, name), float)
         for name in OF_CHANNELS:
             expect(f"Record: {name}", getattr(self, name), Mapping)
-        for name, kind in (("start", float), ("rate", float), ("channels", tuple), ("notes", tuple)):
+        object.__setattr__(self, "channels", tuple(map(Channel.parse, self.channels)))
+        parsed = {channel: channel for channel in self.channels}
+        for name, kind in (("start", float), ("rate", float), ("notes", tuple)):
             object.__setattr__(self, name, kind(getattr(self, name)))
         for name in OF_CHANNELS:
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+            given = getattr(self, name).items()
+            object.__setattr__(self, name, MappingProxyType({parsed.get(k, k): v for k, v in given}))
         object.__setattr__(self, "values", read_only(self.values))
         check_names(self.channels, self.noise, self.interpolation)
         check_clipped(self.channels, self.clipped)
@@ -211,8 +215,9 @@ class Record(NotebookView):
         Record of 200 samples at 100 Hz, 0 to 1.99 s: x:m1
         """
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
-        timeline, values, remarks = sampled_columns(time, channels, file, lines)
-        grid = timeline.start, timeline.rate, tuple(channels)
+        columns = {Channel.parse(name): samples for name, samples in channels.items()}
+        timeline, values, remarks = sampled_columns(time, columns, file, lines)
+        grid = timeline.start, timeline.rate, tuple(columns)
         return cls(*grid, values, noise or {}, None, source or (file or ""), (*notes, *remarks))
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
@@ -253,19 +258,45 @@ class Record(NotebookView):
         return mask
 
     @property
-    def responses(self) -> tuple[str, ...]:
+    def responses(self) -> tuple[Channel, ...]:
         """Channels that measure the motion of the masses, and the forces and states of links."""
-        return tuple(name for name in self.channels if not Channel.parse(name).is_input)
+        return tuple(channel for channel in self.channels if not channel.is_input)
 
     @property
-    def inputs(self) -> tuple[str, ...]:
+    def motions(self) -> tuple[Channel, ...]:
+        """Those of them that are displacements, velocities and accelerations."""
+        return tuple(channel for channel in self.responses if channel.is_motion)
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
         """Channels that drive the structure: applied forces and base motion."""
-        return tuple(name for name in self.channels if Channel.parse(name).is_input)
+        return tuple(channel for channel in self.channels if channel.is_input)
+
+    @property
+    def forces(self) -> tuple[Channel, ...]:
+        """Those of them that are applied forces."""
+        return tuple(channel for channel in self.channels if channel.is_force)
 
     @property
     def masses(self) -> tuple[str, ...]:
         """Names of the masses with a response channel, in order of appearance."""
-        return tuple(dict.fromkeys(c.mass for c in map(Channel.parse, self.responses) if not c.of_link))
+        return tuple(dict.fromkeys(channel.place for channel in self.responses if not channel.of_link))
+
+    def motions_of(self, place: str) -> tuple[Channel, ...]:
+        """Those that show displacement, velocity and acceleration of a place, relative to the ground, in this order.
+
+        Parameters
+        ----------
+        place : str
+            A mass, a point of a host or the base.
+
+        Returns
+        -------
+        tuple of Channel
+            Those that there are.
+        """
+        every = (Channel(kind, place) for kind in MOTIONS)
+        return tuple(channel for channel in every if channel in self.channels)
 
     def unit(self, name: str) -> str:
         """SI unit of a channel.
@@ -285,8 +316,7 @@ class Record(NotebookView):
         RecordError
             If the channel is not in the record.
         """
-        self._column(name)
-        channel = Channel.parse(name)
+        channel = self.channels[self._column(name)]
         return channel.unit if channel.kind == "state" else self.units.get(name, channel.unit)
 
     def _column(self, name: str) -> int:
@@ -334,13 +364,13 @@ class Record(NotebookView):
         RecordError
             If a channel is not in the record.
         """
-        names = tuple(names)
         columns = [self._column(name) for name in names]
+        channels = tuple(self.channels[column] for column in columns)
         selected: dict[str, Any] = {
-            kind: {name: value for name, value in getattr(self, kind).items() if name in (*names, COMMON)}
+            kind: {name: value for name, value in getattr(self, kind).items() if name in (*channels, COMMON)}
             for kind in OF_CHANNELS
         }
-        return replace(self, channels=names, values=self.values[:, columns], **selected)
+        return replace(self, channels=channels, values=self.values[:, columns], **selected)
 
     def __getitem__(self, which: slice) -> Record:
         if not isinstance(which, slice) or which.step not in (None, 1):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import ANGULAR_UNITS, UNITS, Channel, si_unit, unit_behind
+from linkwise.records.channel import KINDS, Channel, si_unit, unit_behind
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, size_in_unit
@@ -22,7 +22,7 @@ _IN_UNIT = ("offset", "noise")  # which are in the unit of the channel
 KEYS = ("calibration", "gain", "offset", "delay", "noise", "interpolation")
 _WITHIN = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
 _EXAMPLES = {"gain": "1.02", "offset": "0.3 {unit}", "delay": "2 ms"}
-_IF_IT_TURNS = {UNITS[kind]: unit for kind, unit in ANGULAR_UNITS.items()}
+_IF_IT_TURNS = {kind.unit: kind.angular_unit for kind in KINDS.values()}
 _PLAIN = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
 
 
@@ -103,9 +103,9 @@ class SensorStatement:
         RecordError
             If a key is unknown or a value cannot be read; the error names file, channel and key.
         """
-        kind = "" if channel == COMMON else Channel.parse(channel).kind
-        units = [unit for key in _IN_UNIT for unit in _units(stated.get(key), kind)]
-        unit = units[0] if units else UNITS.get(kind, "")
+        sensor = None if channel == COMMON else Channel.parse(channel)
+        units = [unit for key in _IN_UNIT for unit in _units(stated.get(key), sensor)]
+        unit = units[0] if units else sensor.unit if sensor else ""
         for key in stated:
             if key not in KEYS:
                 message = f"unknown key {key!r}{near_miss(key, KEYS)}; the keys are {', '.join(KEYS)}"
@@ -157,12 +157,14 @@ class SensorStatement:
         return SensorUncertainty(gain.sigma / abs(gain.value), offset.sigma / abs(gain.value), delay.sigma)
 
 
-def _units(given: object, kind: str) -> list[str]:
-    """The SI units of the texts of a quantity of a channel of `kind`."""
+def _units(given: object, sensor: Channel | None) -> list[str]:
+    """The SI units of the texts of a quantity in the unit of a sensor, which may turn or not."""
+    if sensor is None or not sensor.angular_unit:
+        return []
     texts = given.values() if isinstance(given, Mapping) else (given,)
     parts = (part for text in texts if isinstance(text, str) for part in _WITHIN.split(text))
     units = [unit_behind(part) for part in parts if part.strip() != "unknown"]
-    return [si_unit(unit, kind) for unit in units if unit and kind in ANGULAR_UNITS]
+    return [si_unit(unit, sensor.kind) for unit in units if unit]
 
 
 def known_within(text: str, dimension: str, kind: str) -> StatedError:
@@ -285,7 +287,7 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             values[:, column] = (values[:, column] - offset.value) / gain.value
             if name in noise:
                 noise[name] /= abs(gain.value)
-            notes.append(_taken_out(name, gain.value, offset.value, units.get(name, "")))
+            notes.append(_taken_out(record.channels[column], gain.value, offset.value, units.get(name, "")))
         if statement.delay is not None and statement.delay.value:
             late[name] = statement.delay.value
         corrected = {"gain": gain.value != 1.0, "offset": offset.value, "delay": late.get(name)}
@@ -335,18 +337,16 @@ def _require_gain_around_one(common: SensorStatement, file: str | None) -> None:
         )
 
 
-def _taken_out(name: str, gain: float, offset: float, of_state: str) -> str:
+def _taken_out(name: Channel, gain: float, offset: float, of_state: str) -> str:
     errors = [f"an offset of {size_in_unit(offset, name, of_state)}"] if offset else []
     errors += [f"a gain of {gain:g}"] if gain != 1.0 else []
     return f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} removed, as known."
 
 
-def attributes_of(known: SensorUncertainty, channel: str, unit: str = "") -> dict[str, str]:
-    """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor, whose SI `unit` may be that of a
-    rotation.
-    """
-    unit = "" if channel == COMMON else f" {unit or Channel.parse(channel).unit}".replace(" ?", "")
-    stated = (("gain", known.gain, ""), ("offset", known.offset, unit), ("delay", known.delay, " s"))
+def attributes_of(known: SensorUncertainty, unit: str) -> dict[str, str]:
+    """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor that shows its SI `unit`."""
+    suffix = f" {unit}".replace(" ?", "")
+    stated = (("gain", known.gain, ""), ("offset", known.offset, suffix), ("delay", known.delay, " s"))
     return {
         key: "unknown" if sigma == inf else f"+- {sigma!r}{suffix}" for key, sigma, suffix in stated if sigma
     }

@@ -88,12 +88,16 @@ class SensorUncertainty:
 def _size(sigma: float, name: str, channel: str, of_state: str) -> str:
     if name == "gain":
         return f"{100.0 * sigma:.3g} %"
-    return f"{sigma:.3g} s" if name == "delay" else size_in_unit(sigma, channel, of_state, digits=3)
+    return (
+        f"{sigma:.3g} s"
+        if name == "delay"
+        else size_in_unit(sigma, Channel.parse(channel), of_state, digits=3)
+    )
 
 
-def size_in_unit(size: float, channel: str, of_state: str = "", *, digits: int = 6) -> str:
+def size_in_unit(size: float, channel: Channel, of_state: str = "", *, digits: int = 6) -> str:
     """A size in SI with the unit of a channel; that of a state in the unit that a file stated, else with words for it."""
-    unit = "" if channel == COMMON else Channel.parse(channel).unit
+    unit = channel.unit
     if "?" not in unit:
         return f"{size:.{digits}g} {of_state or unit}"
     if not of_state:

@@ -371,13 +371,13 @@ class Resampled:
     """Columns at an even rate, from `start` in s on, and a sentence on how they were made."""
 
     start: float
-    columns: dict[str, Floats]
+    columns: dict[Channel, Floats]
     note: str
 
 
 def resample_evenly(
     time: Floats,
-    columns: Mapping[str, Floats],
+    columns: Mapping[Channel, Floats],
     rate: float,
     *,
     file: str | None = None,
@@ -424,7 +424,7 @@ def resample_evenly(
     count = int(places[-1]) + 1 if on_grid else int(np.floor(steps[-1] + 1e-6)) + 1
     grid = np.minimum(times[0] + np.arange(count) / rate, times[-1])
     columns = {name: _checked(times, values, name, file) for name, values in columns.items()}
-    splined = [name for name in columns if not on_grid or Channel.parse(name).is_input]
+    splined = [name for name in columns if not on_grid or name.is_input]
     resampled = {
         name: _interpolated(times, values, grid) if name in splined else _placed(values, places, count)
         for name, values in columns.items()
@@ -432,7 +432,7 @@ def resample_evenly(
     return Resampled(float(times[0]), resampled, _note(len(times), rate, splined if on_grid else None))
 
 
-def _note(samples: int, rate: float, splined: list[str] | None) -> str:
+def _note(samples: int, rate: float, splined: Sequence[str] | None) -> str:
     """How `samples` came to `rate` in Hz: all by splines, or the channels in `splined` alone."""
     if splined is None:
         return (
@@ -491,7 +491,7 @@ def _amplification(known: Floats, grid: Floats) -> Floats:
 
 def sampled_columns(
     time: ArrayLike,
-    channels: Mapping[str, ArrayLike],
+    channels: Mapping[Channel, ArrayLike],
     file: str | None,
     lines: NDArray[np.int64] | None,
     *,

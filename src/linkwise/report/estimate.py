@@ -223,8 +223,7 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
         rates=estimate.link.rate_texts,
         name=name,
         rows=tuple(
-            _row(coefficient, true.get(coefficient.name.rpartition(".")[2]))
-            for coefficient in estimate.coefficients
+            _row(coefficient, true.get(coefficient.name.key)) for coefficient in estimate.coefficients
         ),
         derived=tuple(_derived(quantity) for quantity in derived),
         visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "

@@ -27,10 +27,9 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Structure
-from linkwise.records.channel import Channel, require_complete
+from linkwise.records.channel import MOTIONS, Channel, require_complete
 from linkwise.records.record import Record
 
-_KINDS = "xva"
 _SPLINE = 7  # order of the spline that is integrated
 _BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 
@@ -49,22 +48,22 @@ class FramedRecord:
         Responses in these coordinates, named as those of masses, in the order of the original. Where the coordinates are
         relative to the base, with forces of inertia of masses that have a value in the structure, x:base at rest, and the
         acceleration of the coordinates as a:base.
-    names : mapping of str to str
+    names : mapping of str to Channel
         For each response of the original its name in `record`.
     carried : mapping of str to array of shape (2, N)
         By name in `record` what the sensor shows beside the motion in these coordinates, and its rate; without an entry
         where that is nothing.
     acceleration : array of shape (N,) or None
         Acceleration in m/s^2 of the coordinates; None for those at rest.
-    drifting : tuple of str
+    drifting : tuple of Channel
         Responses in `record` from which an integral was taken, so that they drift.
     """
 
     record: Record
-    names: Mapping[str, str]
-    carried: Mapping[str, Floats] = field(default_factory=dict)
+    names: Mapping[str, Channel]
+    carried: Mapping[Channel, Floats] = field(default_factory=dict)
     acceleration: Floats | None = None
-    drifting: tuple[str, ...] = ()
+    drifting: tuple[Channel, ...] = ()
 
     @property
     def shown(self) -> Floats:
@@ -95,10 +94,9 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
     IdentificationError
         If the motion of the base is not known well enough for a channel or a link.
     """
-    channels = {name: Channel.parse(name) for name in record.responses}
-    relative = [name for name, channel in channels.items() if channel.relative]
+    relative = [channel for channel in record.responses if channel.relative]
     displaced = f"x:{BASE}" in record.channels
-    known = any(f"{kind}:{BASE}" in record.channels for kind in _KINDS)
+    known = bool(record.motions_of(BASE))
     based = [link.name for link in structure.links if BASE in link.between]
     grounded = any(GROUND in link.between for link in structure.links)
     if based and not known and not relative and not structure.hosts:
@@ -109,7 +107,7 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
         )
     moves = known and not displaced and (bool(based) or bool(relative and not grounded))
     if not relative and not moves:
-        return FramedRecord(record, {name: name for name in channels})
+        return FramedRecord(record, {channel: channel for channel in record.responses})
     if not known:
         raise IdentificationError(
             f"{relative[0]} is relative to the base, whose motion the record lacks: give a channel x:{BASE}, v:{BASE} or "
@@ -122,18 +120,20 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
             f"{relative[0]} is relative to the base, whose displacement the record lacks: with links to the ground alone, "
             f"give a channel x:{BASE}"
         )
-    names = {name: f"{channel.kind}:{channel.mass}" for name, channel in channels.items()}
+    names: dict[str, Channel] = {
+        channel: Channel(channel.kind, channel.place) for channel in record.responses
+    }
     _require_distinct(names)
     motion = _BaseMotion(record, integrated and moves)
     carried, drifting = {}, []
-    for name, channel in channels.items():
+    for channel, plain in zip(record.responses, names.values(), strict=True):
         if not channel.of_link and channel.relative != moves:  # shown in the one frame, needed in the other
             sign = 1.0 if moves else -1.0
-            carried[names[name]] = sign * motion.value_and_rate(channel.kind, name)
-            if motion.integrations(channel.kind) > 0:
-                carried[names[name]] += motion.best_polynomial(channel.kind, name)
-                drifting.append(names[name])
-    acceleration = motion.value_and_rate("a", f"a:{BASE}")[0] if moves else None
+            carried[plain] = sign * motion.value_and_rate(channel.order, channel)
+            if motion.integrations(channel.order) > 0:
+                carried[plain] += motion.best_polynomial(channel)
+                drifting.append(plain)
+    acceleration = motion.value_and_rate(2, f"a:{BASE}")[0] if moves else None
     return FramedRecord(
         _changed(record, names, carried, structure, acceleration),
         names,
@@ -145,7 +145,7 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
 
 def _require_links_to_base(record: Record, structure: Structure) -> None:
     """IdentificationError where the displacement of the base counts."""
-    has = next(f"{kind}:{BASE}" for kind in "va" if f"{kind}:{BASE}" in record.channels)
+    has = record.motions_of(BASE)[0]
     grounded = [link.name for link in structure.links if GROUND in link.between]
     if grounded:
         raise IdentificationError(
@@ -154,7 +154,7 @@ def _require_links_to_base(record: Record, structure: Structure) -> None:
         )
 
 
-def _require_distinct(names: Mapping[str, str]) -> None:
+def _require_distinct(names: Mapping[str, Channel]) -> None:
     names_by_motion: dict[str, str] = {}
     for name, plain in names.items():
         if plain in names_by_motion:
@@ -166,28 +166,29 @@ def _require_distinct(names: Mapping[str, str]) -> None:
 
 def _changed(
     record: Record,
-    names: Mapping[str, str],
-    carried: Mapping[str, Floats],
+    names: Mapping[str, Channel],
+    carried: Mapping[Channel, Floats],
     structure: Structure,
     acceleration: Floats | None,
 ) -> Record:
     """The record with responses less what they carry, and the forces of inertia of all masses."""
-    columns, noise = {}, {}
+    columns: dict[Channel, Floats] = {}
+    noise: dict[str, float] = {}
     for name, plain in names.items():
         columns[plain] = record.channel(name) - (carried[plain][0] if plain in carried else 0.0)
         if name in record.noise:
             noise[plain] = record.noise[name]
     for name in record.inputs:
-        if acceleration is None or Channel.parse(name).mass != BASE:
+        if acceleration is None or name.place != BASE:
             columns[name] = record.channel(name)
             if name in record.noise:
                 noise[name] = record.noise[name]
     if acceleration is not None:
         _require_band_limited(record)
         for mass in structure.masses:
-            channel = f"force:{mass.name}"
+            channel = Channel("force", mass.name)
             columns[channel] = columns.get(channel, 0.0) - (mass.mass.value or 0.0) * acceleration
-        columns |= {f"x:{BASE}": np.zeros(len(record)), f"a:{BASE}": acceleration}
+        columns |= {Channel("x", BASE): np.zeros(len(record)), Channel("a", BASE): acceleration}
         noise[f"x:{BASE}"] = 0.0
     changed = replace(
         record,
@@ -242,36 +243,38 @@ class _BaseMotion:
     record: Record
     integrated: bool = False
 
-    def value_and_rate(self, kind: str, wanted_by: str) -> Floats:
-        """(2, N) the motion of one kind and its rate; IdentificationError where only an integral would give it."""
-        order = _KINDS.index(kind)
+    def value_and_rate(self, order: int, wanted_by: str) -> Floats:
+        """(2, N) a derivative of the motion and its rate; IdentificationError where only an integral would give it."""
         return np.stack([self._derivative(order, wanted_by), self._derivative(order + 1, wanted_by)])
 
-    def integrations(self, kind: str) -> int:
-        """How many integrations give a kind of motion; 0 or less where derivatives do."""
-        return min(
-            n for n, known in enumerate(_KINDS) if f"{known}:{BASE}" in self.record.channels
-        ) - _KINDS.index(kind)
+    @property
+    def _known(self) -> list[int]:
+        """Which derivatives the record has."""
+        return [channel.order for channel in self.record.motions_of(BASE)]
 
-    def best_polynomial(self, kind: str, sensor: str) -> Floats:
-        """(2, N) what integration leaves open of a kind of motion, and its rate, by what a sensor shows.
+    def integrations(self, order: int) -> int:
+        """How many integrations give a derivative of the motion; 0 or less where derivatives do."""
+        return self._known[0] - order
+
+    def best_polynomial(self, sensor: Channel) -> Floats:
+        """(2, N) what integration leaves open of the motion that a sensor shows, and its rate, by its samples.
 
         With an offset of what is integrated. Raises IdentificationError for a sensor without enough samples.
         """
         shown = self.record.channel(sensor)
         time, present = np.arange(len(shown)) * self.record.step, np.isfinite(shown)
-        degree = self.integrations(kind)
+        degree = self.integrations(sensor.order)
         if np.count_nonzero(present) <= degree:
             raise IdentificationError(f"{sensor} has no more than {degree} samples: leave the channel out")
-        left = (shown - self._derivative(_KINDS.index(kind), kind))[present]
+        left = (shown - self._derivative(sensor.order, sensor))[present]
         open_part = np.polynomial.Polynomial.fit(time[present], left, degree)
         return np.stack([open_part(time), open_part.deriv()(time)])
 
     def _integral(self, order: int) -> Floats:
         """The motion of an `order` of derivative, 0 at the first sample."""
-        count = self.integrations(_KINDS[order])
-        values = self.record.channel(f"{_KINDS[order + count]}:{BASE}")
-        require_complete(f"{_KINDS[order + count]}:{BASE}", values, self.record.start, self.record.rate)
+        count = self.integrations(order)
+        values = self.record.channel(f"{MOTIONS[order + count]}:{BASE}")
+        require_complete(f"{MOTIONS[order + count]}:{BASE}", values, self.record.start, self.record.rate)
         time = np.arange(len(values)) * self.record.step
         spline = scipy.interpolate.make_interp_spline(
             time, values, k=min(_SPLINE, max(1, (len(values) - 1) // 2 * 2 - 1))
@@ -279,20 +282,16 @@ class _BaseMotion:
         return np.asarray(spline.antiderivative(count)(time))
 
     def _derivative(self, order: int, wanted_by: str) -> Floats:
-        known = [
-            number
-            for number, kind in enumerate(_KINDS)
-            if f"{kind}:{BASE}" in self.record.channels and number <= order
-        ]
+        known = [number for number in self._known if number <= order]
         if not known and self.integrated:
             return self._integral(order)
         if not known:
-            has = next(f"{kind}:{BASE}" for kind in "va" if f"{kind}:{BASE}" in self.record.channels)
+            has = self.record.motions_of(BASE)[0]
             raise IdentificationError(
                 f"{wanted_by} is not relative to the base, and {has} gives the {'displacement' if order == 0 else 'velocity'} "
                 f"of the base only up to drift: measure the motion relative to the base (rel:{wanted_by}), or the acceleration"
             )
-        name = f"{_KINDS[known[-1]]}:{BASE}"
+        name = f"{MOTIONS[known[-1]]}:{BASE}"
         values = self.record.channel(name)
         require_complete(name, values, self.record.start, self.record.rate)
         for _ in range(order - known[-1]):

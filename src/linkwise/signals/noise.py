@@ -441,7 +441,7 @@ def noise_floor(record: Record) -> dict[str, float]:
     dict of str to float
         Standard deviations by channel in its SI unit; 0 for one whose noise the record states.
     """
-    floor = dict.fromkeys(record.responses, 0.0)
+    floor: dict[str, float] = dict.fromkeys(record.responses, 0.0)
     for name in floor.keys() - record.noise.keys():
         values = record.channel(name)
         lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))

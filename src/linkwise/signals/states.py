@@ -17,7 +17,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.records.channel import Channel
+from linkwise.records.channel import MOTIONS, Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth
 from linkwise.signals.smooth import savitzky_golay, savitzky_golay_half, smoothing_spline
@@ -199,20 +199,20 @@ def _motions(
     motions: list[dict[str, Floats]] = []
     for body in bodies:
         motion = {
-            kind: record.channel(name) for kind in "xva" if (name := f"{kind}:{body}") in record.channels
+            kind: record.channel(name) for kind in MOTIONS if (name := f"{kind}:{body}") in record.channels
         }
         first = sources.get(body, "a")[0]  # the kind that was differentiated, "x" or "v"
-        for kind, values in zip("xva"["xva".index(first) :], derived.get(body, ()), strict=False):
+        for kind, values in zip(MOTIONS[MOTIONS.index(first) :], derived.get(body, ()), strict=False):
             # a differentiated channel is replaced by its smoothed samples; other measured ones are kept
             motion[kind] = values if kind == first or kind not in motion else motion[kind]
         motions.append(motion)
-    x, v, a = (np.column_stack([motion[kind] for motion in motions]) for kind in "xva")
+    x, v, a = (np.column_stack([motion[kind] for motion in motions]) for kind in MOTIONS)
     return x, v, a, margin
 
 
 def _source(record: Record, body: str) -> str | None:
     """The channel to differentiate for a mass or the base; None where x, v and a are measured."""
-    measured = {kind: f"{kind}:{body}" in record.channels for kind in "xva"}
+    measured = {kind: f"{kind}:{body}" in record.channels for kind in MOTIONS}
     if not measured["x"]:
         given = " and ".join(f"{kind}:{body}" for kind in "va" if measured[kind])
         raise RecordError(
@@ -408,15 +408,15 @@ def highpass(values: Floats, rate: float, cutoff: float) -> Floats:
     return np.asarray(np.fft.irfft(np.fft.rfft(mirrored) * gain, len(mirrored))[: len(values)])
 
 
-def channel_motion(record: Record, channel: str, sigma: float) -> Floats:
+def channel_motion(record: Record, channel: Channel, sigma: float) -> Floats:
     """Displacement, velocity and acceleration from one channel of any of the three.
 
     Parameters
     ----------
     record : Record
         The record.
-    channel : str
-        Name of the channel.
+    channel : Channel
+        The channel.
     sigma : float
         Standard deviation of its noise.
 
@@ -425,7 +425,7 @@ def channel_motion(record: Record, channel: str, sigma: float) -> Floats:
     array of shape (3, N)
         Displacement in m, velocity in m/s and acceleration in m/s^2; integrals start at 0.
     """
-    kind = Channel.parse(channel).kind
+    kind = channel.kind
     if kind == "x":
         return np.stack(smoothed(record, channel, sigma))
     values = bridged(record, channel)

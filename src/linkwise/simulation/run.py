@@ -21,6 +21,7 @@ Checks of the arguments of a simulation: output times, and an excitation that fi
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -30,12 +31,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
-from linkwise.errors import SimulationError
+from linkwise.errors import RecordError, SimulationError
 from linkwise.expression import Call, Expression, Power, walk
 from linkwise.model.excitation import Excitation, Sampled
-from linkwise.model.link import BASE, GROUND, Link
+from linkwise.model.link import BASE, Link
 from linkwise.model.structure import Structure
-from linkwise.records.channel_units import unit_in
+from linkwise.records.channel import KINDS, Channel
+from linkwise.records.channel_units import places_of, unit_in
 from linkwise.runtime import available_memory
 from linkwise.simulation.integrator.formulas import (
     SCALE,
@@ -106,14 +108,13 @@ class RunSchedule:
         """
         size, topology = self.structure.size, self.structure.topology
         state = np.zeros(topology.dimension)
-        release = dict(self.excitation.release)
+        release = released(self.structure, self.excitation)
         for column, (number, name) in enumerate(topology.states):
             link = self.structure.links[number]
-            given = release.pop(f"state:{link.name}.{name}", None)
+            given = release.pop(Channel("state", f"{link.name}.{name}"), None)
             state[2 * size + column] = link.initial_state(name) if given is None else given
         for channel, value in release.items():
-            kind, _, mass = channel.partition(":")
-            state[topology.index[mass] + (size if kind == "v" else 0)] = value
+            state[topology.index[channel.place] + channel.order * size] = value
         return state
 
     @cached_property
@@ -280,20 +281,11 @@ def _even_times(duration: float | None, rate: float | None) -> Floats:
 
 def check_excitation(structure: Structure, excitation: Excitation, end: float) -> None:
     """Raise SimulationError for an excitation that does not fit the structure, or ends before `end` in s."""
-    names = structure.mass_names or ("m1",)
-    for channel in excitation.release:
-        kind, colon, mass = channel.partition(":")
-        if kind == "state" and colon:
-            check_state(mass, structure, "a release")
-            continue
-        if kind not in ("x", "v") or not colon:
-            raise SimulationError(
-                f"unknown release {channel!r}; expected a displacement, such as x:{names[0]}, or a velocity, v:{names[0]}"
-            )
-        check_mass(mass, structure, "a release")
-        _check_released(channel, mass, structure)
+    for channel in released(structure, excitation):
+        check_place(channel, structure, "a release")
+        _check_released(channel, structure)
     for impulse in excitation.impulses:
-        check_mass(impulse.mass, structure, "an impulse")
+        check_place(Channel("force", impulse.mass), structure, "an impulse")
         if impulse.time >= end:
             raise SimulationError(
                 f"the impulse on {impulse.mass} at {impulse.time:g} s is after the end of the simulation ({end:g} s)",
@@ -301,7 +293,7 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
                 impulse.mass,
             )
     for mass in excitation.forces:
-        check_mass(mass, structure, "a force")
+        check_place(Channel("force", mass), structure, "a force")
     _check_base(structure, excitation)
     for name, given in excitation.drives.items():
         if isinstance(given, Sampled) and (given.start > 0.0 or given.end < end - 1e-6 / given.rate):
@@ -312,47 +304,44 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
             )
 
 
-def _check_released(channel: str, place: str, structure: Structure) -> None:
+def released(structure: Structure, excitation: Excitation) -> dict[Channel, float]:
+    """What is released. Raises SimulationError for anything but displacements, velocities and states of links."""
+    release = {}
+    for name, value in excitation.release.items():
+        with suppress(RecordError):
+            channel = Channel.parse(name)
+            if channel.kind in ("x", "v", "state") and not channel.relative:
+                release[channel] = value
+                continue
+        example = next(iter(structure.mass_names), "m1")
+        raise SimulationError(
+            f"unknown release {name!r}; expected a displacement, such as x:{example}, or a velocity, v:{example}"
+        )
+    return release
+
+
+def _check_released(channel: Channel, structure: Structure) -> None:
     """A point of a host moves as its modes do, so these are released."""
-    host = next((host for host in structure.hosts if place in host.points), None)
+    host = next((host for host in structure.hosts if channel.place in host.points), None)
     if host is not None:
-        kind = channel.partition(":")[0]
         raise SimulationError(
             f"the release {channel} is that of a point, which moves as the modes of {host.name} do; release these, such as "
-            f"{kind}:{host.coordinates[0]}, or give an impulse or a force",
-            mass=place,
+            f"{channel.kind}:{host.coordinates[0]}, or give an impulse or a force",
+            mass=channel.place,
         )
 
 
-def check_link(name: str, structure: Structure, where: str) -> None:
-    """Raise SimulationError unless `name` is one of the links; `where` says what names it."""
-    names = [link.name for link in structure.links]
-    if name not in names:
-        shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1]))
-        raise SimulationError(
-            f"unknown link {name!r} in {where}{near_miss(name, names)}; the links are {shown}"
-        )
-
-
-def check_state(name: str, structure: Structure, where: str) -> None:
-    """Raise SimulationError unless `name`, such as "joint.z", is a state of a link; `where` says what names it."""
-    states = [f"{structure.links[number].name}.{state}" for number, state in structure.topology.states]
-    if name not in states:
-        raise SimulationError(
-            f"unknown state {name!r} in {where}{near_miss(name, states)}; the states are {', '.join(states) or 'none'}"
-        )
-
-
-def check_mass(name: str, structure: Structure, where: str) -> None:
-    """Raise SimulationError unless `name` is one of the masses or points; `where` says what names it."""
-    if name in (GROUND, BASE) or name not in structure.topology.index:
-        names = structure.places
-        kinds = "masses and points" if structure.hosts else "masses"
-        shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1]))
-        raise SimulationError(
-            f"unknown mass {name!r} in {where}{near_miss(name, names)}; the {kinds} are {shown or 'none'}",
-            mass=name,
-        )
+def check_place(channel: Channel, structure: Structure, where: str) -> None:
+    """Raise SimulationError unless a channel is of the structure; `where` says what names it."""
+    names, place, of = places_of(channel.kind, structure), channel.place, KINDS[channel.kind].of
+    if place in names or (of == "mass" and place in structure.mass_names):
+        return
+    shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1])) or "none"
+    listed = (
+        "masses and points" if of == "mass" and structure.hosts else "masses" if of == "mass" else f"{of}s"
+    )
+    message = f"unknown {of} {place!r} in {where}{near_miss(place, names)}; the {listed} are {shown}"
+    raise SimulationError(message, mass=place if of == "mass" else None)
 
 
 def _check_base(structure: Structure, excitation: Excitation) -> None:

@@ -22,8 +22,8 @@ from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import Channel
-from linkwise.records.channel_units import in_units_of
+from linkwise.records.channel import KINDS, MOTIONS, Channel
+from linkwise.records.channel_units import in_units_of, places_of
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance, SimulationTruth
 from linkwise.simulation.batch import SimulatedMotion
@@ -31,9 +31,7 @@ from linkwise.simulation.energy import LinkForces
 from linkwise.simulation.run import (
     RunSchedule,
     check_excitation,
-    check_link,
-    check_mass,
-    check_state,
+    check_place,
     output_times,
 )
 
@@ -72,9 +70,6 @@ class RigDiagnostics:
     def horizon(self) -> float | None:
         """Time in s past which the states cannot be trusted; None where they can throughout."""
         return self.motion.horizon
-
-
-_KINDS = ("x", "v", "a")  # each the derivative of the one before
 
 
 class ExcitationKeywords(TypedDict, total=False):
@@ -159,16 +154,16 @@ def simulate(
     }
     arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(moved, drive, motion, channels)}
     for column, channel in enumerate(channels):
-        order = _KINDS.index(channel.kind) if channel.kind in _KINDS else 0
+        order = channel.order if channel.is_motion else 0
         if channel.is_input:
-            signal = drive.drives[channel.mass]
+            signal = drive.drives[channel.place]
             values[:, column] = signal.derivative(grid, order) if order else signal.value(grid)
         elif channel.kind == "state":
-            values[:, column] = states[channel.mass]
+            values[:, column] = states[channel.place]
         elif channel.kind == "f":
-            values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.mass))]
+            values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.place))]
         else:
-            values[:, column] = arrays[channel.kind] @ structure.topology.row(channel.mass)
+            values[:, column] = arrays[channel.kind] @ structure.topology.row(channel.place)
         if channel.relative:
             signal = drive.drives[BASE]
             values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
@@ -176,7 +171,7 @@ def simulate(
     record = Record(
         start=float(grid[0]),
         rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
-        channels=tuple(str(channel) for channel in channels),
+        channels=tuple(channels),
         values=values,
         simulated=SimulationTruth(
             structure,
@@ -222,34 +217,22 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
     of_base: dict[Channel, None] = {}
     for name in wanted:
         kind = name.removeprefix("rel:")
-        if kind in _KINDS:
-            relative = kind != name
-            _require_moving_base(excitation, name, relative)
-            responses.update(dict.fromkeys(Channel(kind, mass, relative) for mass in structure.places))
-            continue
-        if name == "f":
-            responses.update(dict.fromkeys(Channel(name, link.name) for link in structure.links))
-            continue
-        if name == "state":
-            owned = ((structure.links[number].name, state) for number, state in structure.topology.states)
-            responses.update(dict.fromkeys(Channel(name, f"{link}.{state}") for link, state in owned))
+        if kind in MOTIONS or (name in KINDS and not KINDS[name].is_input):
+            _require_moving_base(excitation, name, name != kind)
+            places = places_of(kind, structure)
+            responses.update(dict.fromkeys(Channel(kind, place, name != kind) for place in places))
             continue
         try:
             channel = Channel.parse(name)
         except RecordError as error:
             raise SimulationError(f"invalid sensor: {error}") from None
-        _require_moving_base(excitation, name, channel.relative or channel.mass == BASE)
-        if channel.mass == BASE:
+        _require_moving_base(excitation, name, channel.relative or channel.place == BASE)
+        if channel.place == BASE:
             of_base[channel] = None
             continue
         if channel.is_input:
             raise SimulationError(f"{name} is an input, which is recorded whenever it drives the structure")
-        if channel.kind == "f":
-            check_link(channel.mass, structure, "a sensor")
-        elif channel.kind == "state":
-            check_state(channel.mass, structure, "a sensor")
-        else:
-            check_mass(channel.mass, structure, "a sensor")
+        check_place(channel, structure, "a sensor")
         responses[channel] = None
     inputs: list[Channel] = []
     for name in excitation.drives:

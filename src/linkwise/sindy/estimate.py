@@ -170,7 +170,7 @@ def _verdict(unexplained: float) -> tuple[Verdict, str]:
 
 
 def _noise(record: Record) -> dict[str, NoiseEstimate]:
-    named = [name for name in record.responses if name.startswith("x:")]
+    named = [name for name in record.responses if name.kind == "x"]
     variances = noise_variance(record, named, np.stack([record.channel(name) for name in named]))
     return {
         name: NoiseEstimate.of(record, name, float(np.sqrt(variance)), record.unit(name))

@@ -13,6 +13,7 @@ import numpy as np
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, SimulationError, StudyError
 from linkwise.expression import differentiate, symbols
+from linkwise.model.coefficient import Coefficient
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.link import BASE
 from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
@@ -20,7 +21,7 @@ from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.simulation.run import check_link, check_state
+from linkwise.simulation.run import check_place
 from linkwise.simulation.simulate import simulate
 
 _ALL = ("x", "v", "a")
@@ -109,7 +110,7 @@ class Subject:
                 raise StudyError("must name at least one", key)
         for name in self.sensors:
             if name not in _KINDS:
-                self._check_channel(name, "sensors", _KINDS)
+                self._channel(name, "sensors", _KINDS)
         for key, check in (
             ("unknown", lambda: self.unknown_structure.parameters),
             ("judge", lambda: self.judged_links),
@@ -122,7 +123,7 @@ class Subject:
     @cached_property
     def true_structure(self) -> Structure:
         """The structure that is simulated, every coefficient a number."""
-        starts = {p.name: p.start for p in self.structure.parameters if p.start is not None}
+        starts: dict[str, float] = {p.name: p.start for p in self.structure.parameters if p.start is not None}
         return self.structure.with_values(starts) if starts else self.structure
 
     @property
@@ -153,7 +154,7 @@ class Subject:
         """
         structure, rng = self.unknown_structure, np.random.default_rng([seed, _PRIOR])
         slots = coefficient_slots(structure.masses, structure.links, structure.hosts)
-        stated = {
+        stated: dict[str, Coefficient] = {
             p.name: replace(slots[p.name].coefficient, value=_drawn(p, rng))
             for p in structure.parameters
             if math.isfinite(p.sigma)
@@ -289,13 +290,12 @@ class Subject:
             )
 
     def _check_release(self, name: str, key: str) -> None:
-        self._check_channel(name, key)
-        channel = Channel.parse(name)
+        channel = self._channel(name, key)
         got = {"a": "an acceleration", "f": "a force"}.get(channel.kind)
         if got is not None:
             raise StudyError(f"a release takes displacements (x) and velocities (v), got {got}", key)
         for host in self.structure.hosts:
-            if channel.mass in host.points:
+            if channel.place in host.points:
                 mode = f"{channel.kind}:{host.coordinates[0]}"
                 raise StudyError(
                     f"a point moves as the modes of its host do; release these, such as {mode}", key
@@ -307,7 +307,7 @@ class Subject:
         except LinkwiseError as error:
             raise StudyError(f"not a function of time: {error}", key) from None
 
-    def _check_channel(self, name: str, key: str, kinds: tuple[str, ...] = ()) -> None:
+    def _channel(self, name: str, key: str, kinds: tuple[str, ...] = ()) -> Channel:
         try:
             channel = Channel.parse(name)
         except LinkwiseError as error:
@@ -315,16 +315,16 @@ class Subject:
             places, links = self.structure.places, self.structure.links
             example = f"v:{places[0]}" if places else f"f:{links[0].name}"
             raise StudyError(f"{error}; expected a channel such as {example}{others}", key) from None
-        if channel.is_input or channel.mass == BASE:
+        if channel.is_input or channel.place == BASE:
             raise StudyError(f'"{name}" is an input, not the motion of a mass', key)
-        check = {"f": check_link, "state": check_state}.get(channel.kind)
-        if check is None:
-            self._check_mass(channel.mass, key)
-            return
+        if not channel.of_link:
+            self._check_mass(channel.place, key)
+            return channel
         try:
-            check(channel.mass, self.structure, name)
+            check_place(channel, self.structure, name)
         except SimulationError as error:
             raise StudyError(error.message, key) from None
+        return channel
 
     def _check_mass(self, name: str, key: str) -> None:
         names = self.structure.places

@@ -18,7 +18,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.parameters import MASS
+from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.weak.equations import WeakEquations
@@ -146,8 +146,8 @@ def _scores(
     if fit.response is not None:
         changes = fit.response @ changes
     return EfficientScores(
-        places=tuple(names[number].rpartition(".")[0] for number in added),
-        terms=tuple(_term(names[number].rpartition(".")[2], prefix) for number in added),
+        places=tuple(names[number].owner for number in added),
+        terms=tuple(_term(names[number].key, prefix) for number in added),
         scores=scores,
         limits=limits,
         changes=changes,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, final
 
@@ -252,17 +252,16 @@ def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) 
 def _noise(
     structure: Structure, motion: MeasuredDisplacements, frame: FramedRecord
 ) -> dict[str, NoiseEstimate]:
-    given = {plain: name for name, plain in frame.names.items()}
+    given: dict[str, str] = {plain: name for name, plain in frame.names.items()}
     names = source_names(structure)
     moving = motion.base is not None and frame.acceleration is None
     measured = np.flatnonzero([*motion.has_channel[:-2], moving]).tolist()
-    noise = {
-        given.get(names[i], names[i]): NoiseEstimate.from_power(
-            float(motion.source_power[i]), names[i], float(np.sqrt(motion.source_variance[i]))
+    return {
+        (name := given.get(names[i], names[i])): NoiseEstimate.from_power(
+            float(motion.source_power[i]), float(np.sqrt(motion.source_variance[i])), unit_in(structure, name)
         )
         for i in measured
     }
-    return {name: replace(estimate, unit=unit_in(structure, name)) for name, estimate in noise.items()}
 
 
 def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[str]:

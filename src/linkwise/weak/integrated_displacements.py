@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.model.link import Mass
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
@@ -25,15 +26,14 @@ def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
     sigma = channel_noise(record)
     names, columns, noise = list(record.channels), [record.values], dict(record.noise)
     for name in missing:
-        kind = "v" if f"v:{name}" in record.channels else "a"
-        channel = f"{kind}:{name}"
+        channel = record.motions_of(name)[0]
         value = smoothed(record, channel, sigma[channel])[0]
         x = integral(value, record.step)
-        if kind == "a":
+        if channel.kind == "a":
             cutoff = drift_frequency(value, record.rate)
             velocity = highpass(x, record.rate, cutoff)
             x = highpass(integral(velocity, record.step), record.rate, cutoff)
-        names.append(f"x:{name}")
+        names.append(Channel("x", name))
         columns.append(x[:, None])
         relative = sigma[channel] / float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))
         noise[f"x:{name}"] = relative * float(np.sqrt(np.mean(x**2)))

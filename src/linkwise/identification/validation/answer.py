@@ -26,7 +26,8 @@ from linkwise.identification.validation.result import CoefficientAgreement
 from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import is_between_modes
-from linkwise.model.parameters import coefficient_slots, is_shape, replace_coefficients, replace_shapes
+from linkwise.model.names import MASS, Name
+from linkwise.model.parameters import coefficient_slots, replace_coefficients, replace_shapes
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
@@ -222,8 +223,7 @@ def uncertain(posterior: Posterior) -> Structure:
     masses = posterior.structure.mass_names
     selectors = []
     for name in posterior.names:
-        owner, _, key = name.rpartition(".")
-        selectors.append(f"mass:{owner}" if key == "mass" and owner in masses else name)
+        selectors.append(f"mass:{name.owner}" if name.key == MASS and name.owner in masses else name)
     return posterior.structure.unknown(*selectors)
 
 
@@ -233,7 +233,7 @@ def estimated_again(record: Record, posterior: Posterior, progress: Progress) ->
     Shapes of hosts, and damping between their modes, stay known to within what the answer says: a record need not show again
     what they are.
     """
-    starts = dict(zip(posterior.names, map(float, posterior.values), strict=True))
+    starts: dict[str, float] = dict(zip(posterior.names, map(float, posterior.values), strict=True))
     deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
     free = uncertain(posterior)
     slots = coefficient_slots(free.masses, free.links, free.hosts)
@@ -274,8 +274,8 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
     return tuple(rows)
 
 
-def _is_of_host(name: str) -> bool:
-    return is_shape(name) or is_between_modes(name)
+def _is_of_host(name: Name) -> bool:
+    return name.is_shape or is_between_modes(name)
 
 
 # of the RMS of a channel: interpolated inputs and sensitivities in single precision are not better

@@ -152,8 +152,8 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     )
 
 
-def _responses(structure: Structure, record: Record) -> tuple[str, ...]:
-    channels = tuple(name for name in record.responses if Channel.parse(name).mass in structure.mass_names)
+def _responses(structure: Structure, record: Record) -> tuple[Channel, ...]:
+    channels = tuple(channel for channel in record.responses if channel.place in structure.mass_names)
     if not channels:
         raise RecordError(
             f"no response of {', '.join(structure.mass_names)} is in the record, which holds {', '.join(record.channels)}; "
@@ -162,12 +162,11 @@ def _responses(structure: Structure, record: Record) -> tuple[str, ...]:
     return channels
 
 
-def _inputs(record: Record, samples: int) -> dict[str, Sampled]:
+def _inputs(record: Record, samples: int) -> dict[Channel, Sampled]:
     """The inputs of the first so many samples by channel, on a clock that starts at 0."""
     inputs = {}
     for name in record.inputs:
-        kind, _, where = name.partition(":")
-        if where == BASE and kind != "x":
+        if name.place == BASE and name.kind != "x":
             continue
         values = record.channel(name)
         if np.isnan(values).any():
@@ -183,7 +182,7 @@ def _run(
     structure: Structure,
     channels: tuple[str, ...],
     state: Floats,
-    inputs: Mapping[str, Sampled],
+    inputs: Mapping[Channel, Sampled],
     rate: float,
     samples: int,
 ) -> Record:
@@ -194,7 +193,7 @@ def _run(
     }
     inside = [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
     release |= {name: float(value) for name, value in zip(inside, state[2 * len(names) :], strict=True)}
-    forces = {name.partition(":")[2]: signal for name, signal in inputs.items() if name.startswith("force:")}
+    forces = {channel.place: signal for channel, signal in inputs.items() if channel.is_force}
     return simulate(
         structure,
         duration=(samples - 1) / rate,
@@ -202,7 +201,7 @@ def _run(
         sensors=channels,
         release=release,
         forces=forces,
-        base=inputs.get(f"x:{BASE}"),
+        base=inputs.get(Channel("x", BASE)),
     )
 
 
@@ -211,7 +210,7 @@ def run_from(
     record: Record,
     channels: tuple[str, ...],
     state: Floats,
-    extra: Mapping[str, Floats] | None = None,
+    extra: Mapping[Channel, Floats] | None = None,
 ) -> Record:
     """The channels of a structure that runs from a state (2 n + S,) under the inputs of a record, by the record's clock.
 
@@ -228,7 +227,7 @@ def run_from(
 
 
 def _initial_state(
-    structure: Structure, measured: Record, inputs: Mapping[str, Sampled], settling: int
+    structure: Structure, measured: Record, inputs: Mapping[Channel, Sampled], settling: int
 ) -> Floats:
     """(2 n,) displacements in m and velocities in m/s at the first sample."""
     first = measured.values[:settling]
@@ -368,7 +367,7 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
     names = [parameter.name for parameter in structure.parameters]
     follow = start.state_by_coefficients[0] @ predictor.root  # (2 n + S, r)
 
-    def run(state: Floats, theta: Floats, extra: dict[str, Floats] | None = None) -> Record:
+    def run(state: Floats, theta: Floats, extra: dict[Channel, Floats] | None = None) -> Record:
         valued = structure.with_values(dict(zip(names, map(float, theta), strict=True)))
         return run_from(valued, record, (*channels, *accelerations), state, extra)
 
@@ -380,7 +379,7 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
     shape, done = motion.shape, 0
     total = len(state) + follow.shape[1] + (structure.size if predictor.law_error else 0)
 
-    def departure(moved: Floats, theta: Floats, extra: dict[str, Floats] | None = None) -> Floats:
+    def departure(moved: Floats, theta: Floats, extra: dict[Channel, Floats] | None = None) -> Floats:
         nonlocal done
         done += 1
         progress(ProgressReport(0.6 * done / total, "free runs"))
@@ -410,7 +409,7 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
     )
 
 
-def _law_errors(predictor: WindowPredictor, run: Record) -> dict[str, Floats]:
+def _law_errors(predictor: WindowPredictor, run: Record) -> dict[Channel, Floats]:
     """Forces on each mass that its links leave out or add, as large a part of theirs as the laws are off."""
     if not predictor.law_error:
         return {}
@@ -419,13 +418,11 @@ def _law_errors(predictor: WindowPredictor, run: Record) -> dict[str, Floats]:
         dict(zip((p.name for p in structure.parameters), map(float, predictor.values), strict=True))
     ).mass_values
     applied = np.zeros((structure.size, len(record)))
-    for channel in record.inputs:
-        kind, _, place = channel.partition(":")
-        if kind == "force":
-            applied += structure.topology.row(place)[:, None] * record.channel(channel)
+    for channel in record.forces:
+        applied += structure.topology.row(channel.place)[:, None] * record.channel(channel)
     forces = {}
     for name, mass, own in zip(structure.mass_names, masses, applied, strict=True):
-        forces[f"force:{name}"] = predictor.law_error * (mass * run.channel(f"a:{name}") - own)
+        forces[Channel("force", name)] = predictor.law_error * (mass * run.channel(f"a:{name}") - own)
     return forces
 
 
@@ -542,7 +539,7 @@ def rig_prediction(
         window=None,
         horizon=None,
     )
-    levels = {
+    levels: dict[str, float] = {
         cell_name(structure, link): float(np.hypot(noise[link], np.sqrt(np.mean(moved[number] ** 2))))
         for number, link in enumerate(problem.links)
     }

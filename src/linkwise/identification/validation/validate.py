@@ -49,8 +49,7 @@ from linkwise.identification.validation.result import (
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import Channel
-from linkwise.records.channel_units import channel_unit, in_units_of
+from linkwise.records.channel_units import channel_unit, in_units_of, places_of
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.signals.base_frame import framed
@@ -115,7 +114,7 @@ def channel_scores(
     level = LEVEL / len(names)
     once = float(scipy.special.chdtri(1, level))
     often = float(scipy.special.chdtri(prediction.starts, level)) / prediction.starts
-    scores = {}
+    scores: dict[str, ChannelPrediction] = {}
     for column, name in enumerate(names):
         measured = record.channel(name)
         error = measured - prediction.predicted[:, column]
@@ -185,7 +184,7 @@ def _profile(quantity: str, unit: str, values: Floats, square: Floats) -> ErrorP
 
 def error_spectra(record: Record, predicted: Floats) -> dict[str, ErrorSpectrum]:
     """Spectra of the channels over their longest stretch without gaps; none where it is too short."""
-    spectra = {}
+    spectra: dict[str, ErrorSpectrum] = {}
     for column, name in enumerate(record.responses):
         measured = record.channel(name)
         error = measured - predicted[:, column]
@@ -353,7 +352,7 @@ def _in_motion(
     prediction = predict(predictor, samples, progress)
     ahead, variance = one_step(predictor, samples)
     prediction = replace(prediction, predicted=prediction.predicted + frame.shown)
-    named = dict(zip(scored.responses, noise.values(), strict=True))
+    named: dict[str, float] = dict(zip(scored.responses, noise.values(), strict=True))
     return samples, prediction, (ahead + frame.shown, variance), named
 
 
@@ -372,20 +371,14 @@ def _on_rig(
 def _usable(record: Record, structure: Structure) -> Record:
     """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
     masses = structure.places
-    links = {f"f:{link.name}" for link in structure.links}
-    links |= {f"state:{link.name}.{state}" for link in structure.links for state in link.law.states}
-    responses = [
-        name
-        for name, channel in ((name, Channel.parse(name)) for name in record.responses)
-        if (name in links if channel.of_link else channel.mass in masses)
-    ]
+    responses = [c for c in record.responses if c.place in places_of(c.kind, structure)]
     if not responses:
         raise RecordError(
             f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
             "there is nothing to compare a prediction with"
         )
     for name in record.inputs:
-        if name.startswith("force:") and name.partition(":")[2] not in masses:
+        if name.is_force and name.place not in masses:
             raise RecordError(
                 f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
                 f"are {', '.join(masses)}",

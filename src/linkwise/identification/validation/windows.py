@@ -129,7 +129,7 @@ class _Setup:
         names = [parameter.name for parameter in structure.parameters]
         valued = structure.with_values(dict(zip(names, map(float, theta), strict=True)))
         responses = record.select(record.responses)
-        noise = dict(zip(responses.channels, map(float, sigma), strict=True))
+        noise: dict[str, float] = dict(zip(responses.channels, map(float, sigma), strict=True))
         rough = start_states(record, valued, noise, samples=5)
         guess = np.concatenate([rough.x, rough.v, rough.memory])
         size = np.sqrt(np.mean(guess**2, axis=1))
@@ -156,7 +156,7 @@ class _Setup:
         everywhere = (*structure.mass_names, *structure.points)
         forced = [name for name in everywhere if f"force:{name}" in record.channels]
         size = samples * refine, len(firsts)
-        at_points = forces_at_points(structure, [f"force:{name}" for name in forced], size)
+        at_points = forces_at_points(structure, forced, size)
         if forced:
             force = np.zeros((samples * refine, len(POINTS), structure.size, len(firsts)))
             for name in forced:

@@ -92,7 +92,7 @@ def compare_levels(
         raise RecordError("levels are compared between two records or more, or one that rings down; got none")
     records = [forces_bridged(record) for record in given]
     _require_same_channels(records)
-    forced = any(name.startswith("force:") for name in records[0].channels)
+    forced = bool(records[0].forces)
     channel, levels = _levels(records, forced=forced)
     order = np.argsort(levels, kind="stable").tolist()
     ordered = [records[place] for place in order]
@@ -101,7 +101,7 @@ def compare_levels(
     measured = [_measurement(record, forced=forced) for record in ordered]
     of_highest = channel_noise(ordered[-1])
     rings = ring_downs(complete[-1], of_highest)
-    gaps = tuple(name for name in _shown(ordered[-1]) if name not in motions(complete[-1]))
+    gaps = tuple(name for name in ordered[-1].motions if name not in motions(complete[-1]))
     if len(records) == 1 and not rings:
         raise RecordError(_no_ring_down(gaps))
     if modes is not None or (forced and len(records) > 1):
@@ -167,14 +167,14 @@ def _levels(records: Sequence[Record], *, forced: bool) -> tuple[str | None, Flo
 
 def _level(record: Record, channel: str | None) -> float:
     """The largest magnitude of all forces, or of a channel of the motion."""
-    names = [name for name in record.inputs if name.startswith("force:")] if channel is None else [channel]
+    names = record.forces if channel is None else [channel]
     return max(float(np.nanmax(np.abs(record.channel(name)))) for name in names)
 
 
 def _loudest(record: Record) -> str:
     """The motion that stands farthest above its noise."""
     noise = channel_noise(record)
-    shown = _shown(record)
+    shown = record.motions
     if not shown:
         raise IdentificationError(
             f"modes need a motion, such as a:beam.tip; the channels are {', '.join(record.channels)}"
@@ -198,13 +198,8 @@ def _measurement(record: Record, *, forced: bool) -> ModalMeasurement:
 def _noise_share(record: Record, modes: RefinedModes) -> float:
     """Power of the noise as a part of that of the responses, as `RefinedModes.left` is one."""
     noise = channel_noise(record)
-    variance = np.array([noise[name] ** 2 for name in _shown(record)])
+    variance = np.array([noise[name] ** 2 for name in record.motions])
     return float(np.mean(variance / np.maximum(modes.power, np.finfo(float).tiny)))
-
-
-def _shown(record: Record) -> list[str]:
-    """The responses that are motions."""
-    return [name for name in record.responses if name.partition(":")[0] in ("x", "v", "a")]
 
 
 def _require_same_channels(records: Sequence[Record]) -> None:
@@ -234,14 +229,11 @@ def _followed(refined: RefinedModes) -> Indices:
 
 def _channels(record: Record) -> tuple[str, str]:
     """The largest force, and a response where it acts, or else that which stands farthest above its noise."""
-    forces = [name for name in record.inputs if name.startswith("force:")]
-    force = max(forces, key=lambda name: float(np.mean(record.channel(name) ** 2)))
-    place = force.partition(":")[2]
-    shown = _shown(record)
-    at_force = [name for name in shown if name.partition(":")[2] == place]
+    force = max(record.forces, key=lambda name: float(np.mean(record.channel(name) ** 2)))
+    at_force = [channel for channel in record.motions if channel.place == force.place]
     noise = channel_noise(record)
     return max(
-        at_force or shown, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name])
+        at_force or record.motions, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name])
     ), force
 
 

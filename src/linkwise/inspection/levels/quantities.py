@@ -55,7 +55,7 @@ from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.progress import silent
-from linkwise.records.channel import ANGULAR_UNITS, Channel
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.states import bridged, channel_motion, highpass
 
@@ -360,10 +360,9 @@ def decaying_modes(decay: Record, noise: Mapping[str, float]) -> Floats:
     return np.asarray(known[np.argsort(known[:, 0])])
 
 
-def motions(record: Record) -> list[str]:
+def motions(record: Record) -> list[Channel]:
     """The responses that are motions and lack no sample."""
-    names = [name for name in record.responses if Channel.parse(name).kind in "xva"]
-    return [name for name in names if np.isfinite(record.channel(name)).all()]
+    return [name for name in record.motions if np.isfinite(record.channel(name)).all()]
 
 
 def decay_of(record: Record) -> Record:
@@ -380,7 +379,7 @@ def decay_of(record: Record) -> Record:
     return record[min(first, len(record) - 1) :]
 
 
-def _decayed(decay: Record, names: list[str], noise: Mapping[str, float]) -> int:
+def _decayed(decay: Record, names: list[Channel], noise: Mapping[str, float]) -> int:
     """The number of samples until the motion in all channels has sunk into the noise."""
     edges = np.linspace(0, len(decay), min(_PIECES, len(decay)) + 1).astype(int)
     values = decay.select(names).values
@@ -407,7 +406,7 @@ def _separate(modes: RefinedModes) -> Floats:
 
 
 def _ring_down(
-    decay: Record, names: list[str], centers: Floats, mode: int, noise: Mapping[str, float]
+    decay: Record, names: list[Channel], centers: Floats, mode: int, noise: Mapping[str, float]
 ) -> RingDown | None:
     """That of one of the modes about `centers` in Hz; None where the record has too little of it."""
     center = float(centers[mode])
@@ -517,9 +516,8 @@ def acceleration_surfaces(
     surfaces = []
     for name in motions(record):
         motion = channel_motion(record, name, noise[name])
-        kind = Channel.parse(name).kind
-        integrated = "xva".index(kind)
-        unit = ANGLE if record.unit(name) == ANGULAR_UNITS[kind] else LENGTH
+        integrated = name.order
+        unit = ANGLE if record.unit(name) == name.angular_unit else LENGTH
         parts = [
             highpass(part, record.rate, _SLOW * slowest) if order < integrated else part
             for order, part in enumerate(motion)

@@ -26,7 +26,6 @@ from linkwise.likelihood.prescribed.records import (
 )
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 
@@ -112,16 +111,12 @@ def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     channels = [cell_name(problem.structure, link) for link in problem.cell_offsets]
     channels += [BASE_CHANNEL] if problem.motion_offset else []
-    first = len(problem.parameters)
+    found = slice(len(problem.parameters), len(problem.parameters) + len(channels))
     return tuple(
-        SensorErrorEstimate(
-            name,
-            "offset",
-            float(unknowns[first + number]),
-            float(errors[first + number]),
-            Channel.parse(name).unit,
+        SensorErrorEstimate(channel, "offset", value, error, channel.unit)
+        for channel, value, error in zip(
+            channels, unknowns[found].tolist(), errors[found].tolist(), strict=True
         )
-        for number, name in enumerate(channels)
     )
 
 

@@ -11,20 +11,20 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.prescribed.motion import PrescribedMotion
 from linkwise.likelihood.prescribed.problem import Forces
 from linkwise.model.structure import BASE, Structure
-from linkwise.records.channel import require_complete
+from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise, noise_sigma
 from linkwise.signals.smooth import smoothing_spline
 
-BASE_CHANNEL = f"x:{BASE}"
+BASE_CHANNEL = Channel("x", BASE)
 _FEWEST = 32  # samples
 _FLOOR = 1e-12  # of the largest displacement: smaller noise is below rounding
 _SUBSTEPS = 2  # between samples, at first
 
 
-def cell_name(structure: Structure, link: int) -> str:
+def cell_name(structure: Structure, link: int) -> Channel:
     """The channel of the load cell of a link, by its number."""
-    return f"f:{structure.links[link].name}"
+    return Channel("f", structure.links[link].name)
 
 
 def rig_forces(record: Record, structure: Structure) -> Forces:

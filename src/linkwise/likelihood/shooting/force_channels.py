@@ -53,7 +53,9 @@ def with_uncertain_forces(
     IdentificationError
         If a force with an unknown delay is not band-limited between its samples.
     """
-    channels = tuple(dict.fromkeys(name for name in (*gains, *delays) if name.startswith(FORCE)))
+    channels = tuple(
+        dict.fromkeys(Channel.parse(name) for name in (*gains, *delays) if name.startswith(FORCE))
+    )
     if not channels:
         return segments
     late = [name for name in channels if name in delays]
@@ -64,7 +66,7 @@ def with_uncertain_forces(
         np.stack([own[power] if power < len(own) else np.zeros_like(own[0]) for own in shown], axis=2)
         for power in range(powers)
     )
-    places = [Channel.parse(name).mass for name in channels]
+    places = [channel.place for channel in channels]
     points = np.array([structure.points.index(name) if name in structure.points else -1 for name in places])
     masses = [structure.mass_names.index(name) if name in structure.mass_names else -1 for name in places]
     assert segments.inputs.force is not None
@@ -100,15 +102,15 @@ def _require_band_limited(records: Sequence[Record], late: Sequence[str]) -> Non
 
 
 def _shown(
-    segments: Segments, records: Sequence[Record], structure: Structure, name: str, late: bool
+    segments: Segments, records: Sequence[Record], structure: Structure, name: Channel, late: bool
 ) -> tuple[Floats, ...]:
     """(J, 5, K) what a channel shows, less forces of inertia, at the points of every step; where late, powers of the delay."""
     samples = len(segments.samples)
     pieces = []
     for record in records:
         values, acceleration = record.channel(name), frame_acceleration(record)
-        if acceleration is not None and Channel.parse(name).mass in structure.mass_names:
-            number = structure.mass_names.index(Channel.parse(name).mass)
+        if acceleration is not None and name.place in structure.mass_names:
+            number = structure.mass_names.index(name.place)
             values = values + segments.system.parameters.stated_masses[number] * acceleration
         count, grid = -(-len(record) // samples), (samples, segments.refine)
         kind = record.interpolation.get(name, BAND_LIMITED)

@@ -8,7 +8,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.law_group import LawGroup
-from linkwise.model.parameters import MASS
+from linkwise.model.names import MASS, Name
 from linkwise.model.structure import Structure
 
 
@@ -18,7 +18,7 @@ class Parameters:
 
     Attributes
     ----------
-    names, units : tuple of str
+    names, units : tuple of Name, of str
         Names of the parameters and their SI units.
     constant, map : array of shape (c,), (c, p)
         Map to the c coefficients.
@@ -30,7 +30,7 @@ class Parameters:
         Bounds.
     """
 
-    names: tuple[str, ...]
+    names: tuple[Name, ...]
     units: tuple[str, ...]
     constant: Floats
     map: Floats

@@ -15,7 +15,15 @@ from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V,
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import POINTS
 from linkwise.model.structure import Structure
-from linkwise.records.channel import BAND_LIMITED, FORCE, HELD, Channel, interpolated, require_complete
+from linkwise.records.channel import (
+    BAND_LIMITED,
+    FORCE,
+    HELD,
+    MOTIONS,
+    Channel,
+    interpolated,
+    require_complete,
+)
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.units import base_exponents
@@ -96,7 +104,7 @@ def _linked(counts: Sequence[int]) -> Bools:
 
 
 def sensor_arrays(
-    channels: Sequence[str], structure: Structure, offsets: Sequence[str], gains: Sequence[str]
+    channels: Sequence[Channel], structure: Structure, offsets: Sequence[str], gains: Sequence[str]
 ) -> Sensors:
     """Kind, mass, offset and gain of channels.
 
@@ -119,7 +127,6 @@ def sensor_arrays(
     IdentificationError
         If an offset or a gain is named for a channel that is not there.
     """
-    parsed = [Channel.parse(name) for name in channels]
     index = _places(structure)
     of_sensors = [name for name in gains if not name.startswith(FORCE)]
     absent = [name for name in (*offsets, *of_sensors) if name not in (*channels, COMMON)]
@@ -127,13 +134,13 @@ def sensor_arrays(
         raise IdentificationError(
             f"no offset or gain of {absent[0]} can be estimated: the record has {', '.join(channels)}"
         )
-    points = dict.fromkeys(c.mass for c in parsed if c.kind in "xva" and c.mass in structure.points)
-    index |= {(kind, name): structure.size + i for i, name in enumerate(points) for kind in "xva"}
+    points = dict.fromkeys(c.place for c in channels if c.is_motion and c.place in structure.points)
+    index |= {(kind, name): structure.size + i for i, name in enumerate(points) for kind in MOTIONS}
     return Sensors(
         shapes=np.stack([structure.topology.row(name) for name in points]) if points else None,
         points=np.array([structure.points.index(name) for name in points], dtype=int),
-        kind=np.array([_KINDS[channel.kind] for channel in parsed]),
-        mass=np.array([index[channel.kind, channel.mass] for channel in parsed]),
+        kind=np.array([_KINDS[channel.kind] for channel in channels]),
+        mass=np.array([index[channel.kind, channel.place] for channel in channels]),
         offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
         gain=np.array([[float(factor in (name, COMMON)) for factor in gains] for name in channels]),
     )
@@ -141,7 +148,7 @@ def sensor_arrays(
 
 def _places(structure: Structure) -> dict[tuple[str, str], int]:
     """Number of each mass, and positions of links and states in the order of `System`, by kind of channel and name."""
-    places = {(kind, name): i for i, name in enumerate(structure.mass_names) for kind in "xva"}
+    places = {(kind, name): i for i, name in enumerate(structure.mass_names) for kind in MOTIONS}
     links = [number for _, numbers in structure.topology.by_law for number in numbers.tolist()]
     places |= {("f", structure.links[number].name): i for i, number in enumerate(links)}
     states = [
@@ -154,7 +161,7 @@ def _places(structure: Structure) -> dict[tuple[str, str], int]:
 
 
 def _require_same_channels(
-    records: Sequence[Record], structure: Structure, channels: tuple[str, ...]
+    records: Sequence[Record], structure: Structure, channels: tuple[Channel, ...]
 ) -> None:
     if not channels:
         raise IdentificationError(
@@ -166,9 +173,9 @@ def _require_same_channels(
                 f"records that are fitted together need the same channels in the same order: {', '.join(records[0].channels)} "
                 f"in the first, {', '.join(record.channels)} in another; select the common ones with record.select"
             )
-    parsed, places = [Channel.parse(name) for name in channels], _places(structure)
-    places |= {(kind, name): structure.size for name in structure.points for kind in "xva"}
-    unknown = [channel for channel in parsed if (channel.kind, channel.mass) not in places]
+    places = _places(structure)
+    places |= {(kind, name): structure.size for name in structure.points for kind in MOTIONS}
+    unknown = [channel for channel in channels if (channel.kind, channel.place) not in places]
     if unknown:
         owner, kind = ("link or state", unknown[0].kind) if unknown[0].of_link else ("mass", "x")
         available = [name for own, name in places if own == kind]
@@ -181,15 +188,14 @@ def _require_same_channels(
 def require_units_of_states(record: Record, structure: Structure) -> None:
     """Raise IdentificationError for a channel of a state whose stated unit is not of the kind that the state has."""
     laws = {link.name: link.law for link in structure.links}
-    for name, unit in ((name, record.units[name]) for name in record.channels if name in record.units):
-        channel = Channel.parse(name)
-        if channel.kind != "state":
+    for channel in record.channels:
+        if channel.kind != "state" or channel not in record.units:
             continue
-        state = channel.mass.rpartition(".")[2]
+        unit, state = record.units[channel], channel.state
         expected = laws[channel.link].state_units.get(state, "?") if channel.link in laws else "?"
         if expected != "?" and base_exponents(unit) != base_exponents(expected or "1"):
             raise IdentificationError(
-                f"channel {name} is stated in {unit}, and the state {state} of {channel.link} is in {expected or '1'}: "
+                f"channel {channel} is stated in {unit}, and the state {state} of {channel.link} is in {expected or '1'}: "
                 "correct the unit of the channel, or that of the state"
             )
 
@@ -249,13 +255,15 @@ def flow_inputs(
         If an input has missing samples, or the displacement of the base is needed and not recorded.
     """
     forced = [
-        (structure.topology.row(name), f"force:{name}")
+        (structure.topology.row(name), Channel("force", name))
         for name in (*structure.mass_names, *structure.points)
         if f"force:{name}" in records[0].channels
     ]
     has_base = bool(np.any(structure.base_incidence))
     force = base = None
-    at_points = forces_at_points(structure, [name for _, name in forced], (samples * refine, sum(counts)))
+    at_points = forces_at_points(
+        structure, [name.place for _, name in forced], (samples * refine, sum(counts))
+    )
     if forced:
         force = np.zeros((samples * refine, len(POINTS), structure.size, sum(counts)))
         for row, name in forced:
@@ -266,8 +274,8 @@ def flow_inputs(
             values = np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
             for mass in np.flatnonzero(row).tolist():
                 force[:, :, mass] += row[mass] * values
-            if at_points is not None and Channel.parse(name).mass in structure.points:
-                at_points[:, :, structure.points.index(Channel.parse(name).mass)] = values
+            if at_points is not None and name.place in structure.points:
+                at_points[:, :, structure.points.index(name.place)] = values
     if has_base:
         if "x:base" not in records[0].channels:
             has = [name for name in records[0].inputs if name.endswith(":base")]
@@ -287,15 +295,15 @@ def flow_inputs(
     return Inputs(force, base, points=at_points)
 
 
-def forces_at_points(structure: Structure, channels: Sequence[str], size: tuple[int, int]) -> Floats | None:
+def forces_at_points(structure: Structure, places: Sequence[str], size: tuple[int, int]) -> Floats | None:
     """Room (J, 5, k, K) for forces on the k points of hosts, `size` being (J, K); None where `channels` or shapes need none.
 
     Parameters
     ----------
     structure : Structure
         The structure.
-    channels : sequence of str
-        Channels of applied forces.
+    places : sequence of str
+        Where forces are applied.
     size : tuple of int
         Number of steps, and of segments.
 
@@ -305,7 +313,7 @@ def forces_at_points(structure: Structure, channels: Sequence[str], size: tuple[
         Zeros.
     """
     uncertain = any(mode.shape_sigma for host in structure.hosts for mode in host.modes)
-    if not uncertain or not any(Channel.parse(name).mass in structure.points for name in channels):
+    if not uncertain or not any(name in structure.points for name in places):
         return None
     return np.zeros((size[0], len(POINTS), len(structure.points), size[1]))
 

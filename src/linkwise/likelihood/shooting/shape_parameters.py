@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.model.parameters import SHAPE
+from linkwise.model.names import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 
@@ -58,18 +58,18 @@ class ShapeParameters:
 
 
 def _point(structure: Structure, index: int, key: str) -> str:
-    host = structure.mass_names[-1 - index].rpartition(".")[0]
+    host, _, _ = structure.mass_names[-1 - index].partition(".")
     return f"{host}.{key.removeprefix(SHAPE)}"
 
 
-def held_where_unseen(structure: Structure, channels: Sequence[str]) -> Structure:
+def held_where_unseen(structure: Structure, channels: Sequence[Channel]) -> Structure:
     """The structure with shapes known at points that have no link, force or sensor: nothing determines them.
 
     Parameters
     ----------
     structure : Structure
         The structure.
-    channels : sequence of str
+    channels : sequence of Channel
         Channels of the record.
 
     Returns
@@ -78,7 +78,7 @@ def held_where_unseen(structure: Structure, channels: Sequence[str]) -> Structur
         The structure; the same where every uncertain shape is at a point that is used.
     """
     used = {end for link in structure.links for end in link.between}
-    used |= {Channel.parse(name).mass for name in channels}
+    used |= {channel.place for channel in channels}
     hosts = tuple(
         replace(
             host,

@@ -17,7 +17,6 @@ from linkwise.likelihood.starts.free_runs import FreeRuns
 from linkwise.likelihood.starts.memory import Valley
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 _LINKS_FROM, _ALL_FROM = 6, 2  # starts of a search in the coefficients of links, and in all parameters
@@ -60,7 +59,7 @@ def free_run_starts(
         The minima, the lowest first, whose misfits are parts in power of the records that free runs leave; none where records
         of different rates, or without applied forces, are not followed by runs from rest.
     """
-    forced = all(any(Channel.parse(name).kind == "force" for name in record.inputs) for record in records)
+    forced = all(record.forces for record in records)
     if not forced or len({record.rate for record in records}) > 1:
         return ()
     search = FreeRunSearch.of(FreeRuns.of(records, structure, valleys[0].values), given, valleys)

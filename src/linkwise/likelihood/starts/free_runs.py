@@ -94,12 +94,12 @@ class FreeRuns:
         return int(self._known.sum())
 
     @cached_property
-    def _channels(self) -> list[str]:
-        return [name for name in self.records[0].responses if Channel.parse(name).kind in "xva"]
+    def _channels(self) -> tuple[Channel, ...]:
+        return self.records[0].motions
 
     @cached_property
-    def _forced(self) -> list[str]:
-        return [name for name in self.records[0].inputs if Channel.parse(name).kind == "force"]
+    def _forced(self) -> tuple[Channel, ...]:
+        return self.records[0].forces
 
     @cached_property
     def _raw(self) -> Floats:
@@ -140,7 +140,9 @@ class FreeRuns:
         return np.asarray(spline(times).transpose(0, 2, 1))
 
     def _valued(self, theta: Floats) -> Structure:
-        values = dict(zip((p.name for p in self.structure.parameters), map(float, theta), strict=True))
+        values: dict[str, float] = dict(
+            zip((p.name for p in self.structure.parameters), map(float, theta), strict=True)
+        )
         return self.structure.with_values(values)
 
     def _linear(self, valued: Structure) -> tuple[LinearPart, Floats, Floats, Floats]:
@@ -150,16 +152,16 @@ class FreeRuns:
         rates[:n, n:] = np.eye(n)
         rates[n:, :n], rates[n:, n:] = -part.stiffness / masses, -part.damping / masses
         incidence = valued.incidence.toarray()[:, list(part.open)]
-        applied = [valued.topology.row(Channel.parse(name).mass) for name in self._forced]
+        applied = [valued.topology.row(name.place) for name in self._forced]
         drive = np.zeros((2 * n, len(applied) + len(part.open)))
         drive[n:] = np.concatenate([np.reshape(applied, (-1, n)).T, -incidence], axis=1) / masses
-        rows = np.stack([valued.topology.row(Channel.parse(name).mass) for name in self._channels])
+        rows = np.stack([valued.topology.row(name.place) for name in self._channels])
         return part, rates, drive, rows
 
     def _shown(self, rates: Floats, drive: Floats, rows: Floats) -> Floats:
         """(2n + r + u, C) channels by states and forces."""
         n, whole = rows.shape[1], np.concatenate([rates, drive], axis=1)
-        kinds = ["xva".index(Channel.parse(name).kind) for name in self._channels]
+        kinds = [channel.order for channel in self._channels]
         by_kind = [np.eye(2 * n, whole.shape[1])[:n], np.eye(2 * n, whole.shape[1])[n:], whole[n:]]
         return np.stack([row @ by_kind[kind] for row, kind in zip(rows, kinds, strict=True)], axis=1)
 

@@ -24,9 +24,8 @@ from linkwise.likelihood.starts.mode_tuning import likeliest_change, tuned_modes
 from linkwise.likelihood.starts.rigid_motions import require_placed
 from linkwise.likelihood.starts.stable_starts import stable_starts
 from linkwise.model.host import is_between_modes
-from linkwise.model.parameters import is_shape
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel, require_complete
+from linkwise.records.channel import require_complete
 from linkwise.records.record import Record
 
 _FEWEST = 50  # samples that a smoother needs to forget its start
@@ -219,7 +218,9 @@ def _started(
 
 def _modal(structure: Structure) -> list[str]:
     """Unknown frequencies and damping of modes."""
-    return [p.name for p in structure.parameters if p.name.rpartition(".")[0] in structure.mass_names]
+    return [
+        p.name for p in structure.parameters if p.name.owner in structure.mass_names and not p.name.is_shape
+    ]
 
 
 TOO_LITTLE = (
@@ -230,23 +231,22 @@ TOO_LITTLE = (
 
 def require_supported(record: Record, structure: Structure) -> None:
     """Raise IdentificationError for what a start of a structure with hosts does not take."""
-    if np.any(structure.base_incidence) or any(Channel.parse(name).relative for name in record.channels):
+    if np.any(structure.base_incidence) or any(channel.relative for channel in record.channels):
         raise IdentificationError(
             "a moving base beside a host is not supported in identification and validation"
         )
-    for name in record.channels:
-        channel = Channel.parse(name)
-        if not channel.of_link and channel.mass not in structure.topology.index:
+    for channel in record.channels:
+        if not channel.of_link and channel.place not in structure.topology.index:
             raise IdentificationError(
-                f"channel {name} belongs to no mass or point of the structure, which are {', '.join(structure.places)}"
+                f"channel {channel} belongs to no mass or point of the structure, which are {', '.join(structure.places)}"
             )
         if channel.is_input:
-            require_complete(name, record.channel(name), record.start, record.rate)
+            require_complete(channel, record.channel(channel), record.start, record.rate)
     if len(record) < _FEWEST:
         raise IdentificationError(
             f"the record has {len(record)} samples, too few to determine the motion of a host; it needs at least {_FEWEST}"
         )
-    if not any(Channel.parse(name).kind in "xva" for name in record.responses):
+    if not record.motions:
         raise IdentificationError("the record shows no motion: give a channel x:PLACE, v:PLACE or a:PLACE")
     require_placed(record, structure)
 
@@ -280,7 +280,7 @@ def _shapes(structure: Structure) -> dict[str, float]:
     return {
         p.name: p.start
         for p in structure.parameters
-        if p.start is not None and (is_shape(p.name) or is_between_modes(p.name))
+        if p.start is not None and (p.name.is_shape or is_between_modes(p.name))
     }
 
 

@@ -60,7 +60,7 @@ def determines_links(record: Record, structure: Structure) -> bool:
     bool
         Whether it does.
     """
-    if not all(any(f"{kind}:{name}" in record.channels for kind in "xva") for name in structure.mass_names):
+    if not all(record.motions_of(name) for name in structure.mass_names):
         return False
     if any(mass.mass.value is None for mass in structure.masses):
         return False
@@ -108,10 +108,10 @@ def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) 
     """
     motions, orders, noise = [], [], []
     for name in structure.mass_names:
-        kind = next(kind for kind in "xva" if f"{kind}:{name}" in record.channels)
-        motions.append(channel_motion(record, f"{kind}:{name}", sigma[f"{kind}:{name}"]))
-        orders.append("xva".index(kind))
-        noise.append(sigma[f"{kind}:{name}"])
+        channel = record.motions_of(name)[0]
+        motions.append(channel_motion(record, channel, sigma[channel]))
+        orders.append(channel.order)
+        noise.append(sigma[channel])
     x, v, a = np.stack(motions, axis=1)
     applied = np.stack(
         [

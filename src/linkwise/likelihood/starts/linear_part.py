@@ -15,8 +15,8 @@ from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.starts.linear_model import LinearModel
 from linkwise.model.law import Law
 from linkwise.model.link import Link
+from linkwise.model.names import Name
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 TIGHT = 0.1
@@ -69,7 +69,7 @@ class LinearPart:
         """
         incidence = self.structure.incidence.toarray()
         stiffness, damping = self.stiffness.copy(), self.damping.copy()
-        changed = {name.rpartition(".")[0] for name in values}
+        changed = {Name.parse(name).owner for name in values}
         for number, link in enumerate(self.structure.links):
             if link.name not in changed:
                 continue
@@ -113,14 +113,14 @@ class LinearPart:
         intensity = np.zeros(m)
         intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
         transition, process, input_effect = _discrete(rates, drive, intensity, record.step)
-        rows = np.stack([structure.topology.row(Channel.parse(name).mass) for name in _shown(record)])
-        kinds = ["xva".index(Channel.parse(name).kind) for name in _shown(record)]
+        rows = np.stack([structure.topology.row(channel.place) for channel in record.motions])
+        kinds = [channel.order for channel in record.motions]
         by_kind = np.stack([np.eye(m)[:n], np.eye(m)[n : 2 * n], rates[n : 2 * n]])
         direct = np.stack([np.zeros_like(drive[:n]), np.zeros_like(drive[:n]), drive[n : 2 * n]])
         observation = np.stack([row @ by_kind[kind] for row, kind in zip(rows, kinds, strict=True)])
         bound = reach * motion_sizes[0]
         bounded = np.concatenate([incidence.T, np.zeros((u, m - n))], axis=1)
-        noise = [sigma[name] ** 2 for name in _shown(record)]
+        noise = [sigma[name] ** 2 for name in record.motions]
         start = np.zeros(m)
         start[:n], start[n : 2 * n] = motion_sizes
         start[2 * n : 2 * n + u], start[2 * n + u :] = size, size / record.step
@@ -172,11 +172,11 @@ class LinearPart:
     def _sizes(self, record: Record) -> tuple[float, float]:
         """Sizes of displacements and velocities: the largest of the channels, integrated above the lowest frequencies."""
         sizes = []
-        for name in _shown(record):
+        for name in record.motions:
             values = record.channel(name)
             spectrum = np.fft.rfft(np.where(np.isfinite(values), values, 0.0))[_LOWEST:]
             omega = 2.0 * np.pi * np.fft.rfftfreq(len(values), record.step)[_LOWEST:]
-            order = "xva".index(Channel.parse(name).kind)
+            order = name.order
             powers = [float(np.sum(np.abs(spectrum * omega ** (kind - order)) ** 2)) for kind in (0, 1)]
             sizes.append(np.sqrt(2.0 * np.array(powers)) / len(values))
         x, v = np.max(sizes, axis=0)
@@ -211,30 +211,21 @@ def is_linear(law: Law) -> bool:
     )
 
 
-def _shown(record: Record) -> list[str]:
-    """Channels of motion."""
-    return [name for name in record.responses if Channel.parse(name).kind in "xva"]
-
-
 def samples_of(record: Record, linear: LinearPart) -> Floats:
     """(N, C + U) samples, and zeros that bound the elongations of open links."""
-    shown = record.select(_shown(record)).values
+    shown = record.select(record.motions).values
     return np.concatenate([shown, np.zeros((len(record), len(linear.open)))], axis=1)
-
-
-def _forced(record: Record) -> list[str]:
-    return [name for name in record.inputs if Channel.parse(name).kind == "force"]
 
 
 def _applied(record: Record, structure: Structure) -> Floats:
     """(r, n) parts of modes and masses in the applied forces."""
-    rows = [structure.topology.row(Channel.parse(name).mass) for name in _forced(record)]
+    rows = [structure.topology.row(channel.place) for channel in record.forces]
     return np.stack(rows) if rows else np.zeros((0, structure.size))
 
 
 def inputs_of(record: Record) -> Floats:
     """(N, r) applied forces."""
-    columns = [record.channel(name) for name in _forced(record)]
+    columns = [record.channel(name) for name in record.forces]
     return np.stack(columns, axis=1) if columns else np.zeros((len(record), 0))
 
 

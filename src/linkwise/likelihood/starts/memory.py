@@ -116,11 +116,8 @@ class MemorySearch:
                 "state starts of all unknowns"
             )
         d, rate = link_motion(record, structure, x, v)
-        shown = {
-            name: smoothed(record, name, sigma[name])[0]
-            for name in record.channels
-            if name.startswith(("f:", "state:"))
-        }
+        of_links = (channel for channel in record.channels if channel.of_link)
+        shown: dict[str, Floats] = {name: smoothed(record, name, sigma[name])[0] for name in of_links}
         return cls(structure, record.step, d, rate, _balances(record, structure, x), shown, given)
 
     def valleys(self) -> tuple[Valley, ...]:

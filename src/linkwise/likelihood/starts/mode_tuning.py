@@ -87,7 +87,7 @@ def _tuned(
     units: Floats | None = None,
 ) -> tuple[dict[str, float], LinearPart]:
     """Values of unknown modes, and the linear system with these, and with equivalents found where they have `units`."""
-    free = [p for p in structure.parameters if p.name.rpartition(".")[0] in structure.mass_names]
+    free = [p for p in structure.parameters if p.name.owner in structure.mass_names and not p.name.is_shape]
     if not free and units is None:
         return {}, linear
     start = np.array([float(p.start or 0.0) for p in free])
@@ -101,7 +101,9 @@ def _tuned(
     untuned = LinearPart.of(structure, linear.equivalent)
 
     def moved_values(moved: Floats) -> tuple[dict[str, float], Floats]:
-        values = dict(zip((p.name for p in free), map(float, start + unit * moved[: len(free)]), strict=True))
+        values: dict[str, float] = dict(
+            zip((p.name for p in free), map(float, start + unit * moved[: len(free)]), strict=True)
+        )
         equivalent = linear.equivalent
         if units is not None:
             equivalent = equivalent + units * moved[len(free) :].reshape(equivalent.shape)

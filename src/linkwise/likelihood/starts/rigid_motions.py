@@ -8,7 +8,6 @@ from linkwise.errors import IdentificationError
 from linkwise.expression import symbols
 from linkwise.model.link import GROUND, Link
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
 
@@ -24,11 +23,7 @@ def require_placed(record: Record, structure: Structure) -> None:
     ]
     if not rigid:
         return
-    rows = [
-        structure.topology.row(channel.mass)
-        for channel in map(Channel.parse, record.responses)
-        if channel.kind == "x"
-    ]
+    rows = [structure.topology.row(channel.place) for channel in record.responses if channel.kind == "x"]
     rows += [
         structure.incidence[:, [number]].toarray().ravel()
         for number, link in enumerate(structure.links)

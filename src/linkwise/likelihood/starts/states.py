@@ -132,9 +132,7 @@ def shows_every_mass(record: Record, structure: Structure) -> bool:
 
 def _kinds(record: Record, structure: Structure) -> dict[str, list[str]]:
     """Kinds of sensors on each mass."""
-    return {
-        name: [kind for kind in "xva" if f"{kind}:{name}" in record.channels] for name in structure.mass_names
-    }
+    return {name: [channel.kind for channel in record.motions_of(name)] for name in structure.mass_names}
 
 
 def _motion(

@@ -26,7 +26,7 @@ def unit_sizes(
     time = length / speed
     mass = force * time**2 / length
     current = 1.0 if voltage is None else force * speed / (voltage or 1.0)
-    sizes = {}
+    sizes: dict[str, float] = {}
     for parameter in parameters:
         unit = unit_dimension(parameter.unit if parameter.unit != "?" else "")
         powers = (unit.kilogram, unit.metre, unit.second, unit.ampere)

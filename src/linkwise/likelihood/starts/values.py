@@ -13,7 +13,8 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.coefficients import law_start
 from linkwise.likelihood.starts.hosts import equivalent_start, host_start
 from linkwise.likelihood.starts.inverse_dynamics import needs_integration
-from linkwise.model.parameters import MASS, Parameter
+from linkwise.model.names import MASS
+from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.joining import common_samples
 from linkwise.records.record import Record
@@ -173,9 +174,8 @@ def _values(
 
 def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]:
     """The records with integrated displacements, if they lack some and every mass has a sensor; else none."""
-    channels = records[0].channels
-    displaced = all(f"x:{name}" in channels for name in structure.mass_names)
-    measured = all(any(f"{kind}:{name}" in channels for kind in "xva") for name in structure.mass_names)
+    displaced = all(f"x:{name}" in records[0].channels for name in structure.mass_names)
+    measured = all(records[0].motions_of(name) for name in structure.mass_names)
     if displaced or not measured:
         return []
     return [with_displacements(record, structure.masses) for record in records]
