@@ -12,7 +12,7 @@ KEEPING := MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=268435456
 TESTING := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(KEEPING)
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify study test coverage matrix docs benchmark fuzz check clean
+.PHONY: help env identify study test coverage matrix docs benchmark corpus fuzz check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -51,6 +51,10 @@ fuzz: env  ## throw damaged and hostile inputs at every reader and command: 10 0
 
 benchmark: env  ## measure speed and accuracy against the figures that they must reach
 	$(BIN)/python -m pytest -q -s -o python_files='bench_*.py' benchmarks
+
+CASES ?=
+corpus: env  ## compare some 300 answers with stored ones: all, QUICK=1, or CASES='chain/*'; UPDATE=1 stores them again
+	PYTHONPATH=tests $(TESTING) $(BIN)/python benchmarks/corpus.py $(CASES) $(if $(QUICK),--quick) $(if $(UPDATE),--update)
 
 check: env  ## lint, check the format and the types of the package and its tests
 	$(BIN)/ruff check .

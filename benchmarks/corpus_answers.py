@@ -1,0 +1,91 @@
+"""What the corpus keeps of an answer: plain data of verdicts, values with standard errors, numbers without, and causes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+
+import linkwise as lw
+
+CAUSES = 6  # the first ones are kept; what follows explains hardly anything
+DIGITS = 10
+
+Answer = dict[str, Any]
+
+
+def number(value: float | None) -> float | None:
+    """A number as it is stored; None where there is none, or none that is finite."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.{DIGITS}g}")
+
+
+def numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    return {name: number(value) for name, value in values.items()}
+
+
+def judged(answer: Any) -> Answer:
+    """Verdicts and trust, which every answer has."""
+    return {
+        "trusted": bool(answer.trusted),
+        "verdicts": [verdict.name.lower() for verdict in answer.verdicts],
+    }
+
+
+def refusal(error: Exception) -> Answer:
+    """The kind of an error and the first line of its message."""
+    return {"refused": type(error).__name__, "message": str(error).partition("\n")[0]}
+
+
+@singledispatch
+def answer_of(answer: Any) -> Answer:
+    """What is kept of an answer of any kind; of several answers by name, those of each."""
+    raise TypeError(f"the corpus keeps nothing of a {type(answer).__name__}")
+
+
+@answer_of.register
+def _(estimate: lw.Estimate) -> Answer:
+    errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0))
+    values = {
+        parameter.name: [number(value), number(error) if free else None]
+        for parameter, value, error, free in zip(
+            estimate.parameters, estimate.values.tolist(), errors.tolist(), estimate.free, strict=True
+        )
+    }
+    for error in estimate.sensor_errors:
+        values[f"{error.kind} of {error.channel}"] = [number(error.value), number(error.standard_error)]
+    return {
+        "method": estimate.method,
+        "status": estimate.status,
+        **judged(estimate),
+        "numbers": numbers(
+            {
+                "chi-square": estimate.chi_square_per_sample,
+                "model error": estimate.model_error,
+                **{f"noise of {name}": noise.sigma for name, noise in estimate.noise.items()},
+                **{f"random force {force.where}": force.deviation for force in estimate.random_forces},
+            }
+        ),
+        "values": values,
+        "causes": causes(estimate.diagnosis),
+    }
+
+
+def causes(diagnosis: Iterable[lw.Cause]) -> list[list[Any]]:
+    return [
+        [cause.kind, cause.where, cause.term or cause.source, number(cause.size)]
+        for cause in list(diagnosis)[:CAUSES]
+    ]
+
+
+@answer_of.register
+def _(discovery: lw.Discovery) -> Answer:
+    kept = sorted(discovery.kept, key=lambda term: term.name)
+    return {
+        **answer_of(discovery.estimate),
+        **judged(discovery),
+        "terms": [f"{term.name} {term.term} {term.decision.value}" for term in kept],
+        "memory": [f"{law.link} {law.law}" for law in discovery.memory if law.kept],
+    }
