@@ -33,7 +33,7 @@ JOINT = {"k": 3000.0, "k3": 2e9, "F": 1.5}  # between two beams: cubic, and fric
 JOINT_SNR = 30.0
 
 
-def _beam(elements: int) -> tuple[scipy.sparse.csc_array, scipy.sparse.csc_array]:
+def cantilever_matrices(elements: int) -> tuple[scipy.sparse.csc_array, scipy.sparse.csc_array]:
     """Mass and stiffness of a cantilever of Euler-Bernoulli elements: displacement and slope of every free node."""
     h = 1.0 / elements
     stiffness = BENDING / h**3 * np.array(
@@ -58,7 +58,7 @@ def _beam(elements: int) -> tuple[scipy.sparse.csc_array, scipy.sparse.csc_array
 
 def _structure(keep: int, *, residual: bool = True) -> lw.Structure:
     host = lw.reduce_host(
-        "beam", *_beam(ELEMENTS), POINTS, keep=keep, modal_damping=DAMPING, residual=residual
+        "beam", *cantilever_matrices(ELEMENTS), POINTS, keep=keep, modal_damping=DAMPING, residual=residual
     ).host
     law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
     link = lw.Link(
@@ -180,7 +180,7 @@ def _two_beams(ends: tuple[str, str]) -> lw.Structure:
     points = {f"p{quarter}": quarter * ELEMENTS // 2 - 1 for quarter in (1, 2, 3, 4)}
     hosts = []
     for name, length in (("left", 1.0), ("right", 0.8)):
-        mass, stiffness = _beam(ELEMENTS)  # of 1 m, with displacements and slopes
+        mass, stiffness = cantilever_matrices(ELEMENTS)  # of 1 m, with displacements and slopes
         scale = scipy.sparse.diags_array(np.tile([1.0, length], ELEMENTS))
         mass, stiffness = (
             scale @ matrix @ scale * factor for matrix, factor in ((mass, length), (stiffness, length**-3))

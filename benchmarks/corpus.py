@@ -23,7 +23,8 @@ from time import perf_counter, process_time
 from typing import Any
 
 from corpus_answers import answer_of, refusal
-from corpus_cases import CASES, QUICK, Skipped
+from corpus_cases import CASES, QUICK
+from corpus_models import Skipped
 
 import linkwise as lw
 
@@ -189,8 +190,8 @@ def report(comparisons: Mapping[str, tuple[int, Comparison]], skipped: int, seve
     if len(shifts) > 1:
         hundredths = quantiles([shift for shift, _ in shifts], n=100)
         print(
-            f"shifts of {len(shifts)} values in standard errors: median {hundredths[49]:.1g}, 90 % below {hundredths[89]:.1g}, "
-            f"99 % below {hundredths[98]:.1g}, largest {shifts[-1][0]:.2g} in {shifts[-1][1]}"
+            f"shifts of {len(shifts)} values in standard errors: median {hundredths[49]:.1g}, 90 % below "
+            f"{hundredths[89]:.1g}, 99 % below {hundredths[98]:.1g}, largest {shifts[-1][0]:.2g} in {shifts[-1][1]}"
         )
     others = sorted(name for name, (number, _) in comparisons.items() if name in several and number > 0)
     if others:
@@ -226,6 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             comparisons[name] = nearest(stored.get(name) or [{}], answer)
             if comparisons[name][1].changes and (options.update or options.add):
                 stored[name] = [*(stored.get(name, []) if options.add else []), answer]
+                write(options.stored, stored)  # now, since a long run may be interrupted
         state = "no data" if answer is None else "changed" if comparisons[name][1].changes else ""
         print(f"[{number}/{len(names)}] {name} {seconds:.1f} s {state}", file=sys.stderr, flush=True)
     print(
@@ -235,8 +237,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     several = {name for name, known in stored.items() if len(known) > 1}
     changed = report(comparisons, skipped, several)
-    if options.update or options.add:
-        write(options.stored, stored)
     return int(changed and not (options.update or options.add))
 
 

@@ -89,3 +89,86 @@ def _(discovery: lw.Discovery) -> Answer:
         "terms": [f"{term.name} {term.term} {term.decision.value}" for term in kept],
         "memory": [f"{law.link} {law.law}" for law in discovery.memory if law.kept],
     }
+
+
+@answer_of.register
+def _(host: lw.HostEstimate) -> Answer:
+    values: dict[str, list[float | None]] = {}
+    for name, mode in zip(host.host.coordinates, host.host.modes, strict=True):
+        for what, coefficient in (("frequency", mode.frequency), ("damping", mode.damping)):
+            values[f"{name}.{what}"] = [number(coefficient.value), number(coefficient.sigma)]
+        for point, size in mode.shape.items():
+            values[f"{name}.{point}"] = [number(size), number(mode.shape_sigma.get(point))]
+    return {
+        **judged(host),
+        "faint": list(host.faint),
+        "numbers": numbers({"chi-square": host.chi_square_per_sample}),
+        "values": values,
+    }
+
+
+@answer_of.register
+def _(validation: lw.Validation) -> Answer:
+    channels = validation.channels.values()
+    errors = {f"rmse of {channel.name}": channel.rmse for channel in channels}
+    limits = {f"limit of {channel.name}": channel.limit for channel in channels}
+    return {
+        **judged(validation),
+        "disagrees": [channel.name for channel in channels if not channel.agrees]
+        + [entry.name for entry in validation.coefficients if not entry.agrees],
+        "numbers": numbers({**errors, **limits, "burn": validation.burn, "window": validation.window}),
+        "values": {
+            entry.name: [number(entry.record_value), number(entry.record_error)]
+            for entry in validation.coefficients
+        },
+    }
+
+
+@answer_of.register
+def _(limit: lw.Limit) -> Answer:
+    return {
+        **judged(limit),
+        "numbers": numbers(
+            {
+                f"standard error of {parameter.name}": error
+                for parameter, error in zip(limit.parameters, limit.standard_errors.tolist(), strict=True)
+            }
+            | {f"detectable force of {link.name}": link.force_error for link in limit.links}
+        ),
+    }
+
+
+@answer_of.register
+def _(absorption: lw.Absorption) -> Answer:
+    decays = {
+        f"{what} of {mass.name} {run}": getattr(decay, what)
+        for mass in absorption.masses
+        for run, decay in (("with", mass.with_sinks), ("without", mass.without))
+        for what in ("peak", "rms", "settled", "rate")
+    }
+    shares = {f"share of {sink.sink.link}": sink.share for sink in absorption.sinks}
+    harvests = {f"harvest of {harvest.link}": harvest.energy for harvest in absorption.harvests}
+    return {**judged(absorption), "numbers": numbers({**decays, **shares, **harvests})}
+
+
+@answer_of.register
+def _(intervals: lw.AbsorptionIntervals) -> Answer:
+    return {
+        **judged(intervals),
+        "numbers": numbers(
+            {
+                f"{what} of {interval.quantity.name}": getattr(interval, what)
+                for interval in intervals.quantities
+                for what in ("value", "lower", "upper")
+            }
+        ),
+    }
+
+
+@answer_of.register
+def _(inspection: lw.Inspection) -> Answer:
+    return {
+        **judged(inspection),
+        "alerts": [f"{alert.kind} {alert.channel}" for alert in inspection.alerts],
+        "numbers": numbers({f"noise of {channel.name}": channel.noise for channel in inspection.channels}),
+    }
