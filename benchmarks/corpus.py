@@ -188,7 +188,7 @@ def report(comparisons: Mapping[str, tuple[int, Comparison]], skipped: int, seve
     )
     shifts = sorted((shift, name) for name, (_, each) in comparisons.items() for shift in each.shifts)
     if len(shifts) > 1:
-        hundredths = quantiles([shift for shift, _ in shifts], n=100)
+        hundredths = quantiles([shift for shift, _ in shifts], n=100, method="inclusive")
         print(
             f"shifts of {len(shifts)} values in standard errors: median {hundredths[49]:.1g}, 90 % below "
             f"{hundredths[89]:.1g}, 99 % below {hundredths[98]:.1g}, largest {shifts[-1][0]:.2g} in {shifts[-1][1]}"
