@@ -13,7 +13,7 @@ def test_ten_thousand_free_decays_in_two_minutes() -> None:
     """The two-mass chain of the paper, 6 s at the default rate, alpha and beta on 100 values each."""
     over = {"nes1.alpha": np.linspace(-200.0, -20.0, 100), "nes1.beta": np.geomspace(1e5, 2e6, 100)}
     started = perf_counter()
-    found = lw.absorption_map(lw.bnes_chain(2), over, duration=6.0, release={"v:m1": 1.0})
+    found = lw.absorption.absorption_map(lw.bnes_chain(2), over, duration=6.0, release={"v:m1": 1.0})
     seconds = perf_counter() - started
     shares = sum(found[name.name] for name in found.quantities if name.name.startswith("share:"))
     apart = np.abs(shares + found["remaining"] - 1.0).max()

@@ -27,7 +27,7 @@ def _beam(rng: np.random.Generator) -> lw.Structure:
     number = lw.Coefficient.number
     shapes = np.array([[1.0, 0.2, -0.25], [-1.0, 0.5, 0.42], [1.0, 0.3, 0.45]])
     modes = tuple(
-        lw.HostMode(
+        lw.model.HostMode(
             number(frequency * rng.uniform(0.97, 1.03)),
             number(rng.uniform(0.001, 0.003)),
             dict(zip(("tip", "left", "right"), map(float, shape * rng.uniform(0.9, 1.1, 3)), strict=True)),
@@ -63,7 +63,7 @@ def test_one_hit_predicts_others(capsys: pytest.CaptureFixture[str]) -> None:
     for seed in range(FIRST_SEED, FIRST_SEED + SEEDS):
         beam = _beam(np.random.default_rng(seed))
         began = time.process_time()
-        tested = lw.identify_host(_struck(beam, TAP, seed))
+        tested = lw.modal.identify_host(_struck(beam, TAP, seed))
         joint = lw.Link("joint", ("beam.left", "beam.right"), law, free)
         fit = lw.identify(_struck(beam, HIT, seed + 1), lw.Structure("beam", (), (joint,), (tested.host,)))
         seconds.append(time.process_time() - began)

@@ -46,7 +46,7 @@ def shown() -> tuple[np.ndarray, np.ndarray]:
 def identified() -> tuple[lw.Estimate, float]:
     """The named law and the mass from all periods, and CPU-s."""
     record = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.column_stack(shown()[::-1]))
-    joint = lw.named_law("bouc-wen-classical").link("joint", ("m1", "ground"))
+    joint = lw.model.named_law("bouc-wen-classical").link("joint", ("m1", "ground"))
     began = process_time()
     fit = lw.identify(record, lw.Structure("", (lw.Mass("m1", lw.Coefficient.unknown()),), (joint,)))
     return fit, process_time() - began
@@ -135,7 +135,7 @@ def test_prediction_of_what_was_never_shown(
             structure,
             duration=(len(sampled) - 1) / RATE,
             rate=RATE,
-            forces={"m1": lw.Sampled(0.0, RATE, sampled, band_limited=True)},
+            forces={"m1": lw.model.Sampled(0.0, RATE, sampled, band_limited=True)},
         )
         left = (predicted.channel("x:m1") - moved)[counts]
         rmse[label] = float(np.sqrt(np.mean(left**2)))

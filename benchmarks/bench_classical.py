@@ -42,10 +42,10 @@ def peak():  # in kB; of this program alone, which getrusage does not tell after
 data = np.load(sys.argv[1])
 masses = tuple(f"m{k + 1}" for k in range(data["x"].shape[1]))
 states = States(data["time"], masses, data["x"], data["v"], data["a"], np.zeros_like(data["x"]))
-regressor = {"stlsq": lw.Stlsq(0.01), "chosen": lw.Stlsq()}[sys.argv[2]]
-regressor.fit(lw.monomial_equations(states, 1))  # loads and starts what a first fit does
+regressor = {"stlsq": lw.sindy.Stlsq(0.01), "chosen": lw.sindy.Stlsq()}[sys.argv[2]]
+regressor.fit(lw.sindy.monomial_equations(states, 1))  # loads and starts what a first fit does
 before = peak()
-system = lw.monomial_equations(states, 3)
+system = lw.sindy.monomial_equations(states, 3)
 regressor.fit(system)
 after = peak()
 print(len(system.names), (after - before) * 1024, fit_bytes(len(system.names)), after * 1024)
@@ -74,12 +74,12 @@ def record() -> lw.Record:
 
 @pytest.fixture(scope="module")
 def exact(record: lw.Record) -> StreamedSystem:
-    return lw.monomial_equations(lw.differentiate(record), 3)
+    return lw.sindy.monomial_equations(lw.sindy.differentiate(record), 3)
 
 
 @pytest.fixture(scope="module")
 def noisy(record: lw.Record) -> StreamedSystem:
-    return lw.monomial_equations(lw.noisy_states(record, "states", 20.0, seed=SEED), 3)
+    return lw.sindy.monomial_equations(lw.sindy.noisy_states(record, "states", 20.0, seed=SEED), 3)
 
 
 @pytest.mark.parametrize(("data", "limit"), [("exact", 2.0), ("noisy", 4.0)])
@@ -94,7 +94,7 @@ def test_one_fit_of_the_full_library_costs_two_products_on_exact_data_and_four_o
         started = perf_counter()
         gram = Gram.of(system)
         formed = perf_counter()
-        fit = lw.Stlsq(THRESHOLD).fit_gram(gram, system.units, system.targets)
+        fit = lw.sindy.Stlsq(THRESHOLD).fit_gram(gram, system.units, system.targets)
         forms.append(formed - started)
         solves.append(perf_counter() - formed)
     unit = min(units)
@@ -111,14 +111,14 @@ def test_a_whole_path_of_thresholds_costs_a_few_products(data: str, request: pyt
     system = request.getfixturevalue(data)
     unit, gram = product(), Gram.of(system)
     gram.training  # shared by all choices  # noqa: B018
-    for name, regressor in (("STLSQ", lw.Stlsq()), ("L1", lw.L1())):
+    for name, regressor in (("STLSQ", lw.sindy.Stlsq()), ("L1", lw.sindy.L1())):
         cost = min(seconds(lambda: regressor.fit_gram(gram, system.units, system.targets)) for _ in range(2))  # noqa: B023
         print(f"\n{data}: {name} with its setting chosen on rows held out: {cost / unit:.1f} U")
         assert cost < 6 * unit
 
 
 def test_the_chosen_threshold_finds_the_equations_in_exact_data(exact: StreamedSystem) -> None:
-    fit = lw.Stlsq().fit(exact)
+    fit = lw.sindy.Stlsq().fit(exact)
     # x' = v; frames at both ends, frames between, sinks
     assert fit.support.sum() == 10 + 2 * 10 + 3 * 12 + 5 * 8
     assert np.all(fit.residual < 1e-11)
@@ -129,7 +129,7 @@ def test_coefficients_equal_those_of_qr(exact: StreamedSystem) -> None:
     stored = exact.stored()
     scale = np.linalg.norm(stored.matrix, axis=0)
     gram = Gram.of(exact)
-    found = lw.Stlsq(1e-5).fit_gram(gram, exact.units, exact.targets)
+    found = lw.sindy.Stlsq(1e-5).fit_gram(gram, exact.units, exact.targets)
     worst = 0.0
     for target in range(20):
         kept = found.support[:, target]
@@ -138,7 +138,7 @@ def test_coefficients_equal_those_of_qr(exact: StreamedSystem) -> None:
         worst = max(worst, float(np.max(np.abs(found.coefficients[kept, target] / direct - 1))))
     factor, triangle = qr(stored.matrix / scale, mode="economic", overwrite_a=True)
     direct = solve_triangular(triangle, factor.T @ stored.target)
-    whole = lw.LeastSquares().fit_gram(gram, exact.units, exact.targets).coefficients * scale[:, None]
+    whole = lw.sindy.LeastSquares().fit_gram(gram, exact.units, exact.targets).coefficients * scale[:, None]
     apart = float(np.max(np.abs(whole - direct) / np.max(np.abs(direct), axis=0)))
     print(
         f"\nfrom QR: {worst:.1e} relative on the supports, {apart:.1e} of the largest term with all 1771 columns"
@@ -156,7 +156,7 @@ def test_memory_stays_bounded(masses: int, regressor: str, limit: float, tmp_pat
     record = lw.simulate(
         lw.bnes_chain(masses), release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
     )
-    states = lw.noisy_states(record, "states", 20.0, seed=SEED)
+    states = lw.sindy.noisy_states(record, "states", 20.0, seed=SEED)
     np.savez(tmp_path / "states.npz", time=states.time, x=states.x, v=states.v, a=states.a)
     started = perf_counter()
     told = subprocess.run(

@@ -31,7 +31,7 @@ def test_errors_beside_those_of_the_whole_record(snr_db: float) -> None:
         peak = PEAK * np.max(np.abs(whole.values), axis=0)
         overloaded = replace(whole, values=np.clip(whole.values, -peak, peak), simulated=None)
         trusted += lw.identify(overloaded, asked).trusted
-        for name, record in (("whole", whole), ("marked", lw.mark_missing(overloaded))):
+        for name, record in (("whole", whole), ("marked", lw.inspection.mark_missing(overloaded))):
             fit = lw.identify(record, asked)
             assert fit.trusted
             errors[name].append(fit.values - true)

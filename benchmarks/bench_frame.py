@@ -42,7 +42,7 @@ def frame() -> lw.Structure:
         }
         ends = (f"m{i + 1}", f"m{i}" if i else "base")
         numbers = {name: NUMBER(value) for name, value in values.items()}
-        links.append(lw.named_law("bouc-wen").link(f"storey{i + 1}", ends, numbers))
+        links.append(lw.model.named_law("bouc-wen").link(f"storey{i + 1}", ends, numbers))
     return lw.Structure("frame", masses, tuple(links))
 
 

@@ -130,8 +130,8 @@ def remembering() -> lw.Structure:
     joint = {"k": NUMBER(400.0), "c": NUMBER(1.5), "F": NUMBER(12.0), "x0": NUMBER(0.02), "s": NUMBER(0.7)}
     mount = {"k": NUMBER(300.0), "k1": NUMBER(600.0), "c1": NUMBER(12.0)}
     links = (
-        lw.named_law("bouc-wen").link("joint", ("m1", "ground"), joint),
-        lw.named_law("zener").link("mount", ("m2", "m1"), mount),
+        lw.model.named_law("bouc-wen").link("joint", ("m1", "ground"), joint),
+        lw.model.named_law("zener").link("mount", ("m2", "m1"), mount),
     )
     return lw.Structure("pair", (lw.Mass("m1", NUMBER(1.0)), lw.Mass("m2", NUMBER(0.5))), links)
 

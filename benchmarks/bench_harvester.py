@@ -20,7 +20,7 @@ _start, _, _stop = os.environ.get("LINKWISE_SEEDS", "40").rpartition(":")
 SEEDS = range(FIRST + int(_start or "0"), FIRST + int(_stop))
 SNR = 20.0
 BASE = "0.004*sin(40*t) + 0.003*sin(57*t + 1) + 0.002*sin(33*t + 2)"
-LAW = lw.named_law("piezo-harvester")
+LAW = lw.model.named_law("piezo-harvester")
 TRUE = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}
 SENSORS = {
     "displacement and voltage": ("rel:x:m1", "state:harvester.V"),

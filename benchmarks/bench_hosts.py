@@ -57,7 +57,7 @@ def cantilever_matrices(elements: int) -> tuple[scipy.sparse.csc_array, scipy.sp
 
 
 def _structure(keep: int, *, residual: bool = True) -> lw.Structure:
-    host = lw.reduce_host(
+    host = lw.modal.reduce_host(
         "beam", *cantilever_matrices(ELEMENTS), POINTS, keep=keep, modal_damping=DAMPING, residual=residual
     ).host
     law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
@@ -87,7 +87,7 @@ def _asked(rng: np.random.Generator) -> lw.Structure:
         start = mode.frequency.value * (1.0 + FREQUENCY_SIGMA * rng.standard_normal())
         size = SHAPE_SIGMA * max(map(abs, mode.shape.values()))
         shape = {point: value + size * rng.standard_normal() for point, value in mode.shape.items()}
-        modes.append(lw.HostMode(lw.Coefficient.number(start), mode.damping, shape))
+        modes.append(lw.model.HostMode(lw.Coefficient.number(start), mode.damping, shape))
     host = lw.Host("beam", tuple(modes)).known_to_within(frequency=FREQUENCY_SIGMA, shape=SHAPE_SIGMA)
     link = structure.link("nes")
     free = lw.Link("nes", link.between, link.law, {name: lw.Coefficient.unknown() for name in TRUE})
@@ -154,7 +154,7 @@ def test_sink_on_a_tested_beam(capsys: pytest.CaptureFixture[str]) -> None:
     scores, refused, seconds = [], [], []
     for seed in range(FIRST_SEED, FIRST_SEED + SEEDS):
         began = time.perf_counter()
-        tested = lw.identify_host(taps.with_noise(TAPS_SNR, seed=2 * seed))
+        tested = lw.modal.identify_host(taps.with_noise(TAPS_SNR, seed=2 * seed))
         asked = lw.Structure("beam", (full.mass("sink"),), (free,), (tested.host,))
         fit = lw.identify(record.with_noise(SNR, seed=2 * seed + 1), asked)
         seconds.append(time.perf_counter() - began)
@@ -185,7 +185,9 @@ def _two_beams(ends: tuple[str, str]) -> lw.Structure:
         mass, stiffness = (
             scale @ matrix @ scale * factor for matrix, factor in ((mass, length), (stiffness, length**-3))
         )
-        reduced = lw.reduce_host(name, mass, stiffness, points, keep=4, modal_damping=DAMPING, residual=False)
+        reduced = lw.modal.reduce_host(
+            name, mass, stiffness, points, keep=4, modal_damping=DAMPING, residual=False
+        )
         hosts.append(reduced.host)
     law = lw.Law.parse("k*d + k3*d**3 + F*tanh(v/0.02)")
     link = lw.Link("joint", ends, law, {name: lw.Coefficient.number(value) for name, value in JOINT.items()})
@@ -208,10 +210,10 @@ def test_discovery_of_a_joint(capsys: pytest.CaptureFixture[str]) -> None:
         ).with_noise(JOINT_SNR, seed=seed)
         began = time.perf_counter()
         found = lw.discover(
-            record, lw.PartialStructure((), (), structure.hosts), terms="cubic, friction(0.02)"
+            record, lw.model.PartialStructure((), (), structure.hosts), terms="cubic, friction(0.02)"
         )
         seconds.append(time.perf_counter() - began)
-        score = lw.term_score(found.structure, structure)
+        score = lw.discovery.term_score(found.structure, structure)
         right.append(score.exact)
         trusted += found.trusted
         certain = {term.name for term in found.kept if term.certain}
@@ -235,7 +237,7 @@ def test_large_matrices(capsys: pytest.CaptureFixture[str]) -> None:
     mass, stiffness = _membrane(side)
     points = {"middle": side // 2 * side + side // 2, "quarter": side // 4 * side + side // 4}
     began = time.perf_counter()
-    reduced = lw.reduce_host("membrane", mass, stiffness, points, keep=20)
+    reduced = lw.modal.reduce_host("membrane", mass, stiffness, points, keep=20)
     seconds = time.perf_counter() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     squares = 4.0 * (side + 1.0) ** 2 * np.sin(0.5 * np.pi * np.arange(1, 4) / (side + 1.0)) ** 2
@@ -260,7 +262,7 @@ def _aircraft(rng: np.random.Generator) -> lw.Structure:
     number = lw.Coefficient.number
     frequencies = 4.0 * 7.5 ** ((np.arange(5) + rng.uniform(0.2, 0.8, 5)) / 5)
     modes = [
-        lw.HostMode(
+        lw.model.HostMode(
             number(float(frequency)),
             number(rng.uniform(0.006, 0.014)),
             {point: float(rng.uniform(0.03, 0.1) * rng.choice([-1, 1])) for point in ("tip", "joint")},
@@ -293,7 +295,7 @@ def _shaken(aircraft: lw.Structure, level: float, rng: np.random.Generator, peri
     force = np.tile(level * force / force.std(), periods)
     record = lw.simulate(
         aircraft,
-        forces={"wing.tip": lw.Sampled(0.0, rate, force, band_limited=True)},
+        forces={"wing.tip": lw.model.Sampled(0.0, rate, force, band_limited=True)},
         duration=(len(force) - 1) / rate,
         rate=rate,
         sensors=["a:wing.tip", "a:wing.joint", "a:store"],
@@ -323,13 +325,13 @@ def test_aircraft_with_a_loose_payload(capsys: pytest.CaptureFixture[str]) -> No
         records = [_shaken(aircraft, level, rng) for level in TRAINED]
         held_out = _shaken(aircraft, HELD_OUT, rng)
         began = time.process_time()
-        tested = lw.identify_host(low, modes=6)
+        tested = lw.modal.identify_host(low, modes=6)
         payload = lw.Link("payload", ("wing.store", "wing.joint"), law, free)
         fit = lw.identify(records, lw.Structure("aircraft", (), (payload,), (tested.host,)))
         seconds.append(time.process_time() - began)
         errors.append(_error(held_out, fit))
         trusted += fit.trusted
-        modes = lw.identify_host(held_out, modes=6).host
+        modes = lw.modal.identify_host(held_out, modes=6).host
         values = {p.name: p.start or 0.0 for p in lw.Structure("linear", (), (), (modes,)).parameters}
         linear.append(_error(held_out, lw.Structure("linear", (), (), (modes,)).with_values(values)))
     with capsys.disabled():

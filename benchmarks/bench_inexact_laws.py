@@ -76,14 +76,14 @@ def with_missing(kind: str, share: float) -> lw.Structure:
     plain = chain(LAW, **VALUES)
     loop = {"k": 0.0, "c": 0.0, "F": 1.2 * share * FORCE, "x0": 0.003, "s": 0.5}
     numbers = {name: lw.Coefficient.number(value) for name, value in loop.items()}
-    joint = lw.named_law("bouc-wen").link("joint", ("m1", "ground"), numbers)
+    joint = lw.model.named_law("bouc-wen").link("joint", ("m1", "ground"), numbers)
     return replace(plain, links=(*plain.links, joint))
 
 
 def record_of(truth: lw.Structure, duration: float, seed: int) -> lw.Record:
     """The structure under a random force of 6 N on its last mass, flat from 1 to 12 Hz."""
     last = truth.masses[-1].name
-    force = lw.Sampled(
+    force = lw.model.Sampled(
         0.0, RATE, 6.0 * random_force(np.random.default_rng(seed), duration, RATE, (1.0, 12.0))
     )
     return lw.simulate(truth, forces={last: force}, duration=duration, rate=RATE).with_noise(SNR, seed=seed)
@@ -195,7 +195,7 @@ def wrong_offer(seed: int) -> tuple[lw.Structure, lw.Record]:
     c, k3 = rng.uniform(0.5, 3.0, count), rng.uniform(0.0, 440.0, count) * k
     shares = rng.uniform(0.01, 0.03, count)
     forces = {
-        mass.name: lw.Sampled(
+        mass.name: lw.model.Sampled(
             0.0, rate, 8.0 * random_force(rng, duration, rate, (1.0, 20.0)), band_limited=True
         )
         for mass in masses
@@ -289,7 +289,7 @@ def test_silverbox() -> None:
     started = perf_counter()
     discovery = lw.discover(record[:seen], {"m1": "unknown"}, terms=terms)
     seconds = perf_counter() - started
-    rmse = lw.free_run(discovery.structure, record[seen:], settling=50).rmse["x:m1"]
+    rmse = lw.analysis.free_run(discovery.structure, record[seen:], settling=50).rmse["x:m1"]
     print(f"\nSilverbox, discover: {seconds:.0f} s, free run {1e3 * rmse:.3f} mV\n{discovery}")
     assert rmse < 3.1e-4
     assert discovery.trusted and len(discovery.estimate.parameters) <= 10

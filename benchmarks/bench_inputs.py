@@ -78,7 +78,7 @@ def report(name: str, structure: lw.Structure, fits: list[lw.Estimate]) -> np.nd
 def test_coverage_on_a_moving_base(case: str) -> None:
     fits = []
     for seed in range(FIRST, FIRST + SEEDS):
-        base = lw.Sampled(0.0, RATE, 3e-3 * random_signal(np.random.default_rng(seed), (1.0, 14.0)))
+        base = lw.model.Sampled(0.0, RATE, 3e-3 * random_signal(np.random.default_rng(seed), (1.0, 14.0)))
         clean = lw.simulate(STOREYS, duration=DURATION, rate=RATE, base=base, sensors=SENSORS[case])
         fits.append(lw.identify(clean.with_noise(SNR, seed=seed), STOREYS.unknown("all")))
     z = report(case, STOREYS, fits)
@@ -92,7 +92,7 @@ def test_coverage_with_noise_of_the_base(case: str, decibels: float) -> None:
     sensors, fits = NOISY.get(case, ("rel:x", "a:base")), []
     for seed in range(FIRST, FIRST + SEEDS):
         rng = np.random.default_rng(seed)
-        base = lw.Sampled(0.0, RATE, 3e-3 * random_signal(rng, (1.0, 14.0)))
+        base = lw.model.Sampled(0.0, RATE, 3e-3 * random_signal(rng, (1.0, 14.0)))
         clean = lw.simulate(STOREYS, duration=DURATION, rate=RATE, base=base, sensors=sensors)
         record = clean.with_noise(SNR, seed=seed)
         values = record.values.copy()
@@ -114,7 +114,7 @@ def test_coverage_under_a_held_force(stated: bool) -> None:
     fits = []
     for seed in range(FIRST, FIRST + SEEDS):
         force = 5.0 * random_signal(np.random.default_rng(seed), (1.0, 12.0))[::2]
-        signal = lw.Sampled(0.0, RATE / 2, force, order=0)
+        signal = lw.model.Sampled(0.0, RATE / 2, force, order=0)
         clean = lw.simulate(DUFFING, duration=DURATION, rate=RATE / 2, forces={"m1": signal})
         record = clean.with_noise(SNR, seed=seed)
         record = replace(record, interpolation={"force:m1": "held"} if stated else {})

@@ -49,7 +49,7 @@ def test_silverbox(coefficients: int, method: str) -> None:
         record[:seen], oscillator(SPRING[coefficients], lw.Coefficient.unknown()), method=method
     )
     seconds = perf_counter() - started
-    rmse = lw.free_run(fit.structure, record[seen:], settling=50).rmse["x:m1"]
+    rmse = lw.analysis.free_run(fit.structure, record[seen:], settling=50).rmse["x:m1"]
     print(
         f"\nsilverbox, {method}, {coefficients} coefficients: RMSE {1e3 * rmse:.3f} mV in {seconds:.1f} s. {fit.message}"
     )
@@ -72,7 +72,7 @@ def test_shake_table() -> None:
         (lw.Mass("floor", lw.Coefficient.number(1.0)),),
         (lw.Link("frame", ("floor", "base"), law, unknown),),
     )
-    record = lw.beside(floor, base)
+    record = lw.records.beside(floor, base)
     moved = float(np.std(record.channel("a:floor")))
     for errors in ({"offsets": ["a:floor"]}, {"offsets": ["a:floor"], "delays": ["a:floor"]}):
         fit = lw.identify(record, storey, **errors)
@@ -102,7 +102,7 @@ def test_magnet_beam() -> None:
     fit = lw.identify(record, asked)
     print(f"  {fit.message}")
     amplitudes = np.array([2e-5, 5e-5, 1e-4, 1.5e-4, 2e-4])
-    damping = lw.equivalent(fit.links[0], amplitudes, 42.0)
+    damping = lw.estimates.equivalent(fit.links[0], amplitudes, 42.0)
     for a, c, (low, high) in zip(amplitudes, damping.damping, damping.damping_band, strict=True):
         print(f"  amplitude {1e6 * a:5.0f} um: damping {c:.3f} N s/m, 95 % {low:.3f} to {high:.3f}")
     assert left < 0.05

@@ -29,7 +29,7 @@ def chain(which: int) -> lw.Structure:
         ends = (mass.name, masses[number - 1].name if number else "ground")
         if number == which:
             values = {name: NUMBER(value) for name, value in HYSTERETIC.items()}
-            links.append(lw.named_law("bouc-wen").link("-".join(ends), ends, values))
+            links.append(lw.model.named_law("bouc-wen").link("-".join(ends), ends, values))
         else:
             values = {"k": NUMBER(2100.0 + 100.0 * number), "c": NUMBER(1.0)}
             links.append(lw.Link("-".join(ends), ends, lw.Law.parse("k*d + c*v"), values))

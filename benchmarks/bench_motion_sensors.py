@@ -59,12 +59,12 @@ coefficients = { k = 3e3, k3 = 2e9, c = 1.0 }
 """
 
 
-def blows(times: np.ndarray) -> lw.Sampled:
+def blows(times: np.ndarray) -> lw.model.Sampled:
     """Half sines that start at the given times in s, and are recorded as the force channel of a hammer is."""
     time = np.arange(round(DURATION * RATE) + 1) / RATE
     after = time[:, None] - times
     force = np.where((after >= 0.0) & (after < HIT), PEAK * np.sin(np.pi * after / HIT), 0.0)
-    return lw.Sampled(0.0, RATE, force.sum(axis=1))
+    return lw.model.Sampled(0.0, RATE, force.sum(axis=1))
 
 
 def of_chain(n: int, sensor: str) -> tuple[lw.Structure, lw.Record]:

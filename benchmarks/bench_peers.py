@@ -27,13 +27,13 @@ def test_the_full_library_is_fitted_fifty_times_faster_than_by_pysindy() -> None
     """
     chain = lw.bnes_chain(10)
     record = lw.simulate(chain, release={"v:m1": 3.0}, duration=6.0, rate=1000.0, sensors=("x", "v", "a"))
-    system = lw.monomial_equations(lw.noisy_states(record, "states", 20.0, seed=SEED), 3)
+    system = lw.sindy.monomial_equations(lw.sindy.noisy_states(record, "states", 20.0, seed=SEED), 3)
     stored = system.stored()
     target = stored.target / np.linalg.norm(stored.target, axis=0)
     times = []
     for _ in range(3):
         started = perf_counter()
-        fit = lw.Stlsq(THRESHOLD).fit(system)
+        fit = lw.sindy.Stlsq(THRESHOLD).fit(system)
         times.append(perf_counter() - started)
     optimizer = peer.STLSQ(threshold=THRESHOLD, alpha=1e-10, max_iter=PASSES, normalize_columns=True)
     started = perf_counter()

@@ -40,7 +40,7 @@ def random_record(seed: int) -> RandomRecord:
     while True:
         structure, release = draw_structure(rng, masses=(2, 6))
         per_period = float(np.exp(rng.uniform(*np.log(PER_PERIOD))))
-        rate = float(np.round(per_period * np.nanmax(lw.modes(structure).frequencies), 1))
+        rate = float(np.round(per_period * np.nanmax(lw.analysis.modes(structure).frequencies), 1))
         snr_db, samples = float(rng.uniform(*SNR)), int(rng.integers(*SAMPLES))
         try:
             record = lw.simulate(structure, release=release, duration=samples / rate, rate=rate)
@@ -77,8 +77,8 @@ def test_random_records() -> None:
                     masses = dict(zip(case.structure.mass_names, case.structure.mass_values, strict=True))
                     found = lw.discover(case.record, masses)
                     fit, trusted, status = found.estimate, found.trusted, "not trusted"
-                    truth = lw.align_truth(found.structure, case.structure)
-                    extra = lw.term_score(found.structure, case.structure).extra
+                    truth = lw.discovery.align_truth(found.structure, case.structure)
+                    extra = lw.discovery.term_score(found.structure, case.structure).extra
                     false += [
                         f"seed {seed}: {term.name} ({described})"
                         for term in found.kept

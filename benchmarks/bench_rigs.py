@@ -28,7 +28,7 @@ POSITIVE = {"v0": 0.0, "sigma": 0.0, "Fc": 0.0}
 def on_rig(law: str, states: dict[str, str] | None = None) -> lw.Structure:
     """A link of a law, or of a named law, all of its coefficients unknown."""
     if states is None:
-        link = lw.named_law(law).link("damper", ("base", "ground"))
+        link = lw.model.named_law(law).link("damper", ("base", "ground"))
     else:
         parsed = lw.Law.parse(law, states)
         unknown = {

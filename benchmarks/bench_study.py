@@ -112,7 +112,7 @@ def test_killed_thirty_times(tmp_path: Path) -> None:
     print(
         f"\n720 cases: {alone:.0f} s undisturbed, {perf_counter() - started - alone:.0f} s when killed 30 times"
     )
-    assert lw.read_rows(tmp_path / "killed") == undisturbed
+    assert lw.study.read_rows(tmp_path / "killed") == undisturbed
 
 
 def test_the_paper(tmp_path: Path) -> None:
@@ -126,8 +126,8 @@ def test_the_paper(tmp_path: Path) -> None:
     quick = (perf_counter() - started) / 60
     whole = timed.worked * len(study) / len(study.quickly()) / WORKERS / 60
     print(f"\npaper: {quick:.1f} min for {study.quick} cycles, {whole:.0f} min predicted for {study.cycles}")
-    print(lw.study_summary(tmp_path / "out"))
-    claims = StudyReport.of(study.quickly(), lw.read_rows(tmp_path / "out")).claims
+    print(lw.study.study_summary(tmp_path / "out"))
+    claims = StudyReport.of(study.quickly(), lw.study.read_rows(tmp_path / "out")).claims
     print("\n".join(f"{claim.mark} {claim.text}" for claim in claims))
     assert [claim.met for claim in claims if claim.text.startswith("ml at 20 dB")] == [True]
     assert quick < QUICK and whole < WHOLE

@@ -35,10 +35,11 @@ def test_least_squares_on_all_cubic_monomials_comes_within_three_of_the_paper_in
                 chain, release={"v:m1": speed}, duration=6.0, rate=1000.0, sensors=("x", "v", "a")
             )
             for level, decibel in enumerate((40.0, 30.0, 20.0)):
-                states = lw.noisy_states(record, "differenced", decibel, seed=1000 + row)
-                fit = lw.LeastSquares().fit(lw.monomial_equations(states, 3, equations_of=sinks))
+                states = lw.sindy.noisy_states(record, "differenced", decibel, seed=1000 + row)
+                fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(states, 3, equations_of=sinks))
                 errors[row, level] = [
-                    lw.monomial_nmse(fit, chain, f"nes{cell}", record) for cell in range(1, len(sinks) + 1)
+                    lw.sindy.monomial_nmse(fit, chain, f"nes{cell}", record)
+                    for cell in range(1, len(sinks) + 1)
                 ]
         median = np.median(errors, axis=(0, 2))
         ratio = median / np.array(paper)
@@ -64,13 +65,16 @@ def test_thresholds_chosen_on_rows_held_out_find_the_force_that_all_terms_miss()
                 rate=1000.0,
                 sensors=("x", "v", "a"),
             )
-            states = lw.noisy_states(record, "states", 20.0, seed=1000 + row)
-            system = lw.monomial_equations(states, 3, equations_of=sinks)
+            states = lw.sindy.noisy_states(record, "states", 20.0, seed=1000 + row)
+            system = lw.sindy.monomial_equations(states, 3, equations_of=sinks)
             gram = Gram.of(system)
-            for name, regressor in zip(found, (lw.LeastSquares(), lw.Stlsq(), lw.L1()), strict=True):
+            for name, regressor in zip(
+                found, (lw.sindy.LeastSquares(), lw.sindy.Stlsq(), lw.sindy.L1()), strict=True
+            ):
                 fit = regressor.fit_gram(gram, system.units, system.targets)
                 found[name] += [
-                    lw.monomial_nmse(fit, chain, f"nes{cell}", record) for cell in range(1, len(sinks) + 1)
+                    lw.sindy.monomial_nmse(fit, chain, f"nes{cell}", record)
+                    for cell in range(1, len(sinks) + 1)
                 ]
         for name, errors in found.items():
             print(f"{masses:3d} masses, {name:9s}: {np.median(errors):8.3g} {np.quantile(errors, 0.75):8.3g}")

@@ -73,7 +73,7 @@ def _(estimate: lw.Estimate) -> Answer:
     }
 
 
-def causes(diagnosis: Iterable[lw.Cause]) -> list[list[Any]]:
+def causes(diagnosis: Iterable[lw.estimates.Cause]) -> list[list[Any]]:
     return [
         [cause.kind, cause.where, cause.term or cause.source, number(cause.size)]
         for cause in list(diagnosis)[:CAUSES]
@@ -92,7 +92,7 @@ def _(discovery: lw.Discovery) -> Answer:
 
 
 @answer_of.register
-def _(host: lw.HostEstimate) -> Answer:
+def _(host: lw.modal.HostEstimate) -> Answer:
     values: dict[str, list[float | None]] = {}
     for name, mode in zip(host.host.coordinates, host.host.modes, strict=True):
         for what, coefficient in (("frequency", mode.frequency), ("damping", mode.damping)):
@@ -152,7 +152,7 @@ def _(absorption: lw.Absorption) -> Answer:
 
 
 @answer_of.register
-def _(intervals: lw.AbsorptionIntervals) -> Answer:
+def _(intervals: lw.absorption.AbsorptionIntervals) -> Answer:
     return {
         **judged(intervals),
         "numbers": numbers(

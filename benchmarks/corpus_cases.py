@@ -148,9 +148,12 @@ ERRORS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], dict[str
     "admitted-offset": (lambda x, t: x + 0.1 * _rms(x), {"admit": ["gain", "offset", "delay"]}),
     "spikes-student": (
         lambda x, t: x + 2.0 * _rms(x) * (np.arange(len(x)) % 301 == 7),
-        {"loss": lw.Student()},
+        {"loss": lw.likelihood.Student()},
     ),
-    "spikes-huber": (lambda x, t: x + 2.0 * _rms(x) * (np.arange(len(x)) % 301 == 7), {"loss": lw.Huber()}),
+    "spikes-huber": (
+        lambda x, t: x + 2.0 * _rms(x) * (np.arange(len(x)) % 301 == 7),
+        {"loss": lw.likelihood.Huber()},
+    ),
     "exact": (lambda x, t: x, {"exact": True}),
     "starts": (lambda x, t: x, {"starts": {"nes1.alpha": -60.0, "nes1.beta": 7e5}}),
 }
@@ -215,7 +218,7 @@ def records() -> Table:
     yield (
         "record/beside/ml",
         lambda seed: lw.identify(
-            lw.beside(
+            lw.records.beside(
                 hit_chain(30.0, seed),
                 chain_record(2, duration=2.0, sensors=("a",)).with_noise(20.0, seed=seed + 1),
             ),
@@ -262,14 +265,14 @@ def _sparse(record: lw.Record, seed: int) -> lw.Record:
 
 def _continued(seed: int) -> lw.Record:
     record = replace(hit_chain(30.0, seed), simulated=None)
-    return lw.continued(record[:900], record[1000:])
+    return lw.records.continued(record[:900], record[1000:])
 
 
 def _clipped(share: float, seed: int) -> lw.Estimate:
     whole = hit_chain(30.0, seed)
     peak = share * np.max(np.abs(whole.values), axis=0)
     overloaded = replace(whole, values=np.clip(whole.values, -peak, peak), simulated=None)
-    return lw.identify(lw.mark_missing(overloaded), ALL)
+    return lw.identify(lw.inspection.mark_missing(overloaded), ALL)
 
 
 def _changing(name: str, change: float, seed: int) -> lw.Estimate:
@@ -482,7 +485,7 @@ def others() -> Table:
     yield "absorb/forced", lambda seed: lw.absorb(CHAIN, duration=2.0, forces={"m1": "20*sin(170*t)"})
     yield (
         "absorb/intervals",
-        lambda seed: lw.absorption_intervals(
+        lambda seed: lw.absorption.absorption_intervals(
             lw.identify(hit_chain(30.0, seed), ALL), draws=20, workers=1, **drive
         ),
     )
@@ -551,7 +554,8 @@ CASES = _table(
 )  # fmt: skip
 QUICK = (  # a minute and a half; some of each family
     "chain/*dB/x/weak", "chain/[26]/20dB/x/ml", "chain/10/40dB/x/ml", "chain/2/40dB/x/ml", "chain/2/30dB/?/ml",
-    "chain/*/sindy", "problem/masses-unknown-a-force-applied/ml", "problem/base-moved/*", "problem/clearance/ml", "option/gain/ml",
+    "chain/*/sindy", "problem/masses-unknown-a-force-applied/ml", "problem/base-moved/*", "problem/clearance/ml",
+    "option/gain/ml",
     "option/calibration/ml", "option/delay/ml", "option/spikes-student/ml", "option/coefficient-within/ml",
     "fault/none/2/20dB/ml", "fault/gain-5%/2/40dB/ml", "fault/delay-of-2-samples/2/40dB/ml", "fault/mass-1%-wrong/2/40dB/ml",
     "fault/hum--25-dB/2/40dB/*", "fault/quintic-left-out/2/40dB/ml", "fault/force-delayed-2-samples/2/40dB/ml",

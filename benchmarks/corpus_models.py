@@ -273,16 +273,19 @@ def hosts() -> Table:
     )
     for residual in (False, True):
         yield f"host/matrices/residual-{residual}/ml".lower(), partial(_on_matrices, residual)
-    yield "host/modal-test/tip", lambda seed: lw.identify_host(tapped().with_noise(40.0, seed=seed))
-    yield "host/modal-test/20dB", lambda seed: lw.identify_host(tapped().with_noise(20.0, seed=seed))
+    yield "host/modal-test/tip", lambda seed: lw.modal.identify_host(tapped().with_noise(40.0, seed=seed))
+    yield "host/modal-test/20dB", lambda seed: lw.modal.identify_host(tapped().with_noise(20.0, seed=seed))
     yield (
         "host/modal-test/cubic",
-        lambda seed: lw.identify_host(tapped(cubic=2e7).with_noise(40.0, seed=seed)),
+        lambda seed: lw.modal.identify_host(tapped(cubic=2e7).with_noise(40.0, seed=seed)),
     )
-    yield "host/modal-test/shaken", lambda seed: lw.identify_host(shaken(seed).with_noise(40.0, seed=seed))
+    yield (
+        "host/modal-test/shaken",
+        lambda seed: lw.modal.identify_host(shaken(seed).with_noise(40.0, seed=seed)),
+    )
     yield (
         "host/modal-test/two-records",
-        lambda seed: lw.identify_host(
+        lambda seed: lw.modal.identify_host(
             [
                 tapped(level=level).with_noise(40.0, seed=seed + number)
                 for number, level in enumerate((1.0, 0.5))
@@ -298,7 +301,7 @@ def hosts() -> Table:
         "host/cubic/discover",
         lambda seed: lw.discover(
             tapped(cubic=2e7, level=4.0).with_noise(40.0, seed=seed),
-            lw.PartialStructure((), (), (beam(),)),
+            lw.model.PartialStructure((), (), (beam(),)),
             terms="d, d**3",
         ),
     )
@@ -309,13 +312,13 @@ def hosts() -> Table:
 
 
 def _discovered_on_host(hit: Subject, seed: int) -> lw.Discovery:
-    known = lw.PartialStructure((hit.structure.mass("sink"),), (), hit.structure.hosts)
+    known = lw.model.PartialStructure((hit.structure.mass("sink"),), (), hit.structure.hosts)
     return lw.discover(hit.record(seed), known, terms="v, d, d**3")
 
 
 def _on_matrices(residual: bool, seed: int) -> lw.Estimate:
     """A sink on a beam of 40 finite elements, reduced to modes."""
-    reduced = lw.reduce_host(
+    reduced = lw.modal.reduce_host(
         "beam", *cantilever_matrices(40), POINTS, keep=5, modal_damping=0.01, residual=residual
     )
     sink = link("nes", "sink-beam.tip", NES, **CANTILEVER_SINK)
@@ -434,7 +437,7 @@ def _storey(options: Mapping[str, Any], seed: int) -> lw.Estimate:
     floor = lw.read_record(top, channels={**stamps, "a:floor": "Acc_X"})
     base = lw.read_record(ground, channels={**stamps, "a:base": "Acc_X"})
     storey = structure({"floor": 1.0}, link("frame", "floor-base", "k*d + c*v"))
-    record = lw.beside(floor, base)
+    record = lw.records.beside(floor, base)
     return lw.identify(record[: len(record) // 4], storey, offsets=["a:floor"], **options)
 
 

@@ -330,7 +330,7 @@ def pushed(force: str) -> Callable[[Test], lw.Record]:
 
 def shaken(test: Test) -> lw.Record:
     """A white force on the second mass that is not recorded."""
-    force = lw.Sampled(0.0, RATE, 0.1 * test.rng().normal(size=round(DURATION * RATE) + 1))
+    force = lw.model.Sampled(0.0, RATE, 0.1 * test.rng().normal(size=round(DURATION * RATE) + 1))
     record = lw.simulate(
         test.truth,
         release={"v:m1": SPEEDS[test.truth.size]},

@@ -13,6 +13,7 @@ import linkwise as lw
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
+from api_reference import FULL  # noqa: E402
 
 project = "linkwise"
 author = "The linkwise developers"
@@ -49,7 +50,7 @@ numpydoc_show_class_members = False
 numpydoc_xref_param_type = True
 numpydoc_xref_aliases = {
     **{name: name for name in DEFAULT_LINKS},  # these point to pages of Python and NumPy
-    **{name: f"linkwise.{name}" for name in lw.__all__},
+    **{name: f"linkwise.{full}" for name, full in FULL.items()},
 }
 numpydoc_xref_ignore = {
     "default",

@@ -78,16 +78,16 @@ def wait_for_the_end_of(processes: list[int]) -> None:
     raise AssertionError("workers outlived their coordinator")
 
 
-def rows(folder: Path) -> tuple[lw.Row, ...]:
+def rows(folder: Path) -> tuple[lw.study.Row, ...]:
     """What is stored; nothing before the study began."""
     try:
-        return lw.read_rows(folder)
+        return lw.study.read_rows(folder)
     except lw.StudyError as error:
         assert "the folder does not hold a study" in str(error)
         return ()
 
 
-def check_kept(before: tuple[lw.Row, ...], folder: Path) -> tuple[lw.Row, ...]:
+def check_kept(before: tuple[lw.study.Row, ...], folder: Path) -> tuple[lw.study.Row, ...]:
     """The rows now; every earlier one is still there, and was not run again: its time is the same to the last bit."""
     after = rows(folder)
     seconds = {row.case: row.seconds for row in after}
@@ -103,7 +103,7 @@ def killed(study: Path, folder: Path, kills: int, most: int, slots: int = 2) -> 
     Checks on the way that no row is lost or made twice, and that workers end with their coordinator.
     """
     chance = random.Random(1000)
-    completed: tuple[lw.Row, ...] = ()
+    completed: tuple[lw.study.Row, ...] = ()
     coordinator = start(study, folder, slots)
     struck = 0
     for kill in range(kills):

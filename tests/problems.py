@@ -160,7 +160,7 @@ def linear_chain(masses: int) -> Problem:
 @cache
 def bent_chain(k2: float) -> Problem:
     """The paper's chain of two masses, whose sink bends a little to one side, `k2` in N/m^2."""
-    text = lw.format_structure(lw.bnes_chain(2))
+    text = lw.model.format_structure(lw.bnes_chain(2))
     bent = text.replace("alpha*d +", "alpha*d + k2*d**2 +").replace("{ alpha", f"{{ k2 = {k2}, alpha")
     return Problem(f"chain with k2 of {k2}", lw.parse_structure(bent), _HIT, 30.0, duration=2.0)
 

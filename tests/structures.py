@@ -9,7 +9,7 @@ import linkwise as lw
 from linkwise.model.law import Law
 
 Value = float | lw.Coefficient
-States = Mapping[str, lw.LinkState | str]
+States = Mapping[str, lw.model.LinkState | str]
 
 NES = "alpha*d + beta*d**3 + c*v"
 HARDENING = "k*d + k3*d**3 + c*v"
@@ -35,7 +35,7 @@ def named(name: str, between: str, law: str, /, **values: Value) -> lw.Link:
     """A link with a law by its name, within the bounds that this has, between "m2-m1"."""
     first, second = between.split("-")
     given = {key: coefficient(value) for key, value in values.items()}
-    return lw.named_law(law).link(name, (first, second), given)
+    return lw.model.named_law(law).link(name, (first, second), given)
 
 
 def bodies(masses: Mapping[str, Value], rotations: Collection[str] = ()) -> tuple[lw.Mass, ...]:
@@ -95,7 +95,7 @@ def host(
     """
     parts: Sequence[Value] = [damping] * len(frequencies) if isinstance(damping, float) else damping
     modes = (
-        lw.HostMode(
+        lw.model.HostMode(
             coefficient(frequency),
             coefficient(part),
             {point: shape[r] for point, shape in shapes.items()},

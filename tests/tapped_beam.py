@@ -40,7 +40,7 @@ def shaken(seed: int, *, cubic: float = 0.0, samples: int = 3200) -> lw.Record:
     links = [link("stop", "beam.tip-ground", "k3*d**3", k3=cubic)] if cubic else []
     return lw.simulate(
         structure({}, *links, hosts=[beam()]),
-        forces={"beam.tip": lw.Sampled(0.0, 400.0, np.fft.irfft(spectrum), band_limited=True)},
+        forces={"beam.tip": lw.model.Sampled(0.0, 400.0, np.fft.irfft(spectrum), band_limited=True)},
         duration=(samples - 1) / 400.0,
         rate=400.0,
         sensors=["a:beam.tip", "a:beam.mid"],

@@ -10,12 +10,10 @@ import textwrap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
-from types import ModuleType
 from typing import Any
 
 import pytest
-
-import linkwise as lw
+from public import public
 
 
 class Undocumented:
@@ -56,14 +54,7 @@ def undocumented(rate: float) -> float:
     return rate
 
 
-def public(module: ModuleType = lw, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Public functions and classes by name, those of a public module included."""
-    for name in module.__all__:
-        value = getattr(module, name)
-        if isinstance(value, ModuleType):
-            yield from public(value, f"{prefix}{name}.")
-        elif callable(value):
-            yield f"{prefix}{name}", value
+CALLABLE = [(name, value) for name, value in public() if callable(value)]
 
 
 def sections(value: object) -> dict[str, list[str]]:
@@ -158,13 +149,13 @@ def gaps(name: str, value: Any) -> Iterator[str]:
                 yield from (f"{name}.{member}: {gap}" for gap in lacking(function, example=False))
 
 
-@pytest.mark.parametrize(("name", "value"), list(public()))
+@pytest.mark.parametrize(("name", "value"), CALLABLE)
 def test_public_name_is_documented(name: str, value: Any) -> None:
     assert list(gaps(name, value)) == []
 
 
 def test_every_exception_that_is_documented_can_be_caught_by_a_public_name() -> None:
-    names = dict(public())
+    names = dict(CALLABLE)
     functions = [
         *(value for value in names.values() if inspect.isroutine(value)),
         *(
@@ -181,7 +172,7 @@ def test_every_exception_that_is_documented_can_be_caught_by_a_public_name() -> 
 
 
 def test_the_walk_covers_the_whole_interface() -> None:
-    names = dict(public())
+    names = dict(CALLABLE)
     assert len(names) > 170 and "plot.force" in names and "simulate" in names
     assert sum(len(list(members(value))) for value in names.values() if isinstance(value, type)) > 400
 

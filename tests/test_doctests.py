@@ -7,6 +7,7 @@ import pickle
 from collections.abc import Callable
 from functools import cache, partial
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ TEXTS = {
     for path in sorted(PACKAGE.rglob("*.py"))
     if ">>> " in (text := path.read_text(encoding="utf-8"))
 }
-LONG = ("simulate", "identify", "discover", "validate", "absorb", "limit", "identify_host")
+LONG = ("simulate", "identify", "discover", "validate", "absorb", "limit", "modal.identify_host")
 ANSWERS: dict[bytes, Any] = {}
 STUDY = "results/mine"  # what examples of studies call theirs, the result of mine.toml
 DEFINITION = """
@@ -63,7 +64,7 @@ def level(file: str) -> lw.Record:
 def each_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """What several examples ask is answered once: a call gives the same each time, which tests of each function hold."""
     for name in LONG:
-        monkeypatch.setattr(lw, name, partial(answered, getattr(lw, name)))
+        monkeypatch.setattr(f"linkwise.{name}", partial(answered, attrgetter(name)(lw)))
 
 
 def answered(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:

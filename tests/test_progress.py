@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 
+from public import public
+
 import linkwise as lw
 from linkwise.progress import part, rising, silent
 
@@ -12,32 +14,34 @@ def _parameters(thing: object) -> list[str]:
     return list(inspect.signature(thing).parameters) if inspect.isfunction(thing) else []
 
 
-LONG = [name for name in lw.__all__ if "progress" in _parameters(getattr(lw, name))]
+LONG = {name: value for name, value in public() if "progress" in _parameters(value)}
 
 
 def test_a_part_is_a_piece_of_the_whole() -> None:
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
     within = part(part(reports.append, 0.5, 1.0), 0.0, 0.5)
     for fraction in (0.0, 0.5, 1.0):
-        within(lw.ProgressReport(fraction, "looking", 7))
-    assert reports == [lw.ProgressReport(fraction, "looking", 7) for fraction in (0.5, 0.625, 0.75)]
+        within(lw.estimates.ProgressReport(fraction, "looking", 7))
+    assert reports == [lw.estimates.ProgressReport(fraction, "looking", 7) for fraction in (0.5, 0.625, 0.75)]
 
 
 def test_what_starts_again_does_not_take_back_what_was_done() -> None:
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
     again = rising(reports.append)
     for fraction in (0.1, 0.7, 0.2, 0.8):
-        again(lw.ProgressReport(fraction, f"at {fraction}", 7))
+        again(lw.estimates.ProgressReport(fraction, f"at {fraction}", 7))
     assert reports == [
-        lw.ProgressReport(fraction, activity, 7)
+        lw.estimates.ProgressReport(fraction, activity, 7)
         for fraction, activity in ((0.1, "at 0.1"), (0.7, "at 0.7"), (0.7, "at 0.2"), (0.8, "at 0.8"))
     ]
 
 
 def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
-    assert {"absorb", "discover", "identify", "limit", "run_study", "simulate", "write_result"} <= set(LONG)
-    for name in LONG:
-        parameter = inspect.signature(getattr(lw, name)).parameters["progress"]
+    assert {"absorb", "discover", "identify", "limit", "run_study", "simulate", "report.write_result"} <= set(
+        LONG
+    )
+    for name, function in LONG.items():
+        parameter = inspect.signature(function).parameters["progress"]
         assert (parameter.annotation, parameter.default, parameter.kind) == (
             "Progress",
             silent,
@@ -46,9 +50,9 @@ def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
 
 
 def test_a_limit_tells_how_far_it_is() -> None:
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
     lw.limit(
         lw.bnes_chain(2), duration=1.0, rate=200.0, noise=20.0, release={"v:m1": 1.0}, progress=reports.append
     )
     fractions = [report.fraction for report in reports]
-    assert fractions == sorted(fractions) and reports[-1] == lw.ProgressReport(0.5, "sensitivities")
+    assert fractions == sorted(fractions) and reports[-1] == lw.estimates.ProgressReport(0.5, "sensitivities")

@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
-import linkwise as lw
+from public import public
 
 
 class Unlisted:
@@ -109,16 +108,6 @@ def attribute_types(owner: type) -> Iterator[tuple[str, type]]:
             )
             if not name.startswith("_") and inspect.isfunction(getter):
                 yield from ((name, kind) for kind in returned(getter))
-
-
-def public(module: ModuleType = lw, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Public names and their values, those of a public module included."""
-    for name in module.__all__:
-        value = getattr(module, name)
-        if isinstance(value, ModuleType):
-            yield from public(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def given(name: str, value: Any) -> Iterator[tuple[str, type]]:

@@ -13,10 +13,11 @@ import pytest
 from here import studies_here
 from present import some
 from problems import chain_record
+from public import public
 from small_study import small
 from structures import oscillator
 from tapped_beam import tapped
-from test_public_types import public, returned
+from test_public_types import returned
 
 import linkwise as lw
 from linkwise.output import to_json
@@ -58,7 +59,7 @@ def answers() -> dict[str, type[Any]]:
 def results() -> dict[str, type[Any]]:
     """The types of linkwise that public functions return."""
     names = dict(public())
-    kinds = {value: name for name, value in names.items() if isinstance(value, type)}
+    kinds = {value: name.rpartition(".")[2] for name, value in names.items() if isinstance(value, type)}
     return {
         kinds[kind]: kind
         for value in names.values()
@@ -68,11 +69,11 @@ def results() -> dict[str, type[Any]]:
     }
 
 
-def finished(folder: Path) -> lw.StudySummary:
+def finished(folder: Path) -> lw.study.StudySummary:
     """The summary of a study of two structures by three methods."""
     with studies_here():
         lw.run_study(lw.read_study(small(folder, cycles=1)), folder / "out", workers=1)
-    return lw.study_summary(folder / "out")
+    return lw.study.study_summary(folder / "out")
 
 
 def taps() -> list[lw.Record]:
@@ -92,7 +93,7 @@ def taps() -> list[lw.Record]:
 def absorbed(over: dict[str, list[float]] | None = None) -> Any:
     chain = lw.bnes_chain(2)
     if over is not None:
-        return lw.absorption_map(chain, over, duration=0.5, release=RELEASE)
+        return lw.absorption.absorption_map(chain, over, duration=0.5, release=RELEASE)
     return lw.absorb(chain, duration=0.5, release=RELEASE)
 
 
@@ -104,15 +105,15 @@ def makers(
     chain, record = lw.bnes_chain(2), chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     return {
         "Absorption": absorbed,
-        "AbsorptionIntervals": lambda: lw.absorption_intervals(
-            lw.Posterior.of(fitted), draws=20, duration=0.5, release=RELEASE
+        "AbsorptionIntervals": lambda: lw.absorption.absorption_intervals(
+            lw.estimates.Posterior.of(fitted), draws=20, duration=0.5, release=RELEASE
         ),
         "AbsorptionMap": lambda: absorbed({"nes1.alpha": [-150.0, -100.0]}),
         "Discovery": lambda: discovered,
         "Estimate": lambda: fitted,
-        "HostEstimate": lambda: lw.identify_host(tapped().with_noise(40.0, seed=1)),
+        "HostEstimate": lambda: lw.modal.identify_host(tapped().with_noise(40.0, seed=1)),
         "Inspection": lambda: lw.inspect(record),
-        "LevelComparison": lambda: lw.compare_levels(taps()),
+        "LevelComparison": lambda: lw.inspection.compare_levels(taps()),
         "Limit": lambda: lw.limit(chain, duration=0.1, rate=500.0, noise=40.0, release=RELEASE),
         "StudySummary": lambda: finished(tmp_path_factory.mktemp("study")),
         "Validation": lambda: lw.validate(record, fitted),
@@ -163,15 +164,15 @@ def test_a_summary_says_what_was_not_run_and_what_failed(tmp_path: Path) -> None
     with studies_here():
         rows = lw.run_study(definition, tmp_path / "out", workers=1)
     assert len(rows) == 12
-    summary = lw.study_summary(tmp_path / "out")
+    summary = lw.study.study_summary(tmp_path / "out")
     [first, *others] = summary.cells
 
-    def with_first(answers: int, failures: int) -> lw.StudySummary:
+    def with_first(answers: int, failures: int) -> lw.study.StudySummary:
         row = first.answers[0]
-        cell = lw.Cell(
+        cell = lw.study.Cell(
             first.structure, first.masses, first.snr_db, first.method, 2, (row,) * answers, (row,) * failures
         )
-        return lw.StudySummary("small", (cell, *others))
+        return lw.study.StudySummary("small", (cell, *others))
 
     verdicts = lw.Verdict
     assert with_first(2, 0).verdicts == (verdicts.STUDY_COMPLETE,)

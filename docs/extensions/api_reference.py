@@ -1,7 +1,7 @@
-"""The API reference, written from `linkwise.__all__`: a new public name appears by itself.
+"""The API reference, written from `linkwise.__all__` and that of its packages: a new public name appears by itself.
 
-Names are grouped by the package that they live in, in the order of PACKAGES and under their titles;
-others follow. Each gets a page of its own in docs/api.
+Names are grouped by their package, those of linkwise itself by the one that they live in, in the order of PACKAGES and under
+their titles; others follow. Each gets a page of its own in docs/api, and a bare name in a docstring links to it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,11 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from docutils import nodes
+from docutils.nodes import TextElement
+from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.errors import ExtensionError
 from sphinx.pycode import ModuleAnalyzer
 
@@ -25,7 +29,8 @@ PACKAGES = {
     "model": "Structures, laws and excitations",
     "records": "Records",
     "files": "Record files",
-    "signals": "Signals",
+    "inspection": "Inspection",
+    "modal": "Modal tests and hosts",
     "simulation": "Simulation",
     "analysis": "Analysis of structures",
     "identification": "Identification",
@@ -39,10 +44,7 @@ PACKAGES = {
     "plot": "Figures",
     "report": "Result folders",
     "export": "Exports",
-    "paper": "The paper",
     "verdict": "Trust",
-    "progress": "Progress",
-    "units": "Units",
     "errors": "Errors",
 }
 INDEX = """\
@@ -59,8 +61,8 @@ load on first use, so ``import linkwise as lw`` costs next to nothing.
 def imported(module: str) -> dict[str, str]:
     """The names that a module imports from others, those for type checkers included, and from which."""
     file = import_module(module).__file__
-    nodes = ast.walk(ast.parse(Path(str(file)).read_text(encoding="utf-8")))
-    imports = [node for node in nodes if isinstance(node, ast.ImportFrom)]
+    tree = ast.walk(ast.parse(Path(str(file)).read_text(encoding="utf-8")))
+    imports = [node for node in tree if isinstance(node, ast.ImportFrom)]
     return {alias.name: str(node.module) for node in imports for alias in node.names}
 
 
@@ -85,7 +87,7 @@ class PublicName:
     @property
     def package(self) -> str:
         """The package that it is listed under."""
-        return self.home.split(".")[1]
+        return self.name.split(".")[0] if "." in self.name else self.home.split(".")[1]
 
     @property
     def kind(self) -> str:
@@ -108,14 +110,20 @@ class PublicName:
 
 def public_names(module: ModuleType = lw, prefix: str = "") -> list[PublicName]:
     """The names in `__all__` of a module; of a module among them its names."""
-    home, found = listed_names(f"{module.__file__}i"), []
+    stub = f"{module.__file__}i"
+    home, found = listed_names(stub) if Path(stub).exists() else {}, []
     for name in module.__all__:
         value = getattr(module, name)
         if inspect.ismodule(value):
             found += public_names(value, f"{prefix}{name}.")
         else:
-            found.append(PublicName(f"{prefix}{name}", value, home[name]))
+            found.append(PublicName(f"{prefix}{name}", value, home.get(name, module.__name__)))
     return found
+
+
+FULL = {
+    each.name.rpartition(".")[2]: each.name for each in public_names() if not each.name.startswith("plot.")
+}
 
 
 def members(value: type) -> str:
@@ -161,7 +169,21 @@ def write(app: Sphinx) -> None:
             path.write_text(text, encoding="utf-8")
 
 
+def linked(
+    app: Sphinx, environment: BuildEnvironment, node: pending_xref, content: TextElement
+) -> nodes.Element | None:
+    """A link to the page of a public name that a docstring writes without its package, as `Posterior`."""
+    name = FULL.get(node.get("reftarget", ""))
+    if name is None or node.get("refdomain") != "py":
+        return None
+    python = environment.get_domain("py")
+    return python.resolve_xref(
+        environment, node["refdoc"], app.builder, "obj", f"linkwise.{name}", node, content
+    )
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Write the reference before Sphinx looks for pages."""
     app.connect("builder-inited", write, priority=100)
+    app.connect("missing-reference", linked)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

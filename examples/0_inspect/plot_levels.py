@@ -34,7 +34,7 @@ taps = [
     ).with_noise(60.0, seed=1)
     for size in (0.1, 1.0, 4.0)
 ]
-levels = lw.compare_levels(taps)
+levels = lw.inspection.compare_levels(taps)
 print(levels)
 
 # %%

@@ -17,7 +17,7 @@ record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
 fit = lw.identify(record.with_noise(10.0, seed=1), chain.unknown("nes"))
 
 amplitude = np.linspace(0.001, 0.03, 100)
-found = lw.equivalent(fit.link("nes1"), amplitude, frequency=27.0)
+found = lw.estimates.equivalent(fit.link("nes1"), amplitude, frequency=27.0)
 
 fig, (stiffness, damping) = plt.subplots(1, 2)
 for ax, value, band, unit in (

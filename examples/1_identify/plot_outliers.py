@@ -30,7 +30,7 @@ unknown = chain.unknown("nes")
 fits = {
     "clean record": lw.identify(record, unknown),
     "outliers, Gaussian": lw.identify(spoiled, unknown),
-    "outliers, Student's t": lw.identify(spoiled, unknown, loss=lw.Student()),
+    "outliers, Student's t": lw.identify(spoiled, unknown, loss=lw.likelihood.Student()),
 }
 for name, fit in fits.items():
     print(f"{name}: {fit.message}")

@@ -43,7 +43,7 @@ print(fit)
 # A hardening spring: the response grows far beyond the linear resonance, until the sweep leaves it
 # behind.
 
-resonance = lw.modes(fit.structure).frequencies[0]
+resonance = lw.analysis.modes(fit.structure).frequencies[0]
 frequency = 5 + 1.5 * record.time
 fig, ax = plt.subplots()
 ax.plot(frequency, 1e3 * record.channel("x:tip"), linewidth=0.5)

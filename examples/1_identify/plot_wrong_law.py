@@ -31,7 +31,7 @@ record = record.with_noise(30.0, seed=1)
 
 cubic = rig.unknown("all")
 linear = lw.parse_structure(
-    lw.format_structure(cubic).replace(" + k3*d**3", "").replace('k3 = "unknown", ', "")
+    lw.model.format_structure(cubic).replace(" + k3*d**3", "").replace('k3 = "unknown", ', "")
 )
 fits = {"linear": lw.identify(record, linear), "cubic": lw.identify(record, cubic)}
 for name, fit in fits.items():
@@ -42,7 +42,7 @@ for name, fit in fits.items():
 
 fig, axes = plt.subplots(2, 1, sharex=True, sharey=True)
 for ax, (name, fit) in zip(axes, fits.items(), strict=True):
-    left = lw.free_run(fit.structure, record, settling=100).residual
+    left = lw.analysis.free_run(fit.structure, record, settling=100).residual
     ax.plot(left.time, 1e3 * left.channel("x:camera"), linewidth=0.6)
     ax.set(ylabel="left, mm", title=f"what the {name} law leaves")
 axes[1].set_xlabel("time, s")

@@ -16,7 +16,7 @@ shapes = [
     {"tip": 3.2, "mid": 0.06, "root": 2.8},
 ]
 modes = [
-    lw.HostMode(known(frequency), known(0.005), shape)
+    lw.model.HostMode(known(frequency), known(0.005), shape)
     for frequency, shape in zip([3.3, 20.6, 57.7], shapes, strict=True)
 ]
 law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
@@ -28,11 +28,11 @@ beam = lw.Structure("beam with a sink", (lw.Mass("ball", 0.02),), (sink,), (lw.H
 hit = {"forces": {"beam.root": "20*exp(-((t - 0.05)/0.01)**2)"}, "duration": 8.0}
 result = lw.absorb(beam, **hit)
 print(result)
-lw.plot.decay_figure(result)
+lw.plot.absorption(result)
 
 # %%
 # Which barrier is best for this tap? The stiffer the negative spring, the higher it is: the sink takes its energy either way,
 # but behind a high barrier it is soon caught in one well and leaves the first mode alone.
-swept = lw.absorption_map(beam, {"sink.alpha": [-80.0, -40.0, -20.0, -10.0, -5.0, -2.5]}, **hit)
+swept = lw.absorption.absorption_map(beam, {"sink.alpha": [-80.0, -40.0, -20.0, -10.0, -5.0, -2.5]}, **hit)
 print(swept)
-lw.plot.map_figure(swept)
+lw.plot.map(swept)

@@ -12,7 +12,7 @@ import numpy as np
 import linkwise as lw
 
 chain = lw.bnes_chain(2)
-answer = lw.absorption_map(
+answer = lw.absorption.absorption_map(
     chain,
     {"nes1.alpha": np.linspace(-200, -20, 32), "v:m1": np.linspace(0.1, 2.0, 32)},
     duration=3.0,

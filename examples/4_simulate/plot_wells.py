@@ -13,7 +13,7 @@ import linkwise as lw
 
 chain = lw.bnes_chain(2)
 link = chain.link("nes1")
-wells, barrier = lw.wells(link), lw.barrier(link)
+wells, barrier = lw.analysis.wells(link), lw.analysis.barrier(link)
 print(f"wells at {', '.join(f'{1e3 * well:.1f} mm' for well in wells)}")
 print(f"barrier of {1e3 * barrier:.2f} mJ")
 
@@ -21,10 +21,10 @@ print(f"barrier of {1e3 * barrier:.2f} mJ")
 # The whole structure has an equilibrium for each well and one on top, which is not stable.
 # About each stable one it has modes:
 
-for point in lw.equilibria(chain):
+for point in lw.analysis.equilibria(chain):
     place = 1e3 * point.x[1]
     if point.stable:
-        modes = lw.modes(chain, point.x)
+        modes = lw.analysis.modes(chain, point.x)
         text = ", ".join(f"{frequency:.2f} Hz" for frequency in modes.frequencies)
         print(f"m2 at {place:+.1f} mm: stable, modes at {text}")
     else:

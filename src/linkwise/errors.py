@@ -303,7 +303,7 @@ class OutputError(LinkwiseError):
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=100.0)
     >>> try:
-    ...     lw.write_inspection(lw.inspect(record), "/")
+    ...     lw.report.write_inspection(lw.inspect(record), "/")
     ... except lw.OutputError as error:
     ...     print(str(error).partition(";")[0])
     /: already exists and is not a result of linkwise (no valid inspection.json)

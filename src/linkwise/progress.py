@@ -25,7 +25,7 @@ class ProgressReport:
     Examples
     --------
     >>> import linkwise as lw
-    >>> report = lw.ProgressReport(0.25, "step 3")
+    >>> report = lw.estimates.ProgressReport(0.25, "step 3")
     >>> f"{report.activity}: {report.fraction:.0%}"
     'step 3: 25%'
     """

@@ -102,22 +102,24 @@ def lazy_module(name: str) -> Any:
     return _LazyModule(name)
 
 
-def lazy_names(package: str, stub: str) -> tuple[list[str], Callable[[str], object]]:
-    """The `__all__` of `package`, and a `__getattr__` for it that imports each name from its module on first use.
+def lazy_names(package: str, stub: str) -> tuple[list[str], Callable[[str], object], Callable[[], list[str]]]:
+    """The `__all__`, `__getattr__` and `__dir__` of `package`, which import each name from its module on first use.
 
-    `stub` is the path of the file for type checkers that lists the names, see `listed_names`. The function raises
-    AttributeError, as Python does, for any other name.
+    `stub` is the path of the file for type checkers that lists the names, see `listed_names`. AttributeError is raised, as
+    Python does, for any other name.
     """
     homes = listed_names(stub)
 
     def load(name: str) -> object:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        if homes[name] == package:  # a package inside it
+            return import_module(f"{package}.{name}")
         value = getattr(import_module(homes[name]), name)
         setattr(import_module(package), name, value)
         return value
 
-    return sorted(homes), load
+    return sorted(homes), load, lambda: sorted(homes)
 
 
 def listed_names(stub: str) -> dict[str, str]:

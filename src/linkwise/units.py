@@ -55,9 +55,9 @@ def to_si(given: object, dimension: str) -> float:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.to_si("30 kN/m", "N/m")
+    >>> lw.files.to_si("30 kN/m", "N/m")
     30000.0
-    >>> lw.to_si("1 g", "m/s^2")
+    >>> lw.files.to_si("1 g", "m/s^2")
     9.80665
     """
     expected = "a number"

@@ -208,9 +208,9 @@ class Decision(Enum):
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.Decision("doubtful")
+    >>> lw.discovery.Decision("doubtful")
     <Decision.DOUBTFUL: 'doubtful'>
-    >>> [decision.value for decision in lw.Decision]
+    >>> [decision.value for decision in lw.discovery.Decision]
     ['certain', 'doubtful', 'not identifiable']
     """
 

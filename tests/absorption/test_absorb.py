@@ -128,7 +128,7 @@ def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
     sinks = find_sinks(three, ("s",))
     excitation = Excitation.of(
         release={"x:m1": 0.01, "x:m2": 0.04, "v:m2": 2.0},
-        impulses=(lw.Impulse("m2", 0.5, 0.1),),
+        impulses=(lw.model.Impulse("m2", 0.5, 0.1),),
         forces={"m2": "sin(t)", "m1": "2"},
     )
     baseline = without_sinks(three, sinks, excitation, "locked")
@@ -202,7 +202,7 @@ def test_kinks_and_impulses_are_no_obstacle() -> None:
         "a: m1-ground: k*d + c*v; s: m2-m1: p*d + q*d**3 + c2*v; stop: m2-m1: kk*max(d - g, 0)", 1.0, 0.01,
         k=900.0, c=0.3, p=-100.0, q=1e6, c2=0.02, kk=1e4, g=0.012,
     )  # fmt: skip
-    absorption = lw.absorb(stop, duration=1.0, impulses=(lw.Impulse("m1", 0.2, 0.1),))
+    absorption = lw.absorb(stop, duration=1.0, impulses=(lw.model.Impulse("m1", 0.2, 0.1),))
     assert absorption.trusted and absorption.with_sinks.total == pytest.approx(0.5 * 0.04 + 0.0025, rel=1e-9)
     assert absorption.absorbing == ("s", "stop")
 
@@ -331,7 +331,7 @@ def test_metres_and_radians_are_not_added() -> None:
     assert {mass.name for mass in mixed.masses} == {"disc1", "m1"}
     assert mixed.rms_reduction == pytest.approx(1.0 - np.sqrt(np.mean(np.square(parts))), rel=1e-12)
     assert [mixed.unit(name) for name in ("disc1", "m1")] == ["rad", "m"]
-    swept = lw.absorption_map(
+    swept = lw.absorption.absorption_map(
         mixed.with_sinks.structure,
         {"disc2.mass": [0.01]},
         duration=4.0,

@@ -18,8 +18,13 @@ from linkwise.absorption.options import AbsorptionOptions
 K = np.array([[3000.0, -1000.0], [-1000.0, 2000.0]])
 M = np.array([2.0, 0.5])  # kg
 SINK = {"alpha": -60.0, "beta": 2e5, "c": 0.3}
-RUN: dict[str, Any] = {"duration": 5.0, "rate": 500.0, "settle": 0.4, "impulses": [lw.Impulse("m1", 1.0)]}
-TAP: dict[str, Any] = RUN | {"impulses": [lw.Impulse("frame.m1", 1.0)]}
+RUN: dict[str, Any] = {
+    "duration": 5.0,
+    "rate": 500.0,
+    "settle": 0.4,
+    "impulses": [lw.model.Impulse("m1", 1.0)],
+}
+TAP: dict[str, Any] = RUN | {"impulses": [lw.model.Impulse("frame.m1", 1.0)]}
 LINEAR = 4e-4  # s: damping is this times stiffness, so that it is diagonal in the modes
 
 
@@ -59,7 +64,7 @@ def test_a_host_of_two_masses_is_the_two_masses(both: tuple[lw.Absorption, lw.Ab
             assert (side.peak, side.rms) == pytest.approx((other.peak, other.rms), rel=1e-8)  # same numerics
             assert present(side.settled) == pytest.approx(other.settled, rel=1e-6)
     (sink,), (expected,) = hosted.sinks, masses.sinks
-    assert sink.sink == lw.Sink("sink", "ball", "frame.m2") and len(expected.crossings) > 5
+    assert sink.sink == lw.absorption.Sink("sink", "ball", "frame.m2") and len(expected.crossings) > 5
     np.testing.assert_allclose(sink.crossings, expected.crossings, rtol=1e-6)
     assert sink.share == pytest.approx(expected.share, rel=1e-8)
     # what three dampers between the masses dissipate is what both modes do
@@ -104,8 +109,8 @@ def test_rest_in_a_well_and_a_moving_base_are_those_of_masses() -> None:
 
 def test_maps_over_sinks_on_hosts_are_those_on_masses() -> None:
     betas = [1e5, 2e5, 4e5]
-    masses = lw.absorption_map(on_masses(), {"sink.beta": betas}, **RUN)
-    hosted = lw.absorption_map(on_host(), {"sink.beta": betas}, **TAP)
+    masses = lw.absorption.absorption_map(on_masses(), {"sink.beta": betas}, **RUN)
+    hosted = lw.absorption.absorption_map(on_host(), {"sink.beta": betas}, **TAP)
     for name in ("rms_reduction", "sinks_share", "crossings", "remaining", "settled"):
         np.testing.assert_allclose(hosted[name], masses[name], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(hosted["rms_reduction:frame.m1"], masses["rms_reduction:m1"], rtol=1e-6)
@@ -124,7 +129,7 @@ def test_each_of_several_shapes_moves_its_own_points() -> None:
     shape = "frame.mode1.shape.m2"
     value = present(on_host().coefficient(shape).value)
     values = [0.8 * value, value, 1.2 * value]
-    swept = lw.absorption_map(on_host(), {shape: values}, **TAP)
+    swept = lw.absorption.absorption_map(on_host(), {shape: values}, **TAP)
     assert swept.axes[0].unit == "1/sqrt(kg)"
     for number, shape_value in enumerate(values):
         alone = lw.absorb(on_host().with_values({shape: shape_value}), **TAP)
@@ -146,7 +151,7 @@ def test_intervals_hold_frequencies_known_to_within() -> None:
     record = lw.simulate(true, release={"v:beam.mode1": 0.5}, duration=4.0, rate=200.0)
     fit = lw.identify(record.with_noise(30.0, seed=12), subject.unknown("sink"))
     chosen: dict[str, Any] = {"duration": 4.0, "release": {"v:beam.mode1": 0.5}, "sinks": ["sink"]}
-    intervals = lw.absorption_intervals(fit, draws=24, seed=1, **chosen)
+    intervals = lw.absorption.absorption_intervals(fit, draws=24, seed=1, **chosen)
     expected = lw.absorb(true, **chosen)
     share = intervals.quantity("sinks_share")
     lower, upper = present(share.lower), present(share.upper)
@@ -176,7 +181,7 @@ def test_harvesters_on_a_host(load: float | str) -> None:
 
 def test_a_piezo_between_points_of_a_beam_delivers_power() -> None:
     beam = host("beam", CANTILEVER, 0.01, CANTILEVER_SHAPES)
-    law = lw.Law.parse("k*d - theta*V", {"V": lw.LinkState("(-theta*v - V/R)/C", unit="V")})
+    law = lw.Law.parse("k*d - theta*V", {"V": lw.model.LinkState("(-theta*v - V/R)/C", unit="V")})
     patch = link("patch", "beam.mid-beam.root", law, k=10.0, theta=2e-3, R=1e5, C=43e-9)
     subject = structure({}, patch, hosts=[beam])
     run: dict[str, Any] = {
@@ -193,7 +198,7 @@ def test_a_piezo_between_points_of_a_beam_delivers_power() -> None:
     left = 0.5 * 43e-9 * voltage[-1] ** 2  # in the capacitor
     taken = found.with_sinks.share("patch") * found.with_sinks.total
     assert taken == pytest.approx(harvest.energy + left, rel=(2 * 21 / 1000) ** 2)  # trapezoidal rule
-    loads = lw.absorption_map(subject, {"patch.R": [1e4, 1e6, 1e8]}, **run)
+    loads = lw.absorption.absorption_map(subject, {"patch.R": [1e4, 1e6, 1e8]}, **run)
     assert loads.best("power:patch") == {"patch.R": 1e6}  # 1/(w C) = 1.1e6
 
 
@@ -202,7 +207,7 @@ def test_a_link_of_a_point_to_the_ground_is_a_sink_without_a_mass() -> None:
     stop = link("stop", "beam.tip-ground", "c*v", c=1.0)
     subject = structure({}, stop, hosts=[beam])
     found = lw.absorb(subject, sinks=["stop"], duration=4.0, release={"v:beam.mode1": 1.0})
-    assert found.sinks[0].sink == lw.Sink("stop", None, "ground")
+    assert found.sinks[0].sink == lw.absorption.Sink("stop", None, "ground")
     w, zeta = 2.0 * np.pi * 5.2, 0.01
     # both dampers act on one speed
     assert found.sinks_share / found.with_sinks.share("beam") == pytest.approx(

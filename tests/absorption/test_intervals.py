@@ -22,16 +22,18 @@ pytestmark = pytest.mark.usefixtures("unrendered")
 TRIAL: dict[str, Any] = {"duration": 1.0, "rate": 500.0, "release": {"v:m1": 1.0}}
 
 
-def known(covariance: list[list[float]], *names: str, lower: float = -np.inf) -> lw.Posterior:
+def known(covariance: list[list[float]], *names: str, lower: float = -np.inf) -> lw.estimates.Posterior:
     chain = lw.bnes_chain(2)
     count = len(names)
-    return lw.Posterior(chain, names, np.array(covariance), np.full(count, lower), np.full(count, np.inf))
+    return lw.estimates.Posterior(
+        chain, names, np.array(covariance), np.full(count, lower), np.full(count, np.inf)
+    )
 
 
 @pytest.fixture(scope="module")
 def folder(fitted: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What identify wrote."""
-    return lw.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer")
+    return lw.report.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer")
 
 
 def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
@@ -54,7 +56,9 @@ def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
 def test_the_interval_of_one_parameter_is_its_own() -> None:
     """What grows with the damper's coefficient has its quantiles where the coefficient has them."""
     deviation = 0.02
-    intervals = lw.absorption_intervals(known([[deviation**2]], "spring1.c"), **TRIAL, draws=400, seed=1000)
+    intervals = lw.absorption.absorption_intervals(
+        known([[deviation**2]], "spring1.c"), **TRIAL, draws=400, seed=1000
+    )
     share = intervals.quantity("share:spring1")
     ends = [
         lw.absorb(lw.bnes_chain(2, c=1.0 + side * 1.96 * deviation), **TRIAL).with_sinks.share("spring1")
@@ -71,10 +75,12 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
 
 def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
     chain = lw.bnes_chain(6)
-    knowledge = lw.Posterior(
+    knowledge = lw.estimates.Posterior(
         chain, ("nes1.alpha",), np.array([[1.0]]), np.array([-np.inf]), np.array([np.inf])
     )
-    intervals = lw.absorption_intervals(knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8)
+    intervals = lw.absorption.absorption_intervals(
+        knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8
+    )
     assert intervals.absorption.with_sinks.horizon is not None
     for work in some(intervals.absorption.sinks):
         assert intervals.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
@@ -84,7 +90,7 @@ def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> 
 def test_draws_are_those_of_the_seed() -> None:
     knowledge = known([[25.0]], "nes1.alpha")
     first, again, another = (
-        lw.absorption_intervals(knowledge, **TRIAL, draws=20, seed=seed, workers=workers)
+        lw.absorption.absorption_intervals(knowledge, **TRIAL, draws=20, seed=seed, workers=workers)
         for seed, workers in ((1, 1), (1, 2), (2, 1))
     )
     assert first.quantities == again.quantities != another.quantities
@@ -92,7 +98,7 @@ def test_draws_are_those_of_the_seed() -> None:
 
 
 def test_an_estimate_gives_intervals_that_hold_the_truth(fitted: lw.Estimate) -> None:
-    intervals = lw.absorption_intervals(fitted, **TRIAL, draws=100, seed=1000)
+    intervals = lw.absorption.absorption_intervals(fitted, **TRIAL, draws=100, seed=1000)
     truth = lw.absorb(lw.bnes_chain(2), **TRIAL)
     for name, value in (("sinks_share", truth.sinks_share), ("rms_reduction", truth.rms_reduction)):
         quantity = intervals.quantity(name)
@@ -114,7 +120,7 @@ def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
     record = chain_record(4, duration=1.0).with_noise(40.0, seed=1000)
     fit = lw.identify(record, shared, method="weak")
     assert fit.trusted
-    knowledge = lw.Posterior.of(fit)
+    knowledge = lw.estimates.Posterior.of(fit)
     assert knowledge.names == ("nes1.alpha", "nes2.alpha")
     drawn = knowledge.draws(50, seed=1)
     np.testing.assert_allclose(drawn[:, 0], drawn[:, 1], rtol=1e-9)  # the root of a singular matrix
@@ -122,7 +128,7 @@ def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
 
 
 def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Estimate) -> None:
-    posterior, true = lw.read_posterior(folder), lw.Posterior.of(fitted)
+    posterior, true = lw.estimates.read_posterior(folder), lw.estimates.Posterior.of(fitted)
     assert posterior.structure == fitted.structure and posterior.names == true.names
     np.testing.assert_array_equal(posterior.covariance, true.covariance)
     result = json.loads((folder / "result.json").read_text())
@@ -133,8 +139,11 @@ def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(
     discovered: lw.Discovery, tmp_path: Path
 ) -> None:
     assert discovered.trusted
-    lw.write_discovery(discovered, tmp_path / "found")
-    posterior, true = lw.read_posterior(tmp_path / "found"), lw.Posterior.of(discovered.estimate)
+    lw.report.write_discovery(discovered, tmp_path / "found")
+    posterior, true = (
+        lw.estimates.read_posterior(tmp_path / "found"),
+        lw.estimates.Posterior.of(discovered.estimate),
+    )
     np.testing.assert_allclose(
         posterior.covariance, true.covariance, rtol=1e-9
     )  # the file has one half of it
@@ -144,22 +153,22 @@ def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(
     own, whole = np.diag(posterior.beside_terms_kept), np.diag(posterior.covariance)
     assert (own > 0.0).all() and (own < whole).all()
     unsettled = replace(discovered, verdicts=(*discovered.verdicts, lw.Verdict.SEARCH_UNSETTLED))
-    lw.write_discovery(unsettled, tmp_path / "unsettled")
+    lw.report.write_discovery(unsettled, tmp_path / "unsettled")
     assert not (tmp_path / "unsettled" / "covariance.csv").exists()
     (tmp_path / "covariance.csv").write_text("first,second,covariance\nnes1.alpha,nes1.alpha,1,2,3\n")
     (tmp_path / "structure.toml").write_bytes((tmp_path / "found" / "structure.toml").read_bytes())
     with pytest.raises(lw.RecordError, match=r"line 2: .* is not two coefficients and a number"):
-        lw.read_posterior(tmp_path)
+        lw.estimates.read_posterior(tmp_path)
 
 
 def test_an_answer_not_to_be_trusted_has_no_intervals(fitted: lw.Estimate, tmp_path: Path) -> None:
     bad = replace(fitted, fit_verdicts=(lw.Verdict.NOT_CONVERGED,), message="The cost still falls.")
     with pytest.raises(lw.IdentificationError, match=r"no covariance to draw from \(not converged\)"):
-        lw.absorption_intervals(bad, **TRIAL)
-    lw.write_result(bad, tmp_path / "bad")
+        lw.absorption.absorption_intervals(bad, **TRIAL)
+    lw.report.write_result(bad, tmp_path / "bad")
     assert not (tmp_path / "bad" / "covariance.csv").exists()
     with pytest.raises(lw.RecordError, match=r"covariance\.csv: .* is not to be trusted \(not converged\)"):
-        lw.read_posterior(tmp_path / "bad")
+        lw.estimates.read_posterior(tmp_path / "bad")
 
 
 def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> None:
@@ -167,7 +176,7 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
     with pytest.raises(
         lw.RecordError, match="no result of identify either; give a structure file or a folder"
     ):
-        lw.read_posterior(tmp_path)
+        lw.estimates.read_posterior(tmp_path)
     path = tmp_path / "covariance.csv"
     for lines, message in (
         (
@@ -179,10 +188,10 @@ def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> No
     ):
         path.write_text(f"first,second,covariance\n{lines}")
         with pytest.raises(lw.RecordError, match=message):
-            lw.read_posterior(tmp_path)
+            lw.estimates.read_posterior(tmp_path)
     path.write_text("first,second,covariance\nnes7.alpha,nes7.alpha,1\n")
     with pytest.raises(lw.StructureError, match=r'unknown coefficient "nes7.alpha"'):
-        lw.read_posterior(tmp_path)
+        lw.estimates.read_posterior(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -208,12 +217,12 @@ def test_errors_of_an_edited_structure_are_refused(
 ) -> None:
     copy = tmp_path / "answer"
     shutil.copytree(folder, copy)
-    assert lw.read_posterior(copy).names
+    assert lw.estimates.read_posterior(copy).names
     text = (copy / "structure.toml").read_text()
     assert old in text
     (copy / "structure.toml").write_text(text.replace(old, new, 1))
     with pytest.raises(lw.RecordError, match=f"edited since it was written: {message}"):
-        lw.read_posterior(copy)
+        lw.estimates.read_posterior(copy)
     out = tmp_path / "forces.py"
     with pytest.raises(lw.RecordError, match="do not hold; give the structure file"):
         lw.export_answer(copy, out)
@@ -224,7 +233,7 @@ def test_draws_that_diverge_are_no_answer() -> None:
     with pytest.raises(
         lw.LinkwiseError, match=r"the motion of \d+ of 20 draws diverges: .* measure for longer"
     ):
-        lw.absorption_intervals(known([[4e12]], "nes1.beta"), **TRIAL, draws=20, sinks=["nes1"])
+        lw.absorption.absorption_intervals(known([[4e12]], "nes1.beta"), **TRIAL, draws=20, sinks=["nes1"])
 
 
 def test_the_command_reads_the_folder_of_an_answer(
@@ -240,7 +249,9 @@ def test_the_command_reads_the_folder_of_an_answer(
     assert page.index("<h2>Intervals") < page.index("<h2>Primary masses")
     assert run(["absorb", str(folder), *options, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    expected = lw.absorption_intervals(lw.read_posterior(folder), **TRIAL, draws=20, seed=3)
+    expected = lw.absorption.absorption_intervals(
+        lw.estimates.read_posterior(folder), **TRIAL, draws=20, seed=3
+    )
     share = expected.quantity("sinks_share")
     assert document["intervals"]["sinks_share"]["interval"] == [share.lower, share.upper]
     assert document["draws"] == 20 and document["seed"] == 3

@@ -9,7 +9,7 @@ import pytest
 from structures import harvester, link, oscillator, structure
 
 import linkwise as lw
-from linkwise.analysis.modes import natural_frequencies
+from linkwise.analysis.linear_modes import natural_frequencies
 
 PIEZO = {"k": 40.0, "c": 0.4, "theta": 2e-3, "R": 1e5, "C": 43e-9}
 RELEASE: dict[str, Any] = {"duration": 2.0, "release": {"v:m1": 1.0}, "sinks": ["piezo"]}
@@ -18,7 +18,7 @@ RELEASE: dict[str, Any] = {"duration": 2.0, "release": {"v:m1": 1.0}, "sinks": [
 def tower(law: str = "k*d + c*v - theta*V", **changes: float) -> lw.Structure:
     """A mass on a spring that carries a small one on a piezo with a resistor."""
     host = link("tower", "m1-ground", "k*d + c*v", k=3000.0, c=1.0)
-    state = lw.LinkState("(-theta*v - V/R)/C", unit="V")
+    state = lw.model.LinkState("(-theta*v - V/R)/C", unit="V")
     piezo = link("piezo", "m2-m1", law, {"V": state}, **(PIEZO | changes))
     return structure({"m1": 1.0, "m2": 0.05}, host, piezo)
 
@@ -46,7 +46,7 @@ def test_power_over_the_load_is_that_of_an_rc_circuit_driven_by_the_motion() -> 
     w = 50.0
     best = 1.0 / (w * PIEZO["C"])
     loads = best * np.array([0.25, 1.0, 4.0])
-    absorption_map = lw.absorption_map(
+    absorption_map = lw.absorption.absorption_map(
         tower(theta=1e-7), {"piezo.R": loads}, duration=40.0, rate=500.0, forces={"m1": f"sin({w}*t)"},
         sinks=["piezo"], harvesters={"piezo": "V**2/R"},
     )  # fmt: skip
@@ -61,7 +61,9 @@ def test_intervals_hold_the_power_of_the_identified_link() -> None:
     structure = tower()
     record = lw.simulate(structure, duration=2.0, rate=400.0, release={"v:m1": 1.0}, sensors=("x", "state"))
     fit = lw.identify(record.with_noise(40.0, seed=12), structure.unknown("piezo.theta", "piezo.c"))
-    intervals = lw.absorption_intervals(fit, draws=8, seed=0, **RELEASE, harvesters={"piezo": "V**2/R"})
+    intervals = lw.absorption.absorption_intervals(
+        fit, draws=8, seed=0, **RELEASE, harvesters={"piezo": "V**2/R"}
+    )
     power = next(quantity for quantity in intervals.quantities if quantity.quantity.name == "power:piezo")
     true = lw.absorb(structure, **RELEASE, harvesters={"piezo": "V**2/R"}).harvests[0].power
     # the range of 8 draws and the estimate, widened by itself: 3.3 standard deviations on either side at least
@@ -108,8 +110,10 @@ def test_a_link_that_delivers_more_than_it_takes_is_not_trusted(power: str) -> N
 def test_equilibria_and_modes_are_those_in_a_short_circuit() -> None:
     still = oscillator("k*d + c*v", k=40.0, c=0.4)
     piezo = harvester(1.0, "ground", "piezo", **PIEZO)
-    assert [point.x.tolist() for point in lw.equilibria(piezo).stable] == [[0.0]]
-    np.testing.assert_allclose(lw.modes(piezo).frequencies, lw.modes(still).frequencies, rtol=1e-12)
+    assert [point.x.tolist() for point in lw.analysis.equilibria(piezo).stable] == [[0.0]]
+    np.testing.assert_allclose(
+        lw.analysis.modes(piezo).frequencies, lw.analysis.modes(still).frequencies, rtol=1e-12
+    )
     open_circuit = np.sqrt((40.0 + PIEZO["theta"] ** 2 / PIEZO["C"]) / still.mass_values[0]) / (2.0 * np.pi)
     assert natural_frequencies(piezo)[0] == pytest.approx(open_circuit, rel=1e-12)
 
@@ -120,7 +124,7 @@ def test_a_state_that_does_not_rest_is_refused() -> None:
     with pytest.raises(
         lw.StructureError, match="the state z does not rest at 0 while the ends of the link are at rest"
     ):
-        lw.equilibria(structure({"m1": 1.0}, creeping))
+        lw.analysis.equilibria(structure({"m1": 1.0}, creeping))
     with pytest.raises(lw.StructureError, match="does not rest at 0"):
         lw.absorb(
             structure({"m1": 1.0, "m2": 0.1}, creeping, link("sink", "m2-m1", creep, k=40.0, r=2.0)),

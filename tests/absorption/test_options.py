@@ -15,29 +15,34 @@ RELEASE = {"v:m1": 1.0}
 
 
 def test_every_field_has_its_keyword() -> None:
-    names = {field.name for field in fields(lw.AbsorptionOptions)} - {"excitation"}
+    names = {field.name for field in fields(lw.absorption.AbsorptionOptions)} - {"excitation"}
     assert names == set(AbsorptionKeywords.__annotations__) - set(ExcitationKeywords.__annotations__)
 
 
 def test_an_object_asks_what_keywords_ask() -> None:
-    options = lw.AbsorptionOptions.of(duration=0.5, settle=0.1, harvesters={"nes1": 0.01}, release=RELEASE)
+    options = lw.absorption.AbsorptionOptions.of(
+        duration=0.5, settle=0.1, harvesters={"nes1": 0.01}, release=RELEASE
+    )
     assert dict(options.excitation.release) == RELEASE and options.settle == 0.1
     chain, over = lw.bnes_chain(2), {"nes1.alpha": [-150.0, -60.0]}
     keywords: AbsorptionKeywords = {
         "duration": 0.5, "settle": 0.1, "harvesters": {"nes1": 0.01}, "release": RELEASE,
     }  # fmt: skip
     assert lw.absorb(chain, options).to_dict() == lw.absorb(chain, **keywords).to_dict()
-    maps = (lw.absorption_map(chain, over, options), lw.absorption_map(chain, over, **keywords))
+    maps = (
+        lw.absorption.absorption_map(chain, over, options),
+        lw.absorption.absorption_map(chain, over, **keywords),
+    )
     assert to_json(maps[0].to_dict()) == to_json(
         maps[1].to_dict()
     )  # as text, in which what is missing is equal
 
 
 def test_both_at_once_and_unknown_keywords_are_refused() -> None:
-    options = lw.AbsorptionOptions.of(duration=0.5, release=RELEASE)
+    options = lw.absorption.AbsorptionOptions.of(duration=0.5, release=RELEASE)
     with pytest.raises(TypeError, match="got options and also duration; give one of the two"):
         lw.absorb(lw.bnes_chain(2), options, duration=1.0)
     with pytest.raises(TypeError, match="setle"):
-        lw.AbsorptionOptions.of(duration=0.5, setle=0.1)  # type: ignore[call-arg]  # the point of the test
+        lw.absorption.AbsorptionOptions.of(duration=0.5, setle=0.1)  # type: ignore[call-arg]  # the point of the test
     with pytest.raises(TypeError, match="duration"):
         lw.absorb(lw.bnes_chain(2), release=RELEASE)

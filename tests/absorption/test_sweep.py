@@ -19,7 +19,7 @@ SHORT: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "settle": 0.5}
 RELEASE = {"v:m1": 1.0}
 
 
-def check(absorption_map: lw.AbsorptionMap, place: tuple[int, ...], single: lw.Absorption) -> None:
+def check(absorption_map: lw.absorption.AbsorptionMap, place: tuple[int, ...], single: lw.Absorption) -> None:
     """One point of a map against `absorb`: same numerics, before chaos multiplies the 80-bit start of the single run."""
     at = {
         quantity.name: float(absorption_map[quantity.name][place]) for quantity in absorption_map.quantities
@@ -43,7 +43,7 @@ def check(absorption_map: lw.AbsorptionMap, place: tuple[int, ...], single: lw.A
 def test_two_coefficients_of_the_sink() -> None:
     alphas, betas = [-150.0, -60.0], [5e5, 1e6, 1.7e6]
     reports: list[float] = []
-    absorption_map = lw.absorption_map(
+    absorption_map = lw.absorption.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": alphas, "nes1.beta": betas}, **SHORT, release=RELEASE, workers=2,
         progress=lambda report: reports.append(report.fraction),
     )  # fmt: skip
@@ -66,7 +66,7 @@ def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
     """Masses and springs of the primary part, and what it is released with, change the comparison as well."""
     chain = lw.bnes_chain(4)
     over = {"spring1.k": [2e4, 4e4], "m3.mass": [0.8, 1.3]}
-    absorption_map = lw.absorption_map(chain, over, **SHORT, release=RELEASE, without=without)
+    absorption_map = lw.absorption.absorption_map(chain, over, **SHORT, release=RELEASE, without=without)
     assert {"settled:m1", "rms_reduction:m3", "crossings:nes2"} <= {
         quantity.name for quantity in absorption_map.quantities
     }
@@ -75,33 +75,37 @@ def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
     )
     check(absorption_map, (1, 0), single)
     assert absorption_map["rms_reduction:m3"][1, 0] == pytest.approx(single.masses[1].rms_reduction, abs=1e-7)
-    mass = lw.absorption_map(chain, {"m2.mass": [0.01, 0.02]}, **SHORT, release=RELEASE, without=without)
+    mass = lw.absorption.absorption_map(
+        chain, {"m2.mass": [0.01, 0.02]}, **SHORT, release=RELEASE, without=without
+    )
     check(
         mass, (1,), lw.absorb(chain.with_values({"m2.mass": 0.02}), **SHORT, release=RELEASE, without=without)
     )
-    speed = lw.absorption_map(chain, {"v:m1": [0.3, 1.2]}, **SHORT, without=without)
+    speed = lw.absorption.absorption_map(chain, {"v:m1": [0.3, 1.2]}, **SHORT, without=without)
     check(speed, (0,), lw.absorb(chain, **SHORT, release={"v:m1": 0.3}, without=without))
     assert speed.axes[0].unit == "m/s"
 
 
 def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
     harvesters = {"nes1": 0.01}
-    absorption_map = lw.absorption_map(
+    absorption_map = lw.absorption.absorption_map(
         lw.bnes_chain(2), {"nes1-harvester.c": [0.005, 0.03]}, **SHORT, release=RELEASE, harvesters=harvesters
     )
     check(
         absorption_map, (1,), lw.absorb(lw.bnes_chain(2), **SHORT, release=RELEASE, harvesters={"nes1": 0.03})
     )
     unknown = lw.bnes_chain(2).unknown("nes1.alpha")
-    swept = lw.absorption_map(unknown, {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
+    swept = lw.absorption.absorption_map(unknown, {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
     check(swept, (1,), lw.absorb(lw.bnes_chain(2, alpha=-60.0), **SHORT, release=RELEASE))
-    both = lw.absorption_map(equal_sinks(), {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE)
+    both = lw.absorption.absorption_map(
+        equal_sinks(), {"nes1.alpha": [-150.0, -60.0]}, **SHORT, release=RELEASE
+    )
     check(both, (0,), lw.absorb(lw.bnes_chain(4, alpha=-150.0), **SHORT, release=RELEASE))
 
 
 def test_a_sweep_may_leave_the_bistable_range() -> None:
     """The sink is that of the structure given, also where the grid gives it one well."""
-    absorption_map = lw.absorption_map(
+    absorption_map = lw.absorption.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": [-100.0, 0.0, 50.0]}, **SHORT, release=RELEASE
     )
     assert absorption_map["crossings"][0] > 0 and absorption_map["crossings"][1:].tolist() == [0.0, 0.0]
@@ -113,12 +117,14 @@ def test_laws_with_kinks_are_run_one_by_one() -> None:
     spring = link("a", "m1-ground", "k*d + c*v", k=900.0, c=0.3)
     slider = link("s", "m2-m1", "p*d + q*d**3 + F*tanh(v/s)", p=-100.0, q=1e6, F=0.02, s=0.01)
     rubbing = structure({"m1": 1.0, "m2": 0.01}, spring, slider)
-    absorption_map = lw.absorption_map(rubbing, {"s.F": [0.02, 0.05]}, **SHORT, release={"v:m1": 0.3})
+    absorption_map = lw.absorption.absorption_map(
+        rubbing, {"s.F": [0.02, 0.05]}, **SHORT, release={"v:m1": 0.3}
+    )
     check(absorption_map, (1,), lw.absorb(rubbing.with_values({"s.F": 0.05}), **SHORT, release={"v:m1": 0.3}))
 
 
 def test_where_the_motion_diverges_the_map_has_holes() -> None:
-    absorption_map = lw.absorption_map(
+    absorption_map = lw.absorption.absorption_map(
         lw.bnes_chain(2), {"nes1.beta": [-1e6, 5e5, -5e5, 1e6]}, sinks=["nes1"], **SHORT, release=RELEASE
     )
     assert (
@@ -133,7 +139,7 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
     with pytest.raises(
         lw.LinkwiseError, match=r"none of the 2 runs came to its end: .* check the ranges of nes1\.beta"
     ):
-        lw.absorption_map(
+        lw.absorption.absorption_map(
             lw.bnes_chain(2), {"nes1.beta": [-1e6, -5e5]}, sinks=["nes1"], **SHORT, release=RELEASE
         )
 
@@ -160,7 +166,7 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
 )
 def test_what_cannot_be_swept(over: dict[str, list[float]], message: str) -> None:
     with pytest.raises(lw.StructureError, match=message):
-        lw.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
+        lw.absorption.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
 
 
 def test_tops_and_floors_of_many_laws() -> None:
@@ -177,7 +183,7 @@ def test_tops_and_floors_of_many_laws() -> None:
     for run in range(60):
         numbers = {name: float(value[run]) for name, value in values.items()}
         spring = link("link", "m-ground", law, **numbers)
-        wells = lw.wells(spring)
+        wells = lw.analysis.wells(spring)
         tops = tops_and_floors.tops[run][np.isfinite(tops_and_floors.tops[run])]
         assert len(tops) == len(wells) - 1
         assert tops_and_floors.floor[run] == pytest.approx(
@@ -191,18 +197,18 @@ def test_tops_and_floors_of_many_laws() -> None:
 
 
 def test_a_map_of_chaos_says_so() -> None:
-    wild = lw.absorption_map(
+    wild = lw.absorption.absorption_map(
         lw.bnes_chain(6), {"nes1.c": [0.02, 0.03]}, duration=2.0, rate=500.0, release={"v:m1": 3.0}
     )
     assert wild.horizon is not None and f"chaotic past {wild.horizon:.3g} s of 2 s" in str(wild).replace(
         "\n  ", " "
     )
-    calm = lw.absorption_map(lw.bnes_chain(2), {"nes1.c": [0.02, 0.03]}, **SHORT, release=RELEASE)
+    calm = lw.absorption.absorption_map(lw.bnes_chain(2), {"nes1.c": [0.02, 0.03]}, **SHORT, release=RELEASE)
     assert calm.horizon is None and calm.to_dict()["findings"] == []
 
 
 def test_axes_know_their_scale() -> None:
-    absorption_map = lw.absorption_map(
+    absorption_map = lw.absorption.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0, -50.0], "nes1.beta": [1e5, 4e5, 1.6e6]}, **SHORT, release=RELEASE
     )  # fmt: skip
     assert [axis.logarithmic for axis in absorption_map.axes] == [False, True]
@@ -214,7 +220,7 @@ def test_axes_know_their_scale() -> None:
 
 def test_what_no_run_reached_has_no_bar_of_numbers() -> None:
     over = {"nes1.alpha": [-150.0, -50.0], "nes1.beta": [2e5, 2e6]}
-    absorption_map = lw.absorption_map(
+    absorption_map = lw.absorption.absorption_map(
         lw.bnes_chain(2), over, duration=0.5, rate=1000.0, settle=0.05, release=RELEASE
     )
     assert np.isnan(absorption_map["settled"]).all() and np.isfinite(absorption_map["sinks_share"]).all()
@@ -230,7 +236,7 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
         lw.SimulationError,
         match=r"a sweep of 10000000000 runs needs 6.7e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and",
     ):
-        lw.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
+        lw.absorption.absorption_map(lw.bnes_chain(2), over, **SHORT, release=RELEASE)
 
 
 @pytest.mark.parametrize("masses", [2, 8])
@@ -238,11 +244,11 @@ def test_the_memory_of_a_sweep_is_what_it_takes(masses: int) -> None:
     """Per run: some hundred kilobytes that every sweep takes, more or less by versions of NumPy, are in both peaks."""
     trial: dict[str, Any] = {"duration": 0.1, "rate": 500.0, "release": RELEASE, "workers": 1}
     chain, alphas = lw.bnes_chain(masses), np.linspace(-200.0, -20.0, 200)
-    lw.absorption_map(chain, {"nes1.alpha": alphas[:2]}, **trial)  # loads what a first one does
+    lw.absorption.absorption_map(chain, {"nes1.alpha": alphas[:2]}, **trial)  # loads what a first one does
     peaks = []
     for values in (alphas[:40], alphas):
         tracemalloc.start()
-        lw.absorption_map(chain, {"nes1.alpha": values}, **trial)
+        lw.absorption.absorption_map(chain, {"nes1.alpha": values}, **trial)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     predicted = map.map_bytes(160, masses)

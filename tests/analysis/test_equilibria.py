@@ -10,7 +10,7 @@ import pytest
 from present import some
 from structures import link, structure
 
-from linkwise.analysis.equilibria import Equilibria, equilibria
+from linkwise.analysis.rest_positions import Equilibria, equilibria
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain

@@ -6,7 +6,7 @@ import pytest
 from structures import link
 
 import linkwise as lw
-from linkwise.analysis.wells import law_kind
+from linkwise.analysis.potential_wells import law_kind
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,6 @@ def test_a_term_with_a_coefficient_of_zero_does_not_bend() -> None:
 
 @pytest.mark.parametrize(("name", "kind"), [("bouc-wen", "linear with memory"), ("dahl", "memory")])
 def test_a_law_with_memory_says_so(name: str, kind: str) -> None:
-    law = lw.named_law(name)
+    law = lw.model.named_law(name)
     joint = law.link("joint", ("m1", "ground"), dict.fromkeys(law.coefficients, 0.5))
     assert law_kind(joint, 1.0) == kind

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from structures import link, structure
 
-from linkwise.analysis.equilibria import equilibria
-from linkwise.analysis.modes import modes, natural_frequencies
+from linkwise.analysis.linear_modes import modes, natural_frequencies
+from linkwise.analysis.rest_positions import equilibria
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.law import Law

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from structures import link
 
-from linkwise.analysis.wells import barrier, rest_points, wells
+from linkwise.analysis.potential_wells import barrier, rest_points, wells
 from linkwise.errors import StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.structure import Link

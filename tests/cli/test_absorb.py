@@ -53,7 +53,7 @@ def test_json_is_the_answer_of_the_library(chain: Path, capsys: pytest.CaptureFi
         capsys, str(chain), *TRIAL, *options, "--impulse", "m2=0.01@0.2", "--force", "m1=sin(9*t)"
     )
     expected = lw.absorb(
-        lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0}, impulses=(lw.Impulse("m2", 0.01, 0.2),),
+        lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0}, impulses=(lw.model.Impulse("m2", 0.01, 0.2),),
         forces={"m1": "sin(9*t)"}, without="locked", settle=0.5, harvesters={"nes1": 0.01}, sinks=("nes1",),
     )  # fmt: skip
     assert (

@@ -218,7 +218,7 @@ def test_the_bar_shows_stages_and_never_goes_back(files: Path, monkeypatch: pyte
     reports: list[tuple[float, str]] = []
 
     @contextmanager
-    def bar(_: str) -> Iterator[lw.Progress]:
+    def bar(_: str) -> Iterator[lw.estimates.Progress]:
         yield lambda report: reports.append((report.fraction, report.activity))
 
     monkeypatch.setattr(command, "progress", bar)
@@ -359,7 +359,7 @@ def test_a_truth_of_other_masses_or_without_numbers_is_refused_before_the_work(
     files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(lw, "discover", lambda *_, **__: pytest.fail("the work was begun"))
-    text = lw.format_structure(lw.bnes_chain(2)).replace('"m2"', '"sink"')
+    text = lw.model.format_structure(lw.bnes_chain(2)).replace('"m2"', '"sink"')
     (tmp_path / "other.toml").write_text(text)
     assert run(arguments(files, "--truth", str(tmp_path / "other.toml"))) == 2
     assert 'other.toml: unknown mass "m2"' in capsys.readouterr().err

@@ -165,9 +165,11 @@ def test_the_help_says_what_a_calibration_of_all_stands_for(capsys: pytest.Captu
     assert "all= for each sensor of a response, also of the force in a link" in shown
 
 
-@pytest.mark.parametrize(("word", "loss"), [("huber", lw.Huber()), ("student", lw.Student())])
+@pytest.mark.parametrize(
+    ("word", "loss"), [("huber", lw.likelihood.Huber()), ("student", lw.likelihood.Student())]
+)
 def test_a_robust_loss_is_chosen_by_name(
-    files: Path, word: str, loss: lw.Huber | lw.Student, monkeypatch: pytest.MonkeyPatch
+    files: Path, word: str, loss: lw.likelihood.Huber | lw.likelihood.Student, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     losses: list[object] = []
     identify = lw.identify
@@ -279,7 +281,7 @@ def test_the_bar_shows_stage_cost_and_chi_square(files: Path, monkeypatch: pytes
     reports: list[tuple[float, str]] = []
 
     @contextmanager
-    def bar(_: str) -> Iterator[lw.Progress]:
+    def bar(_: str) -> Iterator[lw.estimates.Progress]:
         yield lambda report: reports.append((report.fraction, report.activity))
 
     monkeypatch.setattr(command, "progress", bar)

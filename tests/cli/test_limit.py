@@ -63,7 +63,7 @@ def test_excitation_sensors_noise_and_segment_reach_it(
         duration=0.5,
         rate=500.0,
         release={"v:m1": 1.0},
-        impulses=(lw.Impulse("m2", 0.01, 0.2),),
+        impulses=(lw.model.Impulse("m2", 0.01, 0.2),),
         forces={"m2": "0.1*sin(2*pi*20*t)"},
         sensors=("a:m2", "v:m1"),
         noise={"a:m2": 3.0, "v:m1": 0.01},

@@ -181,8 +181,8 @@ def test_an_unknown_error_is_for_commands_that_find_it(
 
 def test_what_is_known_of_sensors_survives_every_format(tmp_path: Path) -> None:
     known = {
-        "x:m1": lw.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf),
-        "common": lw.SensorUncertainty(gain=0.02),
+        "x:m1": lw.records.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf),
+        "common": lw.records.SensorUncertainty(gain=0.02),
     }
     record = chain_record(2, duration=0.2).with_noise(40.0, seed=1)
     stated = lw.Record(0.0, record.rate, record.channels, record.values, uncertainty=known)
@@ -194,7 +194,7 @@ def test_what_is_known_of_sensors_survives_every_format(tmp_path: Path) -> None:
     columns = {"x_m1": record.channel("x:m1"), "x_m2": record.channel("x:m2"), "fs": np.array(1000.0)}
     np.savez(tmp_path / "run.npz", **columns, sensors=np.array(text))  # type: ignore[arg-type]  # stub takes a flag
     read_back = lw.read_record(tmp_path / "run.npz").uncertainty
-    assert read_back == {"x:m1": lw.SensorUncertainty(gain=0.01, offset=1e-4)}
+    assert read_back == {"x:m1": lw.records.SensorUncertainty(gain=0.01, offset=1e-4)}
     (tmp_path / "run.json").write_text(
         json.dumps(
             {name: column.tolist() for name, column in columns.items()} | {"sensors": json.loads(text)}
@@ -231,7 +231,7 @@ def test_a_periodic_test_is_averaged(tmp_path: Path, capsys: pytest.CaptureFixtu
     path = tmp_path / "periodic.csv"
     lw.write_record(lw.Record(0.0, 200.0, ("x:m1",), x[:, None]), path)
     answer = document(capsys, "inspect", str(path), "--period", "2")["channels"]["x:m1"]
-    expected = lw.average_periods(lw.read_record(path), 2.0)
+    expected = lw.records.average_periods(lw.read_record(path), 2.0)
     assert (answer["samples"], answer["noise"]) == (400, expected.noise["x:m1"])
     assert run(["inspect", str(path), "--period", "2.001"]) == 2
     assert "not a whole number: check it, or resample" in capsys.readouterr().err
@@ -259,5 +259,5 @@ def test_metadata_of_parquet_columns_are_read(files: Path, tmp_path: Path) -> No
     columns = [pyarrow.array(record.time), pyarrow.array(record.channel("x:m1"))]
     parquet.write_table(pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(fields)), path)
     read_back = lw.read_record(path)
-    assert read_back.uncertainty == {"x:m1": lw.SensorUncertainty(gain=0.02)}
+    assert read_back.uncertainty == {"x:m1": lw.records.SensorUncertainty(gain=0.02)}
     assert any("The attribute offset of x:m1, 'about zero', was not used" in note for note in read_back.notes)

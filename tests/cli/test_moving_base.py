@@ -24,7 +24,7 @@ def folder(tmp_path: Path) -> Path:
     lw.write_structure(structure.unknown("all"), tmp_path / "unknown.toml")
     record = lw.simulate(structure, base=BASE, duration=4.0, rate=200.0, sensors=["a", "a:base"])
     record = record.with_noise(40.0, seed=1)
-    late = lw.TimeFunction(BASE).derivative(record.time - LATE, 2)
+    late = lw.model.TimeFunction(BASE).derivative(record.time - LATE, 2)
     for name, values in (("top", record.channel("a:m1")), ("ground", late)):
         np.savetxt(tmp_path / f"{name}.csv", values, header="AccX", comments="")
     return tmp_path
@@ -56,7 +56,7 @@ def test_the_column_of_times_is_that_of_both_files(folder: Path, capsys: pytest.
 def test_a_file_with_the_acceleration_of_the_base_drives_a_simulation(folder: Path) -> None:
     """The base starts from rest: what is relative to it does not depend on that."""
     time = np.arange(801) / 200.0
-    motion = lw.Record(0.0, 200.0, ("a:base",), lw.TimeFunction(BASE).derivative(time, 2)[:, None])
+    motion = lw.Record(0.0, 200.0, ("a:base",), lw.model.TimeFunction(BASE).derivative(time, 2)[:, None])
     lw.write_record(motion, folder / "quake.csv")
     options = ["--duration", "4", "--rate", "200", "--base", str(folder / "quake.csv")]
     output = folder / "run.csv"

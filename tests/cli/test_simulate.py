@@ -40,8 +40,8 @@ def test_impulse_force_and_base_reach_the_structure(chain: Path) -> None:
     forced = simulated(chain, "--impulse", "m1=0.3@0.1", "--force", "m2=0.1*sin(2*pi*20*t)")
     expected = lw.simulate(
         lw.bnes_chain(2),
-        impulses=(lw.Impulse("m1", 0.3, 0.1),),
-        forces={"m2": lw.TimeFunction("0.1*sin(2*pi*20*t)")},
+        impulses=(lw.model.Impulse("m1", 0.3, 0.1),),
+        forces={"m2": lw.model.TimeFunction("0.1*sin(2*pi*20*t)")},
         duration=0.5,
         rate=500.0,
     )

@@ -56,7 +56,7 @@ def test_show_tells_masses_links_and_rests(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_show_tells_which_coefficient_is_shared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = lw.format_structure(lw.bnes_chain(2).unknown("nes1.c")).replace("c = 1.0", 'c = "=nes1.c"')
+    text = lw.model.format_structure(lw.bnes_chain(2).unknown("nes1.c")).replace("c = 1.0", 'c = "=nes1.c"')
     (tmp_path / "chain.toml").write_text(text)
     assert run(["structure", "show", str(tmp_path / "chain.toml")]) == 0
     out = capsys.readouterr().out
@@ -224,7 +224,7 @@ def test_named_laws_are_listed_and_printed_as_links_to_edit(capsys: pytest.Captu
 
 
 def test_show_tells_states(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    values = dict.fromkeys(lw.named_law("coil").coefficients, 2.0)
+    values = dict.fromkeys(lw.model.named_law("coil").coefficients, 2.0)
     rig = structure({"m1": 1.0}, named("coil", "m1-ground", "coil", **values))
     lw.write_structure(rig, tmp_path / "rig.toml")
     assert run(["structure", "show", str(tmp_path / "rig.toml")]) == 0

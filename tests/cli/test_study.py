@@ -50,11 +50,11 @@ def test_it_runs_a_study_as_the_library_does(
     written = out.rstrip().splitlines()[-1].removeprefix("written: ").split(", ")
     assert {"rows.csv", "summary.csv", "rows.parquet"} <= {Path(name).name for name in written}
     assert all(Path(name).is_file() for name in some(written))
-    assert lw.read_rows(tmp_path / "out") == lw.read_rows(finished)
+    assert lw.study.read_rows(tmp_path / "out") == lw.study.read_rows(finished)
 
 
 def test_what_is_finished_is_told_again(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = [row.seconds for row in lw.read_rows(finished)]
+    before = [row.seconds for row in lw.study.read_rows(finished)]
     assert run(arguments(finished, "--quick", "--json")) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
@@ -70,9 +70,9 @@ def test_what_is_finished_is_told_again(finished: Path, capsys: pytest.CaptureFi
         if (cell["structure"], cell["snr_db"], cell["method"]) == ("bnes2", 20, "ml")
     )
     assert cell["median"] == next(
-        r.nmse for r in lw.read_rows(finished) if r.method == "ml" and r.snr_db == 20
+        r.nmse for r in lw.study.read_rows(finished) if r.method == "ml" and r.snr_db == 20
     )
-    assert [row.seconds for row in lw.read_rows(finished)] == before
+    assert [row.seconds for row in lw.study.read_rows(finished)] == before
 
 
 def test_export_runs_nothing(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

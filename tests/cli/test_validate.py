@@ -32,7 +32,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         record = lw.simulate(duffing(900.0), forces={"m1": FORCE}, duration=3.0, rate=400.0)
         lw.write_record(record.with_noise(40.0, seed=seed), folder / f"run{seed}.csv")
     estimate = lw.identify(lw.read_record(folder / "run1.csv"), duffing(900.0).unknown("all"))
-    lw.write_result(estimate, folder / "answer")
+    lw.report.write_result(estimate, folder / "answer")
     return folder
 
 
@@ -50,7 +50,9 @@ def scaled(place: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The answer to a record whose load cell has a gain, with that gain found."""
     folder = tmp_path_factory.mktemp("scaled")
     record = lw.read_record(written(place, "run1", 1.05, folder))
-    lw.write_result(lw.identify(record, duffing(900.0).unknown("all"), gains=["force:m1"]), folder / "answer")
+    lw.report.write_result(
+        lw.identify(record, duffing(900.0).unknown("all"), gains=["force:m1"]), folder / "answer"
+    )
     return folder / "answer"
 
 

@@ -40,9 +40,9 @@ def test_coloured_noise_is_told_from_missing_terms(draw: Callable[..., np.ndarra
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
     discovery = lw.discover(noisy(clean, draw, 7), masses(chain))
     assert discovery.trusted and discovery.estimate.model_error == 0.0
-    assert lw.term_score(discovery.structure, chain).exact
+    assert lw.discovery.term_score(discovery.structure, chain).exact
     assert all(term.certain for term in some(discovery.kept))
-    truth = lw.align_truth(discovery.structure, chain)
+    truth = lw.discovery.align_truth(discovery.structure, chain)
     for term in some(discovery.kept):
         true = present(truth.coefficient(term.name).value)
         assert abs(term.value - true) < 4.0 * term.standard_error  # one in 16 000 normal errors is larger

@@ -101,7 +101,7 @@ def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.R
 def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Written, read, simulated, and identified again with all its coefficients unknown: the same numbers."""
     record, discovery = two
-    structure = lw.parse_structure(lw.format_structure(discovery.structure))
+    structure = lw.parse_structure(lw.model.format_structure(discovery.structure))
     assert terms(structure) == terms(discovery.structure)
     lw.simulate(structure, release={"v:m1": 1.0}, duration=0.1, rate=RATE)
     fit = lw.identify(record, structure.unknown("all"))
@@ -162,7 +162,7 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
         lw.discover(record, masses(lw.bnes_chain(n)))
     faint = replace(record, values=values + clean.values)  # what moves is no noise
     hardly = "m1 hardly moved above the noise: weak terms of links there will be missed."
-    assert lw.check_discovery(faint, masses(lw.bnes_chain(n))) == (
+    assert lw.discovery.check_discovery(faint, masses(lw.bnes_chain(n))) == (
         (hardly,) if n == 2 else ()
     )  # the longer chain was hit harder
 
@@ -314,12 +314,12 @@ def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
 
 def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.Record) -> None:
     """A file that states one spring, and nothing of the rest."""
-    text = lw.format_structure(lw.bnes_chain(4))
+    text = lw.model.format_structure(lw.bnes_chain(4))
     whole = "".join(
         f"[[{part}" for part in text.split("[[")[1:] if not part.startswith("link") or '"spring1"' in part
     )
     (tmp_path / "known.toml").write_text(whole, encoding="utf-8")
-    known = lw.read_partial_structure(tmp_path / "known.toml")
+    known = lw.model.read_partial_structure(tmp_path / "known.toml")
     assert [link.name for link in known.links] == ["spring1"]
     discovery = lw.discover(four, known)
     assert terms(discovery.structure) == terms(lw.bnes_chain(4))
@@ -344,7 +344,7 @@ def test_candidates_that_were_never_tested_are_counted(
 ) -> None:
     """Beyond some masses each is screened by itself before; here beyond one."""
     monkeypatch.setattr(screen, "_TOGETHER", 1)
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
     discovery = lw.discover(four, masses(lw.bnes_chain(4)), progress=reports.append)
     assert terms(discovery.structure) == terms(lw.bnes_chain(4))
     untested = 40 - len(discovery.terms)
@@ -387,7 +387,7 @@ def test_links_that_are_asked_for_are_tested_whatever_the_screen_says(
 
 
 def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
     lw.discover(four, masses(lw.bnes_chain(4)), progress=reports.append)
     progress = [(report.fraction, report.activity) for report in reports]
     assert [fraction for fraction, _ in progress] == sorted(fraction for fraction, _ in progress)

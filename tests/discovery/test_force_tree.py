@@ -40,7 +40,7 @@ def test_the_tree_of_a_chain_is_that_of_its_links(n: int, kind: str, decibel: fl
 def test_a_link_to_a_moving_base_is_one_of_the_tree() -> None:
     law = "k*d + c*v"
     storeys = row_of_masses([1.0, 0.5], low=(law, {"k": 4e3, "c": 1.0}), high=(law, {"k": 2e3, "c": 0.5}))
-    on_base = lw.parse_structure(lw.format_structure(storeys).replace("ground", "base"))
+    on_base = lw.parse_structure(lw.model.format_structure(storeys).replace("ground", "base"))
     shaking = random_force(np.random.default_rng(3), 3.0, RATE, rms=0.01, band_limited=True)
     clean = lw.simulate(on_base, base=shaking, duration=3.0, rate=RATE, sensors=("v",))
     assert "x:base" in clean.channels

@@ -34,7 +34,7 @@ def filtered_record(seed: int = 5_090_000) -> lw.Record:
     linear = np.fft.irfft(spectrum / (k - w**2 + 1j * w * c), samples)
     force = np.fft.irfft(spectrum, samples) * 0.06 / linear.std()
     run = lw.simulate(
-        truth, forces={"m1": lw.Sampled(0.0, rate, force)}, duration=(samples - 1) / rate, rate=rate
+        truth, forces={"m1": lw.model.Sampled(0.0, rate, force)}, duration=(samples - 1) / rate, rate=rate
     )
     behind = scipy.signal.ellip(7, 0.1, 70.0, 215.0, fs=rate, output="sos")
     u, x = (scipy.signal.sosfilt(behind, signal)[::FINER].copy() for signal in (force, run.channel("x:m1")))
@@ -50,7 +50,7 @@ def discovered() -> lw.Discovery:
 
 def left_by_free_run(discovery: lw.Discovery) -> float:
     record = filtered_record()
-    return float(lw.free_run(discovery.structure, record[3 * len(record) // 4 :]).rmse["x:m1"])
+    return float(lw.analysis.free_run(discovery.structure, record[3 * len(record) // 4 :]).rmse["x:m1"])
 
 
 def refused(*_: object, **__: object) -> NoReturn:

@@ -64,7 +64,7 @@ def record(end: str, sensors: tuple[str, ...], seed: int = 4) -> lw.Record:
 
 def discovered(end: str, sensors: tuple[str, ...], known: lw.Host, seed: int = 4) -> lw.Discovery:
     return lw.discover(
-        record(end, sensors, seed), lw.PartialStructure(SINK, (), (known,)), terms="v, d, d**3"
+        record(end, sensors, seed), lw.model.PartialStructure(SINK, (), (known,)), terms="v, d, d**3"
     )
 
 
@@ -164,16 +164,18 @@ def test_a_record_without_sensors_of_the_structure_is_refused() -> None:
     values = np.random.default_rng(1).standard_normal((len(full), 2))
     elsewhere = lw.Record(0.0, full.rate, ("a:elsewhere", "force:beam.root"), values)
     with pytest.raises(lw.IdentificationError, match="no channel measures the motion of a mass or point"):
-        lw.check_discovery(elsewhere, lw.PartialStructure(SINK, (), (beam(CANTILEVER_SHAPES),)))
+        lw.discovery.check_discovery(
+            elsewhere, lw.model.PartialStructure(SINK, (), (beam(CANTILEVER_SHAPES),))
+        )
 
 
 def test_the_truth_of_a_host_is_compared_by_its_links() -> None:
     tip, mid = with_sink("tip", CANTILEVER_SHAPES), with_sink("mid", CANTILEVER_SHAPES)
-    score = lw.term_score(tip, mid)
+    score = lw.discovery.term_score(tip, mid)
     assert score.missing_links == ("nes",)
     assert score.extra == ("nes.alpha", "nes.beta", "nes.c")
-    assert lw.term_score(tip, tip).exact
-    aligned = lw.align_truth(tip, mid)
+    assert lw.discovery.term_score(tip, tip).exact
+    aligned = lw.discovery.align_truth(tip, mid)
     assert aligned.link("nes").values == dict.fromkeys(CANTILEVER_SINK, 0.0)
     assert aligned.link("beam.mode1").values["frequency"] == CANTILEVER[0]
 
@@ -182,9 +184,9 @@ def test_parameters_of_terms_are_refused_beside_a_host() -> None:
     with pytest.raises(
         lw.IdentificationError, match=r"write a number in place of v_f, as in friction\(0.01\)"
     ):
-        lw.check_discovery(
+        lw.discovery.check_discovery(
             record("mid", ("a:beam.tip", "a:beam.mid", "a:sink")),
-            lw.PartialStructure(SINK, (), (beam(CANTILEVER_SHAPES),)),
+            lw.model.PartialStructure(SINK, (), (beam(CANTILEVER_SHAPES),)),
             terms="v, d, friction",
         )
 
@@ -201,7 +203,7 @@ def test_memory_is_found_in_a_joint_of_a_beam() -> None:
     record = lw.simulate(true, forces={"beam.root": taps}, duration=0.6, rate=1000.0, sensors=sensors)
     discovery = lw.discover(
         record.with_noise(40.0, seed=5),
-        lw.PartialStructure(bodies({"body": 0.5}), (), (known,)),
+        lw.model.PartialStructure(bodies({"body": 0.5}), (), (known,)),
         terms="linear, bouc-wen",
     )
     assert discovery.trusted
@@ -240,7 +242,7 @@ def test_a_link_between_two_directions_is_a_row_and_is_found() -> None:
     for coefficient in some(fit.link("joint").coefficients):
         value = OBLIQUE[coefficient.name.rpartition(".")[2]]
         assert abs(coefficient.value - value) < 4.0 * (coefficient.standard_error or 0.0)
-    found = lw.discover(record, lw.PartialStructure((), (), true.hosts))
+    found = lw.discover(record, lw.model.PartialStructure((), (), true.hosts))
     assert found.trusted
     assert [(set(own.link.between), own.link.law.text) for own in found.estimate.links] == [
         ({"frame.ax", "frame.by"}, "k*d + k3*d**3 + c*v")
@@ -255,7 +257,7 @@ def test_a_torsion_spring_between_rotations_is_found_beside_translations() -> No
     true = structure({"disc": 0.002}, shaft, hosts=[carrier], name="beam", rotations=["disc"])
     hits = {"beam.tip": "3*exp(-((t-0.1)/0.01)**2) - 2.4*exp(-((t-1.1)/0.01)**2)"}
     record = lw.simulate(true, forces=hits, duration=2.0, rate=300.0).with_noise(40.0, seed=5413012)
-    found = lw.discover(record, lw.PartialStructure(bodies({"disc": 0.002}, ["disc"]), (), (carrier,)))
+    found = lw.discover(record, lw.model.PartialStructure(bodies({"disc": 0.002}, ["disc"]), (), (carrier,)))
     assert found.trusted
     (own,) = found.estimate.links
     assert set(own.link.between) == {"disc", "beam.r"}

@@ -48,7 +48,7 @@ def inactive(*records: lw.Record) -> set[str]:
 def test_a_stop_that_was_reached_is_found_with_friction_beside(hard: lw.Record) -> None:
     discovery = lw.discover(hard, MASSES, terms=TERMS)
     assert inactive(hard) == set() and discovery.trusted
-    assert lw.term_score(discovery.structure, TRUTH).exact
+    assert lw.discovery.term_score(discovery.structure, TRUTH).exact
 
 
 def test_a_stop_on_the_other_side_is_found_as_well(hard: lw.Record) -> None:
@@ -67,8 +67,8 @@ def test_a_stop_that_was_not_reached_is_left_out_and_named(soft: lw.Record) -> N
     stops = {f"{link}.{side}" for link in ("m1-ground", "m2-ground", "m2-m1") for side in ("kc", "kn")}
     assert inactive(soft) == stops
     discovery = lw.discover(soft, MASSES, terms=TERMS)
-    assert lw.term_score(discovery.structure, TRUTH).missing == ("stop.kc",)
-    assert lw.term_score(discovery.structure, TRUTH).extra == ()
+    assert lw.discovery.term_score(discovery.structure, TRUTH).missing == ("stop.kc",)
+    assert lw.discovery.term_score(discovery.structure, TRUTH).extra == ()
     assert not stops & {term.name for term in discovery.terms}
     assert any(
         remark.startswith("m1-ground.kc, m1-ground.kn, m2-ground.kc, ") for remark in discovery.remarks

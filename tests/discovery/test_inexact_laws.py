@@ -25,7 +25,7 @@ CHAIN = structure(
 )
 
 
-def wide_force(rng: np.random.Generator) -> lw.Sampled:
+def wide_force(rng: np.random.Generator) -> lw.model.Sampled:
     """8 N root mean square from 1 to 20 Hz."""
     return random_force(rng, DURATION, RATE, rms=8.0, highest=20.0, band_limited=True)
 
@@ -44,7 +44,10 @@ def test_the_structure_is_found_with_a_model_error() -> None:
     assert discovery.trusted and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
     assert 0.0 < discovery.estimate.model_error < 0.05
     stiffness = {term.name: term.decision for term in discovery.terms}
-    assert stiffness["m1-ground.k"] is lw.Decision.CERTAIN and stiffness["m2-m1.k3"] is lw.Decision.CERTAIN
+    assert (
+        stiffness["m1-ground.k"] is lw.discovery.Decision.CERTAIN
+        and stiffness["m2-m1.k3"] is lw.discovery.Decision.CERTAIN
+    )
     assert not [term for term in discovery.terms if term.kept and term.certain and term.term == "d**2"]
 
 
@@ -81,7 +84,7 @@ def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
 
 
 def test_a_constant_force_acts_from_the_ground_only() -> None:
-    candidates = lw.parse_terms("1, d, v")
+    candidates = lw.discovery.parse_terms("1, d, v")
     assert [term.coefficient for term in candidates] == ["f0", "k", "c"]
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01}, terms="1, cubic")

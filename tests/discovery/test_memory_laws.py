@@ -48,7 +48,12 @@ def test_finds_the_link_that_has_memory(found: lw.Discovery) -> None:
         "m2-m1": "k*d + c*v + F*z",
     }
     kept, *others = found.memory
-    assert (kept.link, kept.law, kept.decision, others) == ("m2-m1", "bouc-wen", lw.Decision.CERTAIN, [])
+    assert (kept.link, kept.law, kept.decision, others) == (
+        "m2-m1",
+        "bouc-wen",
+        lw.discovery.Decision.CERTAIN,
+        [],
+    )
     assert found.trusted
     for name, value in HYSTERETIC.items():
         coefficient = found.estimate.coefficient(f"m2-m1.{name}")
@@ -75,7 +80,7 @@ def test_finds_a_small_memory_by_what_it_leaves(law: str, values: dict[str, floa
 def test_says_so_in_text_and_data(found: lw.Discovery) -> None:
     text = str(found)
     assert "m2-m1 has memory: bouc-wen." in text and "of memory" in text
-    (plain_data,) = json.loads(json.dumps(lw.discovery_of(found)["memory"]))
+    (plain_data,) = json.loads(json.dumps(lw.report.discovery_of(found)["memory"]))
     assert plain_data["link"] == "m2-m1" and plain_data["decision"] == "certain"
     assert plain_data["coefficients"] == ["m2-m1.F", "m2-m1.s", "m2-m1.x0"]
 
@@ -120,7 +125,7 @@ def test_records_without_memory_do_not_enter_the_search(monkeypatch: pytest.Monk
 
 
 def test_terms_beside_states_are_candidates() -> None:
-    assert [term.text for term in lw.parse_terms("bouc-wen")] == ["d", "v"]
+    assert [term.text for term in lw.discovery.parse_terms("bouc-wen")] == ["d", "v"]
     assert offered_memory("cubic, bouc-wen, iwan(3), friction") == ("bouc-wen", "iwan(3)")
     assert offered_memory("linear, stribeck") == ()  # a family of terms, and a law without memory
 
@@ -142,18 +147,18 @@ def test_parts_with_memory_have_units(name: str) -> None:
 )
 def test_refuses_names_that_it_does_not_know(terms: str, message: str) -> None:
     with pytest.raises(lw.LinkwiseError, match=message):
-        lw.parse_terms(terms)
+        lw.discovery.parse_terms(terms)
 
 
 @pytest.mark.parametrize(
     "options",
     [
-        lw.DiscoveryOptions(terms="linear, bouc-wen", ambient=["m1"]),
-        lw.DiscoveryOptions(terms="linear, bouc-wen", delays=["x:m2"]),
-        lw.DiscoveryOptions(terms="linear, bouc-wen", admit=["delay"]),
+        lw.discovery.DiscoveryOptions(terms="linear, bouc-wen", ambient=["m1"]),
+        lw.discovery.DiscoveryOptions(terms="linear, bouc-wen", delays=["x:m2"]),
+        lw.discovery.DiscoveryOptions(terms="linear, bouc-wen", admit=["delay"]),
     ],
 )
-def test_refuses_memory_beside_what_it_does_not_count(options: lw.DiscoveryOptions) -> None:
+def test_refuses_memory_beside_what_it_does_not_count(options: lw.discovery.DiscoveryOptions) -> None:
     record = noisy(plain("k*d + c*v", k=800.0, c=1.0), 76)
     with pytest.raises(lw.IdentificationError, match="laws with memory"):
         lw.discover(record, MASSES, options)

@@ -20,6 +20,7 @@ from linkwise.discovery.model_average import model_average
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import ranked_moves
+from linkwise.plot.discoveries import departures_figure
 from linkwise.plot.style import MEASURED
 
 RATE, DURATION = 200.0, 8.0
@@ -129,10 +130,10 @@ def test_the_page_shows_the_models_that_survive_where_they_tell_another_force(tm
     faint, clear = found(2e4, 43), found(4e5, 41)
     assert faint.average.departing(faint.estimate.links) == "m1-ground"
     assert clear.average.weights[0] < 1.0 and clear.average.departing(clear.estimate.links[:0]) is None
-    folder = lw.write_discovery(faint, tmp_path / "faint")
+    folder = lw.report.write_discovery(faint, tmp_path / "faint")
     assert (folder / "average.png").is_file()
     assert "Other models that survive" in (folder / "report.html").read_text(encoding="utf-8")
-    [axes] = lw.plot.departures_figure(faint, "m1-ground").axes
+    [axes] = departures_figure(faint, "m1-ground").axes
     drawn = [line for line in axes.lines if line.get_color() == MEASURED]
     assert len(drawn) == sum(faint.average.weights[1:] >= 0.02)
 

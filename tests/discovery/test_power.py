@@ -44,7 +44,7 @@ def test_a_damper_that_the_record_cannot_show_is_not_told_as_absent(
         if discovery.trusted and term.name == "m2-m1.c" and not term.kept and term.margin > CERTAIN
     ]
     for term in some(dropped):
-        assert term.may_matter and term.decision is lw.Decision.DOUBTFUL
+        assert term.may_matter and term.decision is lw.discovery.Decision.DOUBTFUL
         assert abs(DAMPING - term.value) < 5.0 * term.standard_error
 
 

@@ -156,7 +156,9 @@ def test_the_path_tells_prediction_and_share_of_force() -> None:
 )
 def test_shares_of_force_are_told_in_plain_numbers(share: float, told: str) -> None:
     """A term that makes all of the force of its link was told as 1e+02 %."""
-    point = lw.PathPoint(4, 0.0, 9.0, "- a.k", chosen=False, prediction=8.0, scatter=1.0, share=share)
+    point = lw.discovery.PathPoint(
+        4, 0.0, 9.0, "- a.k", chosen=False, prediction=8.0, scatter=1.0, share=share
+    )
     _, row = path_rows(cast("lw.Discovery", SimpleNamespace(path=(point,), terms=())))
     assert row[-1] == told
 

@@ -59,7 +59,7 @@ def load_cell(seed: int) -> lw.Record:
 
 def assert_found(discovery: lw.Discovery) -> None:
     assert discovery.trusted, discovery
-    assert lw.term_score(discovery.structure, truth()).exact
+    assert lw.discovery.term_score(discovery.structure, truth()).exact
     for parameter in some(discovery.estimate.parameters):
         coefficient = discovery.estimate.coefficient(parameter.name)
         true = STIFFNESS if parameter.name.endswith(".k") else DAMPING

@@ -32,7 +32,7 @@ def record() -> lw.Record:
 def test_right_values_have_no_rival(seed: int) -> None:
     discovery = lw.discover(record().with_noise(30.0, seed=seed), MASSES)
     assert discovery.trusted
-    assert lw.term_score(discovery.structure, FRAME).exact
+    assert lw.discovery.term_score(discovery.structure, FRAME).exact
     assert all(term.certain for term in some(discovery.kept))
     assert not [remark for remark in discovery.remarks if "than stated" in remark]
 
@@ -41,7 +41,7 @@ def test_right_values_have_no_rival(seed: int) -> None:
 def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float, message: str) -> None:
     """Springs that are not there were called certain, beside coefficients many standard errors off."""
     discovery = lw.discover(record().with_noise(30.0, seed=11), {**MASSES, mass: factor * MASSES[mass]})
-    false = lw.term_score(discovery.structure, FRAME).extra
+    false = lw.discovery.term_score(discovery.structure, FRAME).extra
     assert false
     assert not [term.name for term in discovery.terms if term.certain and term.name in false]
     assert not discovery.trusted
@@ -62,7 +62,7 @@ def test_a_stiffness_that_is_stated_wrong_is_named() -> None:
     stated = FRAME.link("m2-m1")
     wrong = replace(stated, coefficients={**stated.coefficients, "k": lw.Coefficient.number(1.02 * 1.2e4)})
     noisy = record().with_noise(18.0, seed=11)  # with less noise the diagnosis of the fit tells it
-    discovery = lw.discover(noisy, lw.PartialStructure(FRAME.masses, (wrong,)))
+    discovery = lw.discover(noisy, lw.model.PartialStructure(FRAME.masses, (wrong,)))
     assert not discovery.trusted
     assert any("If m2-m1.k were 1.9 % less than stated" in remark for remark in discovery.remarks)
 

@@ -28,7 +28,7 @@ def record(structure: lw.Structure, force: float = 0.0, offset: float = 0.0) -> 
     return replace(shaken, values=values, simulated=None)
 
 
-def decision(discovery: lw.Discovery, term: str) -> lw.Decision:
+def decision(discovery: lw.Discovery, term: str) -> lw.discovery.Decision:
     [evidence] = [evidence for evidence in discovery.kept if evidence.term == term]
     return evidence.decision
 
@@ -38,8 +38,8 @@ def test_a_linear_spring_does_not_tell_a_force_from_an_offset(force: float, offs
     """A force of -0.8 N that was an offset of 1 mm was called certain."""
     discovery = lw.discover(record(LINEAR, force, offset), {"m1": 1.0}, terms="1, cubic")
     assert discovery.trusted
-    assert decision(discovery, "1") is lw.Decision.DOUBTFUL
-    assert decision(discovery, "d") is decision(discovery, "v") is lw.Decision.CERTAIN
+    assert decision(discovery, "1") is lw.discovery.Decision.DOUBTFUL
+    assert decision(discovery, "d") is decision(discovery, "v") is lw.discovery.Decision.CERTAIN
     [remark] = [remark for remark in discovery.remarks if "zero offset" in remark]
     stated, size = remark.split(" m, ")[0].rsplit(" ", 1)
     assert (
@@ -69,7 +69,7 @@ def test_an_offset_beside_a_cubic_spring_is_told_as_one() -> None:
 def test_a_constant_force_on_a_cubic_spring_is_certain() -> None:
     discovery = lw.discover(record(CUBIC, 0.8), {"m1": 1.0}, terms="1, cubic")
     assert discovery.trusted
-    assert decision(discovery, "1") is lw.Decision.CERTAIN
+    assert decision(discovery, "1") is lw.discovery.Decision.CERTAIN
     assert not [remark for remark in discovery.remarks if "zero offset" in remark]
 
 
@@ -117,7 +117,7 @@ def test_a_linear_chain_does_not_tell_a_force_from_an_offset_of_all_sensors(
 def test_a_cubic_spring_tells_a_force_from_an_offset_of_all_sensors() -> None:
     both, masses = ["x:m1", "x:m2"], {"m1": 1.0, "m2": 0.5}
     forced = lw.discover(chain_record(both, 0.0, -2.0, k3=2e6), masses, terms="1, cubic")
-    assert decision(forced, "1") is lw.Decision.CERTAIN
+    assert decision(forced, "1") is lw.discovery.Decision.CERTAIN
     assert not [remark for remark in forced.remarks if "zero offset" in remark]
     shifted = lw.discover(chain_record(both, k3=2e6), masses, terms="1, cubic")
     assert not shifted.trusted

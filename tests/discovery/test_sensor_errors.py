@@ -28,7 +28,7 @@ def changed(x2: np.ndarray) -> lw.Record:
 
 
 def exact(discovery: lw.Discovery) -> bool:
-    return lw.term_score(discovery.structure, lw.bnes_chain(2)).exact
+    return lw.discovery.term_score(discovery.structure, lw.bnes_chain(2)).exact
 
 
 def farthest(discovery: lw.Discovery) -> float:
@@ -106,7 +106,7 @@ def test_a_calibration_that_alone_tells_the_scale_must_be_narrow(sigma: float, r
     plain = oscillator("k*d + c*v", k=900.0, c=1.5)
     forced = lw.simulate(plain, forces={"m1": "3*sin(23*t) + 2*sin(37*t + 1)"}, duration=4.0, rate=200.0)
     noisy = forced.with_noise(40.0, seed=3)
-    options = lw.DiscoveryOptions(terms="linear, d**3", calibration={"force:m1": sigma})
+    options = lw.discovery.DiscoveryOptions(terms="linear, d**3", calibration={"force:m1": sigma})
     if refused:
         with pytest.raises(lw.IdentificationError, match=r"as loose as that of force:m1 .* up to 10 %"):
             lw.discover(noisy, {"m1": "unknown"}, options)

@@ -82,7 +82,7 @@ def test_a_term_that_stands_in_for_another_in_few_blocks_is_a_runner_up() -> Non
     assert {term.term for term in discovery.kept} == {"d", "d**3", "v"}
     assert discovery.trusted and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
     [dropped] = [term for term in discovery.terms if term.term == "v*abs(v)"]
-    assert dropped.decision is lw.Decision.DOUBTFUL
+    assert dropped.decision is lw.discovery.Decision.DOUBTFUL
     [remark] = [text for text in discovery.remarks if "are predicted as well without" in text]
     [runner_up] = [model for model in discovery.runners_up if model.change == f"with {dropped.name}"]
     way = "lower" if runner_up.margin < 0.0 else "higher"
@@ -138,8 +138,8 @@ def test_why_a_larger_model_that_predicts_better_was_not_selected(
 ) -> None:
     """The scatter is 10."""
     path = (
-        lw.PathPoint(4, 0.0, 0.0, "", chosen=True, prediction=0.0, scatter=0.0),
-        lw.PathPoint(5, 0.0, criterion, "+ a.k", chosen=False, prediction=prediction, scatter=10.0),
+        lw.discovery.PathPoint(4, 0.0, 0.0, "", chosen=True, prediction=0.0, scatter=0.0),
+        lw.discovery.PathPoint(5, 0.0, criterion, "+ a.k", chosen=False, prediction=prediction, scatter=10.0),
     )
     remarks = larger_model_remarks(path, inexact=inexact)
     assert len(remarks) == (why is not None)

@@ -47,7 +47,7 @@ def test_a_parameter_is_found_with_the_term(
 
 def test_a_term_whose_parameter_was_found_is_that_of_the_truth() -> None:
     discovery = lw.discover(recorded(FRICTION, 40.0, 13), MASSES, terms="v, d, friction")
-    assert lw.term_score(discovery.structure, FRICTION).exact
+    assert lw.discovery.term_score(discovery.structure, FRICTION).exact
 
 
 def test_terms_with_parameters_that_are_not_needed_change_nothing() -> None:

@@ -57,7 +57,7 @@ def test_alerts_of_all_records_are_told() -> None:
 
 def test_what_the_answer_allows_for_is_no_alert() -> None:
     """Samples that were marked as missing, and a drift that is estimated; of another channel it is told."""
-    marked = lw.mark_missing(clipped_record(), "clipped")
+    marked = lw.inspection.mark_missing(clipped_record(), "clipped")
     assert [alert.kind for alert in lw.inspect(marked).alerts] == ["dropped"]
     told = {name: ANSWERS[name](marked).to_dict()["alerts"] for name in ANSWERS}
     assert not any(told.values())
@@ -74,7 +74,7 @@ def test_what_the_answer_allows_for_is_no_alert() -> None:
 
 
 def test_samples_that_a_record_lacks_beside_marked_ones_are_told() -> None:
-    marked = lw.mark_missing(clipped_record(), "clipped")
+    marked = lw.inspection.mark_missing(clipped_record(), "clipped")
     values = marked.values.copy()
     values[600:700, 1] = np.nan
     fit = lw.identify(replace(marked, values=values), lw.bnes_chain(2).unknown("nes"))

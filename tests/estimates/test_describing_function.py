@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from structures import link
 
-from linkwise import equivalent
+from linkwise.estimates import equivalent
 from linkwise.estimates.link_estimate import LinkEstimate
 
 AMPLITUDES = np.array([0.001, 0.01, 0.05])

@@ -219,7 +219,7 @@ def test_signal_to_noise_counts_the_motion_alone() -> None:
 def test_an_answer_is_pickled_whatever_took_note_of_its_progress(
     record: lw.Record, chain: lw.Structure
 ) -> None:
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
     fit = lw.identify(record, chain.unknown("nes"), progress=lambda report: reports.append(report))
     copied = pickle.loads(pickle.dumps(fit))
     assert reports and np.array_equal(present(copied.motion).d, present(fit.motion).d)

@@ -109,7 +109,7 @@ def test_a_damper_that_gives_here_and_takes_there_counts_on_the_whole() -> None:
 
 
 def test_a_bound_names_the_law_that_has_none() -> None:
-    joint = lw.named_law("bouc-wen").link("joint", ("m2", "ground"))
+    joint = lw.model.named_law("bouc-wen").link("joint", ("m2", "ground"))
     two = structure(
         {"m1": 1.0, "m2": 1.0}, link("spring", "m1-ground", "k*d", k=lw.Coefficient.unknown()), joint
     )

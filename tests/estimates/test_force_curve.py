@@ -55,7 +55,7 @@ def test_samples_of_a_link_with_memory_are_less_what_its_states_add(known_truth:
     """A hysteretic damper alone on a rig: its force over the elongation is a loop, its elastic part a line."""
     joint = named("joint", "base-ground", "bouc-wen", k=800.0, c=0.3, F=3.0, s=0.5, x0=0.005)
     rig = structure({}, joint)
-    drive = lw.TimeFunction("0.01*sin(6*t)*exp(-t/4)")
+    drive = lw.model.TimeFunction("0.01*sin(6*t)*exp(-t/4)")
     clean = lw.simulate(rig, base=drive, duration=6.0, rate=200.0, sensors=("f:joint",))
     record = clean.with_noise(50.0, seed=3)
     estimate = lw.identify(record, rig.unknown("joint.k", "joint.F"))

@@ -10,6 +10,7 @@ from structures import hysteretic_oscillator
 
 import linkwise as lw
 from linkwise.estimates.curves import force_loop, has_loop
+from linkwise.plot.links import loop_figure
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +73,7 @@ def test_what_is_no_loop_is_not_drawn() -> None:
 
 
 def test_the_figure_draws_what_was_measured_and_identified(damped: lw.Estimate) -> None:
-    panels = lw.plot.loop_figure(damped, "damper").axes
+    panels = loop_figure(damped, "damper").axes
     assert [panel.get_xlabel() for panel in panels] == ["elongation d, mm", "rate v, mm/s"]
     for panel in panels:
         assert [line.get_label() for line in panel.get_lines()] == ["measured", "identified"]

@@ -141,12 +141,12 @@ def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("export") / "answer"
     folder.mkdir()
     lw.write_structure(fit.structure, folder / "structure.toml")
-    write_covariance(lw.Posterior.of(fit), folder / "covariance.csv")
+    write_covariance(lw.estimates.Posterior.of(fit), folder / "covariance.csv")
     return folder
 
 
 def test_errors_and_covariance_are_those_of_the_answer(answer: Path, tmp_path: Path) -> None:
-    posterior = lw.read_posterior(answer)
+    posterior = lw.estimates.read_posterior(answer)
     errors = np.sqrt(np.diag(posterior.covariance))
     content = runpy.run_path(str(lw.export_answer(answer, tmp_path / "forces.py")))
     assert content["COVARIANCE_NAMES"] == list(posterior.names)
@@ -162,7 +162,7 @@ def test_errors_and_covariance_are_those_of_the_answer(answer: Path, tmp_path: P
 
 
 def test_tables_hold_values_intervals_and_covariance(answer: Path, tmp_path: Path) -> None:
-    posterior = lw.read_posterior(answer)
+    posterior = lw.estimates.read_posterior(answer)
     with lw.export_answer(answer, tmp_path / "table.csv").open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file))
     alpha = next(row for row in rows if row["coefficient"] == "alpha")

@@ -50,7 +50,7 @@ def linked(
     turns: bool = False,
 ) -> lw.Structure:
     """A mass on a link with memory."""
-    states = {state: lw.LinkState(f"{rate} - h*{state}", unit=unit)}
+    states = {state: lw.model.LinkState(f"{rate} - h*{state}", unit=unit)}
     parsed = lw.Law.parse(f"{law} + g*{state} + {coefficient}*v", states)
     spring = lw.Link(link, (mass, "ground"), parsed, dict.fromkeys(parsed.coefficients, 2.0))
     return structure({mass: 1.0}, spring, name=name, rotations=[mass] if turns else [])
@@ -64,7 +64,7 @@ def of_a_host(name: str, point: str) -> lw.Structure:
 def commented(text: str, folder: Path) -> Path:
     """A structure file with a comment on its trust."""
     path = folder / "structure.toml"
-    content = f"# NOT to be trusted ({text}): numbers.\n\n{lw.format_structure(linked())}"
+    content = f"# NOT to be trusted ({text}): numbers.\n\n{lw.model.format_structure(linked())}"
     path.write_text(content, encoding="utf-8", errors="replace", newline="")
     return path
 

@@ -39,7 +39,7 @@ def fit() -> lw.Estimate:
 @pytest.fixture(scope="module")
 def answer(fit: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its folder."""
-    return lw.write_result(fit, tmp_path_factory.mktemp("untrusted") / "answer")
+    return lw.report.write_result(fit, tmp_path_factory.mktemp("untrusted") / "answer")
 
 
 def test_every_export_of_the_folder_says_so(
@@ -68,7 +68,7 @@ def test_a_status_that_linkwise_does_not_write_is_refused(answer: Path, tmp_path
         lw.export_answer(folder, tmp_path / "forces.py")
     assert "\n" not in str(refused.value)
     with pytest.raises(lw.RecordError, match="the estimate is not to be trusted; identify again"):
-        lw.read_posterior(folder)
+        lw.estimates.read_posterior(folder)
 
 
 def test_a_folder_of_a_method_without_intervals_says_which_methods_give_them(tmp_path: Path) -> None:
@@ -76,9 +76,9 @@ def test_a_folder_of_a_method_without_intervals_says_which_methods_give_them(tmp
     asked = lw.bnes_chain(2).unknown("nes")
     fit = lw.identify(record.with_noise(40.0, seed=5840103), asked, method="sindy")
     assert lw.Verdict.NO_INTERVALS in fit.verdicts and fit.trusted
-    folder = lw.write_result(fit, tmp_path / "answer")
+    folder = lw.report.write_result(fit, tmp_path / "answer")
     with pytest.raises(lw.RecordError, match='the method gives none; identify with method "ml" or "weak"'):
-        lw.read_posterior(folder)
+        lw.estimates.read_posterior(folder)
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_a_mapping_says_what_columns_are_and_takes_known_errors_out(tmp_path: Pa
     assert (known["x:m1"].gain, known["common"].gain) == (0.005, 0.01)
     assert known["x:m1"].offset == pytest.approx(1e-4, rel=1e-12)
     # a gain that is stated has no standard deviation but its own
-    assert known["a:m2"] == lw.SensorUncertainty(delay=1e-3)
+    assert known["a:m2"] == lw.records.SensorUncertainty(delay=1e-3)
     assert "x:m1: an offset of 0.0003 m was removed, as known." in record.notes
     assert any(note.startswith("a:m2: its delay is known to 0.001 s") for note in record.notes)
 
@@ -82,7 +82,7 @@ def test_arguments_go_before_the_mapping(tmp_path: Path) -> None:
         logger(tmp_path), mapping=mapping, channels={"x:m1[m]": "Acc"}, rate=50.0, informative=False
     )
     assert record.rate == 50.0 and abs(record.channel("x:m1")).max() > 1.0
-    own = RecordMapping(sensors={"x:m1": lw.SensorStatement.of({"offset": "unknown"}, "x:m1")})
+    own = RecordMapping(sensors={"x:m1": lw.records.SensorStatement.of({"offset": "unknown"}, "x:m1")})
     both = own.over(read_mapping(mapping))
     offset, gain = both.sensors["x:m1"].offset, both.sensors["x:m1"].gain
     assert offset == (0.0, np.inf) and gain == (1.0, 0.005)

@@ -35,7 +35,7 @@ def sound_answer() -> Mapping[str, bytes]:
     with TemporaryDirectory() as folder:
         write_numbers(fit, Path(folder), fit.verdicts)
         files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
-    return MappingProxyType(files | {"result.json": json.dumps(lw.result_of(fit)).encode()})
+    return MappingProxyType(files | {"result.json": json.dumps(lw.report.result_of(fit)).encode()})
 
 
 def answer_case(seed: int, rng: Random) -> Case:

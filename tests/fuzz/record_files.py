@@ -159,6 +159,6 @@ def record_case(seed: int, rng: Random) -> Case:
     name = f"run{suffix}"
     if rng.random() < 0.15:
         arguments = ("identify", name, "s.toml", "--method", "weak")
-        structure = lw.format_structure(lw.bnes_chain(2).unknown("nes")).encode()
+        structure = lw.model.format_structure(lw.bnes_chain(2).unknown("nes")).encode()
         return Case(seed, "record", Kind.COMMAND, arguments, {name: content, "s.toml": structure})
     return Case(seed, "record", Kind.READ, (name,), {name: content}, channels)

@@ -26,7 +26,7 @@ def sound_structures() -> tuple[str, ...]:
     """Files that can be read."""
     chain = lw.bnes_chain(2)
     own = (chain, chain.unknown("nes"), chain.unknown("all", "mass:m2"), lw.bnes_chain(4))
-    return (*map(lw.format_structure, own), *_OTHERS)
+    return (*map(lw.model.format_structure, own), *_OTHERS)
 
 
 def structure_case(seed: int, rng: Random) -> Case:

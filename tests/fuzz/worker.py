@@ -88,9 +88,9 @@ def _lost(case: Case, record: lw.Record) -> tuple[str, ...]:
 def _hold(law: lw.Law) -> None:
     """Simulate a mass that is held by this law, with coefficients that suit nothing in particular."""
     coefficients = {name: lw.Coefficient.number(1.0 + 0.5 * k) for k, name in enumerate(law.coefficients)}
-    link = lw.Link("l", ("m", lw.GROUND), law, coefficients)
+    link = lw.Link("l", ("m", lw.model.GROUND), law, coefficients)
     structure = lw.Structure("one", (lw.Mass("m", lw.Coefficient.number(1.0)),), (link,))
-    lw.parse_structure(lw.format_structure(structure))
+    lw.parse_structure(lw.model.format_structure(structure))
     record = lw.simulate(structure, release={"x:m": 0.1, "v:m": 1.0}, duration=0.05, rate=200.0)
     str(record.simulated)
 

@@ -205,7 +205,7 @@ def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Struc
         lw.IdentificationError,
         match=r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object",
     ):
-        lw.identify(record, chain.unknown("nes"), method=lw.MaximumLikelihood(), loss=lw.Huber())
+        lw.identify(record, chain.unknown("nes"), method=lw.MaximumLikelihood(), loss=lw.likelihood.Huber())
 
 
 def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Structure) -> None:
@@ -215,8 +215,10 @@ def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Str
     for by_name, by_object in (
         (lw.identify(record, unknown, method="weak"), lw.identify(record, unknown, method=lw.WeakForm())),
         (
-            lw.identify(record, unknown, starts=starts, loss=lw.Huber()),
-            lw.identify(record, unknown, method=lw.MaximumLikelihood(starts=starts, loss=lw.Huber())),
+            lw.identify(record, unknown, starts=starts, loss=lw.likelihood.Huber()),
+            lw.identify(
+                record, unknown, method=lw.MaximumLikelihood(starts=starts, loss=lw.likelihood.Huber())
+            ),
         ),
     ):
         assert np.array_equal(by_name.values, by_object.values)

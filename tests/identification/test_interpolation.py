@@ -30,7 +30,7 @@ def driven(kind: str, seed: int = 3) -> lw.Record:
     band = (frequency > 1.0) & (frequency < 12.0)
     force = np.fft.irfft(band * (rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))), samples)
     force *= 5.0 / force.std()
-    signal = lw.Sampled(0.0, RATE, force, order=ORDERS[kind])
+    signal = lw.model.Sampled(0.0, RATE, force, order=ORDERS[kind])
     clean = lw.simulate(duffing(), forces={"m1": signal}, duration=DURATION, rate=RATE)
     return replace(clean.with_noise(40.0, seed=seed), simulated=None)
 

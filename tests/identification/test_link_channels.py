@@ -79,7 +79,7 @@ def test_the_result_holds_the_rates_of_a_link_with_memory(piezo: lw.Structure, h
 
 
 def test_discovery_says_so(record: lw.Record) -> None:
-    assert any("f:spring were not used" in line for line in lw.check_discovery(record, {"m1": 1.0}))
+    assert any("f:spring were not used" in line for line in lw.discovery.check_discovery(record, {"m1": 1.0}))
 
 
 def test_validation_scores_a_load_cell(record: lw.Record) -> None:

@@ -54,7 +54,7 @@ def test_circuit(circuit: lw.Record, two_links: bool) -> None:
         assert fit.coefficient(f"spring.{name}").value / mass == pytest.approx(value, rel=0.03)
     constant = fit.coefficient("offset.f0" if two_links else "spring.f0").value
     assert constant == pytest.approx(5e-3, abs=1e-3)
-    assert lw.free_run(fit.structure, circuit[cut:]).rmse["x:m1"] < 0.5e-3
+    assert lw.analysis.free_run(fit.structure, circuit[cut:]).rmse["x:m1"] < 0.5e-3
 
 
 def test_circuit_without_its_constant_force(circuit: lw.Record) -> None:
@@ -62,7 +62,7 @@ def test_circuit_without_its_constant_force(circuit: lw.Record) -> None:
     cut = len(circuit) * 4 // 5
     fit = lw.identify(circuit[:cut], asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v"), method="weak")
     assert not fit.trusted
-    assert lw.free_run(fit.structure, circuit[cut:]).rmse["x:m1"] > 5e-3
+    assert lw.analysis.free_run(fit.structure, circuit[cut:]).rmse["x:m1"] > 5e-3
 
 
 def test_damping_with_amplitude_makes_the_circuit_better(circuit: lw.Record) -> None:
@@ -73,7 +73,9 @@ def test_damping_with_amplitude_makes_the_circuit_better(circuit: lw.Record) -> 
     )
     rest = circuit[cut:]
     # errors of 800 samples differ by a tenth by chance once in 16 000 times, 4/sqrt(2 800), and these are 21 s at 610 Hz
-    assert lw.free_run(damped, rest).rmse["x:m1"] < 0.9 * lw.free_run(plain, rest).rmse["x:m1"]
+    assert (
+        lw.analysis.free_run(damped, rest).rmse["x:m1"] < 0.9 * lw.analysis.free_run(plain, rest).rmse["x:m1"]
+    )
 
 
 def test_more_terms_explain_more_of_the_beam(beam: lw.Record) -> None:

@@ -174,7 +174,7 @@ def test_gain_and_delay_of_the_base_are_told(sensors: tuple[str, ...]) -> None:
     duration = 8.0 if base == "x:base" else 4.0  # s; a displacement shows less of the fast motion
     record = measured(*sensors, duration=duration)
     motion = record.channel(base)
-    signal = lw.Sampled(record.start, record.rate, motion, band_limited=True)
+    signal = lw.model.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))
     for kind, size, values in (("gain", 0.02, 1.02 * motion), ("delay", 1e-3, late)):
         fit = lw.identify(changed(record, base, values), two_storeys().unknown("all"))
@@ -215,7 +215,7 @@ def test_validation_predicts_what_the_sensors_show(sensors: tuple[str, ...]) -> 
     assert set(validation.channels) == set(record.responses)
     off = two_storeys().with_values({"lower.k": 2020.0})
     assert not lw.validate(record, off).trusted
-    run = lw.free_run(two_storeys(), record)
+    run = lw.analysis.free_run(two_storeys(), record)
     for name, error in some(run.rmse.items()):
         noise = float(np.std(record.channel(name) - exact(*sensors).channel(name)))
         # four values of the state at the start, from 100 samples, leave 4/100 of the noise in power where nothing dies out,

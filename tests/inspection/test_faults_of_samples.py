@@ -66,7 +66,7 @@ def test_samples_that_a_logger_lost_are_no_spikes(samples: int, name: str) -> No
     (alert,) = (alert for alert in lw.inspect(shortened).alerts if alert.channel == CHANNEL)
     assert alert.kind == "dropped"
     assert f"{at / record.rate:.6g} s" in alert.message
-    marked = lw.mark_missing(shortened, ["spikes"])
+    marked = lw.inspection.mark_missing(shortened, ["spikes"])
     assert not np.isnan(marked.channel(CHANNEL)).any()
 
 

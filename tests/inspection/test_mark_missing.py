@@ -27,7 +27,7 @@ def test_clipped_samples_are_marked_and_those_that_noise_alone_held_inside() -> 
     """A sample whose motion is 6 deviations inside of the range is never marked, by normal noise."""
     exact, whole = chain_record(2), chain(2, 30.0)
     record, clipped = overloaded(whole)
-    marked = lw.mark_missing(record, "clipped")
+    marked = lw.inspection.mark_missing(record, "clipped")
     missing = np.isnan(marked.values)
     assert clipped.any(axis=0).all() and missing[clipped].all()
     np.testing.assert_array_equal(marked.values[~missing], record.values[~missing])
@@ -46,7 +46,7 @@ def test_spikes_are_marked_and_no_others() -> None:
         values[list(SPIKES)] += 3.0 * np.std(values)
         return values
 
-    marked = lw.mark_missing(faulty(chain(2, 30.0), "x:m1", spiked))
+    marked = lw.inspection.mark_missing(faulty(chain(2, 30.0), "x:m1", spiked))
     assert np.flatnonzero(np.isnan(marked.channel("x:m1"))).tolist() == list(SPIKES)
     assert not np.isnan(marked.channel("x:m2")).any()
 
@@ -56,18 +56,18 @@ def test_inputs_stay_as_they_are() -> None:
     limited = np.clip(record.channel("force:m1"), -3.0, 3.0)  # of a force of 6 N
     values = record.values.copy()
     values[:, record.channels.index("force:m1")] = limited
-    marked = lw.mark_missing(replace(record, values=values))
+    marked = lw.inspection.mark_missing(replace(record, values=values))
     np.testing.assert_array_equal(marked.channel("force:m1"), limited)
 
 
 def test_a_clean_record_stays() -> None:
     record = chain(2, 30.0)
-    assert lw.mark_missing(record) is record
+    assert lw.inspection.mark_missing(record) is record
 
 
 def test_an_unknown_fault_is_refused() -> None:
     with pytest.raises(lw.RecordError, match=r"unknown fault of samples 'cliped'.*'clipped'"):
-        lw.mark_missing(chain(2, 30.0), "cliped")
+        lw.inspection.mark_missing(chain(2, 30.0), "cliped")
 
 
 @pytest.mark.parametrize("snr_db", [20.0, 40.0])
@@ -80,7 +80,7 @@ def test_errors_are_those_of_the_record_without_clipping(snr_db: float) -> None:
     chain_of_two = lw.bnes_chain(2)
     fits = [
         lw.identify(record, chain_of_two.unknown("all"))
-        for record in (whole, lw.mark_missing(overloaded(whole)[0]))
+        for record in (whole, lw.inspection.mark_missing(overloaded(whole)[0]))
     ]
     before, after = (np.sqrt(fit.covariance.diagonal()) for fit in fits)
     true = truth(chain_of_two, fits[1].given_structure)
@@ -104,7 +104,7 @@ def _recovering(seed: int) -> tuple[lw.Record, slice]:
 
 def test_readings_of_a_sensor_that_recovers_are_missing_and_no_bounds() -> None:
     record, stay = _recovering(5215601)
-    marked = lw.mark_missing(record, "clipped")
+    marked = lw.inspection.mark_missing(record, "clipped")
     assert np.isnan(marked.channel("x:m2")[stay]).all()
     bounds = marked.clipped.get("x:m2")
     assert bounds is None or np.isnan(bounds.readings[stay]).all()

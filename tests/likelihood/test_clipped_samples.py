@@ -35,7 +35,9 @@ def test_clipped_samples_are_the_first_cause(share: float, snr_db: float) -> Non
 
 
 def test_marked_as_missing_they_are_no_cause() -> None:
-    fit = lw.identify(lw.mark_missing(clipped(0.8, 40.0, seed=81)), CHAIN.unknown("all"), method="ml")
+    fit = lw.identify(
+        lw.inspection.mark_missing(clipped(0.8, 40.0, seed=81)), CHAIN.unknown("all"), method="ml"
+    )
     assert fit.trusted and fit.diagnosis == ()
 
 
@@ -49,7 +51,7 @@ def test_the_largest_samples_of_a_record_with_another_fault_are_none() -> None:
 
 def test_as_bounds_they_tell_more_than_as_missing() -> None:
     """Large motions tell the stiffening; chance is beyond 4.5 standard errors once in 30 000."""
-    record = lw.mark_missing(clipped(0.5, 20.0, seed=83))
+    record = lw.inspection.mark_missing(clipped(0.5, 20.0, seed=83))
     bounds, missing = (
         lw.identify(each, CHAIN.unknown("nes"), method="ml") for each in (record, replace(record, clipped={}))
     )
@@ -60,7 +62,7 @@ def test_as_bounds_they_tell_more_than_as_missing() -> None:
 
 
 def test_a_channel_that_was_changed_has_no_bounds() -> None:
-    record = lw.mark_missing(clipped(0.8, 40.0, seed=81))
+    record = lw.inspection.mark_missing(clipped(0.8, 40.0, seed=81))
     own = record.clipped["x:m2"]
     assert own.of(record.channel("x:m2")) is own
     doubled = replace(record, values=2.0 * record.values)
@@ -71,9 +73,9 @@ def test_a_channel_that_was_changed_has_no_bounds() -> None:
 
 
 def test_a_robust_loss_takes_them_as_missing_and_says_so() -> None:
-    record = lw.mark_missing(clipped(0.8, 30.0, seed=84).between(0.0, 2.0))
+    record = lw.inspection.mark_missing(clipped(0.8, 30.0, seed=84).between(0.0, 2.0))
     robust, missing = (
-        lw.identify(each, CHAIN.unknown("nes"), loss=lw.Student())
+        lw.identify(each, CHAIN.unknown("nes"), loss=lw.likelihood.Student())
         for each in (record, replace(record, clipped={}))
     )
     np.testing.assert_array_equal(robust.values, missing.values)
@@ -82,7 +84,7 @@ def test_a_robust_loss_takes_them_as_missing_and_says_so() -> None:
 
 
 def test_a_late_channel_keeps_them_as_it_is_shifted() -> None:
-    record = lw.mark_missing(clipped(0.6, 30.0, seed=85).between(0.0, 2.0))
+    record = lw.inspection.mark_missing(clipped(0.6, 30.0, seed=85).between(0.0, 2.0))
     late = {"x:m1": 4}
     values = record.values.copy()
     values[4:, 0] = values[:-4, 0]

@@ -221,7 +221,7 @@ def test_a_missing_link_is_no_coloured_noise(damping: float) -> None:
     other = link("other", "m3-ground", "k*d + c*v", k=40.0, c=0.14)
     release = {"v:m2": 0.04, "x:m1": 0.002, "x:m3": 0.003}
     record = lw.simulate(structure(masses, lower, upper, other), release=release, duration=11.0, rate=11.3)
-    apart = structure(masses, lower, replace(upper, between=("m2", lw.GROUND)), other)
+    apart = structure(masses, lower, replace(upper, between=("m2", lw.model.GROUND)), other)
     fit = lw.identify(record.with_noise(26.0, seed=5_101_880), apart.unknown("all"))
     assert fit.verdicts[0] is lw.Verdict.NOISE_MISMATCH and not fit.trusted
 

@@ -93,7 +93,7 @@ def test_a_delay_of_the_only_force_is_admitted_as_responses_that_are_early() -> 
     applied, recorded = (
         0.55 * np.sin(lines * (time - delay)[:, None] + phases).sum(axis=1) for delay in (0.0, 0.01)
     )
-    force = lw.Sampled(0.0, 200.0, applied)
+    force = lw.model.Sampled(0.0, 200.0, applied)
     record = lw.simulate(structure, forces={"m1": force}, duration=20.0, rate=200.0).with_noise(35.0, seed=36)
     columns = np.stack([record.channel("x:m1"), recorded], axis=1)
     record = lw.Record(0.0, 200.0, ("x:m1", "force:m1"), columns)
@@ -178,7 +178,7 @@ def shaken(duration: float, late: float) -> lw.Record:
     """A storey on a shake table at 5.5 samples a period, whose sensor is `late` in s after that of the base."""
     record = lw.simulate(STOREY, base=QUAKE, duration=duration, rate=120.0, sensors=("a", "a:base"))
     record = record.with_noise(40.0, seed=1)
-    early = lw.TimeFunction(QUAKE).derivative(record.time + late, 2)
+    early = lw.model.TimeFunction(QUAKE).derivative(record.time + late, 2)
     return replace(record, values=np.column_stack([record.channel("a:m1"), early]), simulated=None)
 
 
@@ -218,7 +218,7 @@ class Found:
     chi_square_off: bool = True
     model_error: float = 0.0
     delays: Mapping[str, float] = field(default_factory=lambda: {"a:m1": 1e-3})
-    diagnosis: tuple[lw.Cause, ...] = ()
+    diagnosis: tuple[lw.estimates.Cause, ...] = ()
 
 
 def shifts_tried(answers: Callable[[int], Found]) -> tuple[Found, list[int]]:
@@ -268,7 +268,10 @@ def test_an_interrupt_ends_the_search_over_shifts() -> None:
 
 
 def test_the_delay_of_the_only_input_is_that_of_the_responses() -> None:
-    stated = {"a:base": lw.SensorUncertainty(delay=np.inf), "a:m1": lw.SensorUncertainty(gain=0.01)}
+    stated = {
+        "a:base": lw.records.SensorUncertainty(delay=np.inf),
+        "a:m1": lw.records.SensorUncertainty(gain=0.01),
+    }
     record = lw.simulate(STOREY, base=QUAKE, duration=1.0, rate=120.0, sensors=("a", "a:base"))
     record = replace(record.with_noise(40.0, seed=2), uncertainty=stated)
     options = errors_to_find([record])

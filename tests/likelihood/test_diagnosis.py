@@ -182,7 +182,7 @@ def driven(
     force *= 5.0 / force.std()
     clean = lw.simulate(
         subject,
-        forces={"m1": lw.Sampled(0.0, RATE, force, band_limited=True)},
+        forces={"m1": lw.model.Sampled(0.0, RATE, force, band_limited=True)},
         duration=DURATION,
         rate=RATE,
     )
@@ -291,7 +291,7 @@ def test_no_missing_link_joins_a_rotation_and_a_translation() -> None:
 
 
 def test_a_prior_of_an_offset_that_the_record_contradicts_is_told_in_rad() -> None:
-    stated = lw.SensorUncertainty(offset=1e-4)
+    stated = lw.records.SensorUncertainty(offset=1e-4)
     record = replace(torsional(lambda x: x + 0.01), uncertainty={"x:disc2": stated})
     causes = [
         cause

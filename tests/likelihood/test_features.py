@@ -25,7 +25,7 @@ def two(law: str, *, ground: str = "ground", **values: float) -> lw.Structure:
 
 def starting(structure: lw.Structure, **starts: float) -> lw.Structure:
     """`structure` with link's coefficients unknown and begun elsewhere."""
-    text = lw.format_structure(structure)
+    text = lw.model.format_structure(structure)
     for name, start in starts.items():
         old = f"{name} = {structure.coefficient(f'link.{name}').value!r}"
         assert old in text
@@ -115,7 +115,7 @@ def test_a_shared_coefficient_is_one_unknown() -> None:
 
 def test_a_coefficient_that_leaves_its_bounds_ends_at_them(chain: lw.Structure, clean: lw.Record) -> None:
     """However far inside it starts: one that stays where it is would be taken for an estimate."""
-    text = lw.format_structure(chain.unknown("nes"))
+    text = lw.model.format_structure(chain.unknown("nes"))
     bounded = lw.parse_structure(text.replace('c = "unknown"', "c = { start = 0.05, lower = 0.03 }"))
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=1)
     fit = lw.identify(record, bounded, starts={"nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.05})
@@ -125,7 +125,7 @@ def test_a_coefficient_that_leaves_its_bounds_ends_at_them(chain: lw.Structure, 
 
 
 def test_a_bound_that_stops_a_coefficient_is_said(chain: lw.Structure, clean: lw.Record) -> None:
-    text = lw.format_structure(chain.unknown("nes"))
+    text = lw.model.format_structure(chain.unknown("nes"))
     bounded = lw.parse_structure(
         text.replace('alpha = "unknown"', "alpha = { start = -80.0, lower = -90.0, upper = 0.0 }")
     )
@@ -371,10 +371,10 @@ def test_two_runs_are_equal_to_the_last_bit(
 
 def test_an_interrupt_returns_the_best_so_far(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=17)
-    reports: list[lw.AnnealingStep] = []
+    reports: list[lw.likelihood.AnnealingStep] = []
 
-    def stop(report: lw.ProgressReport) -> None:
-        assert isinstance(report.detail, lw.AnnealingStep)
+    def stop(report: lw.estimates.ProgressReport) -> None:
+        assert isinstance(report.detail, lw.likelihood.AnnealingStep)
         reports.append(report.detail)
         if len(reports) == 2:
             raise KeyboardInterrupt

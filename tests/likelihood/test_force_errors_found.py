@@ -50,12 +50,12 @@ def driven(
     values = record.values.copy()
     for name, text in forces.items():
         column = record.channels.index(f"force:{name}")
-        shown = lw.TimeFunction(text).value(record.time - (late or {}).get(f"force:{name}", 0.0))
+        shown = lw.model.TimeFunction(text).value(record.time - (late or {}).get(f"force:{name}", 0.0))
         values[:, column] = shown * (gains or {}).get(f"force:{name}", 1.0)
     return replace(record, values=values, simulated=None)
 
 
-def error_of(fit: lw.Estimate, channel: str, kind: str = "gain") -> lw.SensorErrorEstimate:
+def error_of(fit: lw.Estimate, channel: str, kind: str = "gain") -> lw.estimates.SensorErrorEstimate:
     [found] = [error for error in fit.sensor_errors if (error.channel, error.kind) == (channel, kind)]
     return found
 
@@ -96,7 +96,7 @@ def test_two_unknown_gains_are_found_with_the_laws() -> None:
 )
 def test_the_diagnosis_says_what_acts_beside_what_a_channel_shows(kind: str, size: float, said: str) -> None:
     unit = "1" if kind == "force gain" else "s"
-    assert lw.Cause(kind, "force:m1", size, unit, 90.0, 1e-4).description == said
+    assert lw.estimates.Cause(kind, "force:m1", size, unit, 90.0, 1e-4).description == said
 
 
 def test_an_unknown_gain_widens_every_interval_that_it_moves() -> None:
@@ -156,7 +156,7 @@ def test_the_calibration_of_all_is_of_no_force() -> None:
     record = driven()
     channels = dict.fromkeys(record.responses, 0.01)
     assert errors_to_find([record], calibration={"all": 0.01})["calibration"] == channels
-    stated = replace(record, uncertainty={"force:m2": lw.SensorUncertainty(gain=0.02)})
+    stated = replace(record, uncertainty={"force:m2": lw.records.SensorUncertainty(gain=0.02)})
     assert errors_to_find([stated], calibration={"all": 0.01})["calibration"] == channels | {"force:m2": 0.02}
     every, alone = (
         lw.identify(each, ASKED, calibration={"all": 0.01, **more})
@@ -167,10 +167,10 @@ def test_the_calibration_of_all_is_of_no_force() -> None:
 
 
 def test_what_is_stated_of_inputs_and_not_counted_is_told() -> None:
-    record = replace(driven(), uncertainty={"force:m1": lw.SensorUncertainty(gain=0.01, offset=0.1)})
+    record = replace(driven(), uncertainty={"force:m1": lw.records.SensorUncertainty(gain=0.01, offset=0.1)})
     [remark] = uncounted([record], "ml")
     assert remark.startswith("What is stated of the errors of force:m1 is not counted: offsets of forces")
-    counted = replace(driven(), uncertainty={"force:m1": lw.SensorUncertainty(gain=0.01, delay=1e-3)})
+    counted = replace(driven(), uncertainty={"force:m1": lw.records.SensorUncertainty(gain=0.01, delay=1e-3)})
     assert not uncounted([counted], "ml")
     assert "not counted" in uncounted([counted], "weak")[0]
 
@@ -222,7 +222,7 @@ def test_a_delay_of_one_of_two_forces_is_found(delay: float) -> None:
 
 def test_a_delay_that_is_known_to_within_is_counted_and_one_that_is_diagnosed_admitted() -> None:
     record = driven(late={"force:m2": 1.5e-3})
-    stated = replace(record, uncertainty={"force:m2": lw.SensorUncertainty(delay=2e-3)})
+    stated = replace(record, uncertainty={"force:m2": lw.records.SensorUncertainty(delay=2e-3)})
     for fit in (lw.identify(stated, ASKED), lw.identify(record, ASKED, admit=["delay"])):
         found = error_of(fit, "force:m2", "delay")
         assert_right(fit)
@@ -281,9 +281,9 @@ def test_beside_a_moving_base_a_gain_is_of_the_applied_force_alone() -> None:
         sensors=("rel:x", "a:base"),
     ).with_noise(35.0, seed=2)  # fmt: skip
     values = record.values.copy()
-    exact = lw.TimeFunction("0.004*sin(31*t) + 0.004*sin(17*t)").derivative(record.time, 2)
+    exact = lw.model.TimeFunction("0.004*sin(31*t) + 0.004*sin(17*t)").derivative(record.time, 2)
     values[:, record.channels.index("a:base")] = exact
-    values[:, record.channels.index("force:m2")] = 1.05 * lw.TimeFunction(SECOND).value(record.time)
+    values[:, record.channels.index("force:m2")] = 1.05 * lw.model.TimeFunction(SECOND).value(record.time)
     asked = pair.unknown("all")
     fit = lw.identify(replace(record, values=values, simulated=None), asked, gains=["force:m2"])
     found = error_of(fit, "force:m2")
@@ -304,7 +304,9 @@ def test_the_gain_of_a_force_at_a_point_of_a_host_is_found() -> None:
         beam, forces={"beam.tip": FIRST}, duration=2.0, rate=500.0, sensors=["x:beam.tip", "x:store"]
     ).with_noise(35.0, seed=3)
     values = record.values.copy()
-    values[:, record.channels.index("force:beam.tip")] = 1.05 * lw.TimeFunction(FIRST).value(record.time)
+    values[:, record.channels.index("force:beam.tip")] = 1.05 * lw.model.TimeFunction(FIRST).value(
+        record.time
+    )
     fit = lw.identify(
         replace(record, values=values, simulated=None), beam.unknown("stop"), gains=["force:beam.tip"]
     )

@@ -53,7 +53,7 @@ def test_forces_that_no_term_explains_remain_a_model_error(seed: int) -> None:
     """White forces on both masses, which no channel shows, beside the motion after a release."""
     chain, rng = lw.bnes_chain(2), np.random.default_rng(seed)
     forces = {
-        mass: lw.Sampled(0.0, 1000.0, size * rng.normal(size=2001))
+        mass: lw.model.Sampled(0.0, 1000.0, size * rng.normal(size=2001))
         for mass, size in (("m1", 5.0), ("m2", 0.05))
     }
     record = lw.simulate(chain, release={"v:m1": 1.0}, forces=forces, duration=2.0, rate=1000.0)

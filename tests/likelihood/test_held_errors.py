@@ -30,7 +30,7 @@ def late(seconds: float) -> Change:
     """The displacement shown late."""
 
     def shown(record: lw.Record) -> np.ndarray:
-        signal = lw.Sampled(0.0, record.rate, record.channel("x:m1"), band_limited=True)
+        signal = lw.model.Sampled(0.0, record.rate, record.channel("x:m1"), band_limited=True)
         return signal.value(np.clip(record.time - seconds, 0.0, record.time[-1]))
 
     return shown

@@ -30,7 +30,7 @@ def softening() -> lw.Structure:
 @pytest.fixture(scope="module")
 def problem(softening: lw.Structure) -> ShootingProblem:
     """At the true coefficients, from the states that smoothing gives."""
-    rate = PER_PERIOD * float(np.max(lw.modes(softening).frequencies))
+    rate = PER_PERIOD * float(np.max(lw.analysis.modes(softening).frequencies))
     record = lw.simulate(softening, release={"v:m1": 1.5}, duration=1000 / rate, rate=rate)
     record = record.with_noise(40.0, seed=1)
     unknown = softening.unknown("all")
@@ -100,7 +100,7 @@ def test_a_state_that_runs_to_infinity_is_no_reason_to_refuse(
     softening: lw.Structure, release: float
 ) -> None:
     """A record of few samples a period, whose smoothed states pass the barrier: the laws themselves are right."""
-    rate = PER_PERIOD * float(np.max(lw.modes(softening).frequencies))
+    rate = PER_PERIOD * float(np.max(lw.analysis.modes(softening).frequencies))
     clean = lw.simulate(softening, release={"v:m1": release}, duration=1000 / rate, rate=rate)
     fit = lw.identify(clean.with_noise(15.0, seed=3), softening.unknown("all"))
     assert lw.Verdict.NOT_CONVERGED not in fit.verdicts

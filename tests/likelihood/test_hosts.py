@@ -327,7 +327,7 @@ def test_limit_counts_shapes_known_to_within() -> None:
 
 def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
     """The likelihood has several peaks within the prior, of which the curvature of one says too little."""
-    hidden = lw.HostMode(number(180.0), number(0.01), {"tip": 0.3, "mid": 0.12, "root": 0.1})
+    hidden = lw.model.HostMode(number(180.0), number(0.01), {"tip": 0.3, "mid": 0.12, "root": 0.1})
     true = beside(beam(), replace(beam().hosts[0], modes=(*beam().hosts[0].modes, hidden))).with_values(
         {f"nes.{name}": value for name, value in CANTILEVER_SINK.items()}
     )

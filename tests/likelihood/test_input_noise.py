@@ -39,7 +39,7 @@ def driven(channel: str, noise: float, seed: int) -> lw.Record:
     spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 1.0) & (frequency < 12.0))
     signal = np.fft.irfft(spectrum, COUNT)
     moving = channel.endswith("base")
-    given = lw.Sampled(0.0, RATE, (3e-3 if moving else 1.0) * signal / signal.std())
+    given = lw.model.Sampled(0.0, RATE, (3e-3 if moving else 1.0) * signal / signal.std())
     length = (COUNT - 1) / RATE
     if moving:
         sensors = ("rel:x", channel)
@@ -144,7 +144,7 @@ def test_intervals_hold_noise_that_residuals_hint_at() -> None:
     assert fit.trusted
     assert "The residuals hint at noise of force:m1" in fit.message
     with pytest.raises(lw.IdentificationError, match="nor for noise of an input that the residuals hint at"):
-        lw.profile_interval(fit, "l1.c")
+        lw.likelihood.profile_interval(fit, "l1.c")
     stated = lw.identify(record, unknown, input_noise={"force:m1": 0.008})
     # the noise that is hinted at is told to a factor of three; friction, which it looks like a little, is counted besides
     by_noise = np.asarray(fit.covariance) - (0.0 if fit.for_dropped_terms is None else fit.for_dropped_terms)
@@ -162,7 +162,7 @@ def test_noise_that_moves_nothing_has_no_score() -> None:
     """Of a base that a damper alone joins, noise of the displacement is no force in the equations."""
     damper = oscillator("c*v", to="base", name="damper", c=DAMPING).links[0]
     structure = replace(mounted("ground"), links=(*mounted("ground").links, damper))
-    base = lw.Sampled(
+    base = lw.model.Sampled(
         0.0, RATE, 3e-3 * np.convolve(np.random.default_rng(9).standard_normal(COUNT), np.ones(9), "same")
     )
     clean = lw.simulate(structure, base=base, duration=(COUNT - 1) / RATE, rate=RATE, sensors=("x", "x:base"))

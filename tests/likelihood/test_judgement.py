@@ -76,8 +76,10 @@ def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Struct
     assert lw.identify(noisy, chain.unknown("all")).trusted
 
 
-@pytest.mark.parametrize("loss", [lw.Student(), lw.Huber()], ids=["student", "huber"])
-def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(loss: lw.Loss, chain: lw.Structure) -> None:
+@pytest.mark.parametrize("loss", [lw.likelihood.Student(), lw.likelihood.Huber()], ids=["student", "huber"])
+def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(
+    loss: lw.likelihood.Loss, chain: lw.Structure
+) -> None:
     """Noise of the same kind whose largest errors, by chance, make chi-square 1.3 and a coefficient 4 deviations off."""
     clean = record(chain, duration=6.0)
     errors = np.random.default_rng([47105, 9]).standard_t(3, size=clean.values.shape) / np.sqrt(3.0)
@@ -214,7 +216,7 @@ def test_steps_of_the_flow_bend_no_coefficient() -> None:
     outer, inner = {"k": 2e4, "k3": 1e8, "c": 1.0}, {"k": 9e3, "k3": 3e7, "c": 0.5}
     law = "k*d + k3*d**3 + c*v"
     structure = row_of_masses([1.0, 0.3], outer=(law, outer), inner=(law, inner))
-    rate = 8.0 * float(np.nanmax(lw.modes(structure).frequencies))
+    rate = 8.0 * float(np.nanmax(lw.analysis.modes(structure).frequencies))
     clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=12000 / rate, rate=rate)
     unknown = structure.unknown("all")
     errors = []
@@ -256,7 +258,7 @@ def test_a_small_missing_term_is_told_where_chi_square_is_near_one() -> None:
     time = np.arange(3001) / 1000.0
     phases = rng.uniform(0.0, 2.0 * np.pi, len(lines))
     shape = np.cos(2.0 * np.pi * np.outer(time, lines) + phases).sum(axis=1)
-    force = lw.Sampled(0.0, 1000.0, 20.0 * shape / np.std(shape))
+    force = lw.model.Sampled(0.0, 1000.0, 20.0 * shape / np.std(shape))
     whole = oscillator("k*d + c*v + k3*d**3 + k5*d**5", k=2000.0, c=2.0, k3=4e5, k5=1e8)
     record = lw.simulate(whole, forces={"m1": force}, duration=3.0, rate=1000.0).with_noise(20.0, seed=1)
     lacking = oscillator("k*d + c*v + k3*d**3", k=2000.0, c=2.0, k3=4e5)

@@ -83,7 +83,7 @@ def record(joint: lw.Link, seed: int) -> lw.Record:
 
 def joint(law: str, **values: float) -> lw.Link:
     numbers = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    return lw.named_law(law).link("joint", ("m1", "ground"), numbers)
+    return lw.model.named_law(law).link("joint", ("m1", "ground"), numbers)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

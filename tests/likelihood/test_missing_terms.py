@@ -42,7 +42,7 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
     assert np.all(off < CHANCE * np.sqrt(covariance.diagonal()))
     assert fit.diagnosis[0].shifted == f"link.{moved}" and "the intervals allow for that" in fit.message
     with pytest.raises(lw.IdentificationError, match="does not allow for terms that are missing"):
-        lw.profile_interval(fit, f"link.{moved}")
+        lw.likelihood.profile_interval(fit, f"link.{moved}")
 
 
 @pytest.mark.parametrize("seed", [17, 19])

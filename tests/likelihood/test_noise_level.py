@@ -84,7 +84,7 @@ def test_a_record_without_noise_is_identified(kind: str) -> None:
 def test_a_record_without_noise_refuses_another_law() -> None:
     chain = lw.bnes_chain(2)
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
-    other = lw.parse_structure(lw.format_structure(chain).replace("beta*d**3", "beta*d**2"))
+    other = lw.parse_structure(lw.model.format_structure(chain).replace("beta*d**3", "beta*d**2"))
     fit = lw.identify(record, other.unknown("nes"))
     assert not fit.trusted
 

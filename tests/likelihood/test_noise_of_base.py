@@ -49,7 +49,7 @@ def on_noisy_base(sensors: tuple[str, ...], lower: str, seed: int) -> lw.Record:
     frequency = np.fft.rfftfreq(count, 1.0 / RATE)
     spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 1.0) & (frequency < 12.0))
     motion = np.fft.irfft(spectrum, count)
-    base = lw.Sampled(0.0, RATE, 3e-3 * motion / motion.std())
+    base = lw.model.Sampled(0.0, RATE, 3e-3 * motion / motion.std())
     clean = lw.simulate(storeys(lower), duration=DURATION, rate=RATE, base=base, sensors=sensors)
     record = clean.with_noise(40.0, seed=seed)
     values = record.values.copy()
@@ -123,7 +123,7 @@ def test_drifts_of_absolute_sensors_start_where_they_will_in_each_record() -> No
         )
         sigma = {name: value for name, value in noisy.noise.items() if not name.endswith("base")}
         known = {
-            "x:m1": lw.SensorUncertainty(offset=1e-5)
+            "x:m1": lw.records.SensorUncertainty(offset=1e-5)
         }  # of the sensor, which is not where its drift starts
         records.append(replace(noisy, noise=sigma, uncertainty=known))
     fit = lw.identify(records, rig.unknown("all"))
@@ -137,7 +137,7 @@ def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
     mass, deviation = 2.0, 0.2
     rng = np.random.default_rng(5)
     acceleration = np.convolve(rng.standard_normal(600), np.ones(5), "same")
-    force = lw.Sampled(0.0, RATE, -mass * acceleration, band_limited=True)
+    force = lw.model.Sampled(0.0, RATE, -mass * acceleration, band_limited=True)
     moved = lw.simulate(storey("ground"), forces={"m1": force}, duration=5.99, rate=RATE)
     x = moved.with_noise(40.0, seed=5).channel("x:m1")
     measured = acceleration + deviation * rng.standard_normal(600)
@@ -196,7 +196,7 @@ def test_noise_that_stands_for_a_missing_term_is_not_trusted(seed: int) -> None:
     frequency = np.fft.rfftfreq(count, 1.0 / 120.0)
     spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 2.0) & (frequency < 12.0))
     motion = np.fft.irfft(spectrum / np.maximum(frequency, 2.0) ** 2, count)
-    base = lw.Sampled(0.0, 120.0, 2e-3 * motion / motion.std())
+    base = lw.model.Sampled(0.0, 120.0, 2e-3 * motion / motion.std())
     record = lw.simulate(true, duration=4.0, rate=120.0, base=base, sensors=("rel:x", "a:base"))
     record = replace(record.with_noise(40.0, seed=seed), simulated=None)
     law = oscillator("k*d + c*v", to="base", name="l1", k=1600.0, c=0.8).unknown("all")

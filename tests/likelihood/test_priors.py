@@ -90,7 +90,7 @@ def test_sparse_regression_and_discovery_refuse_what_they_would_not_count(record
     with pytest.raises(lw.IdentificationError, match=r"m2\.mass is stated with a sigma"):
         lw.identify(record, unknown, method="sindy")
     with pytest.raises(lw.StructureError, match=r"m2\.mass is stated with a sigma"):
-        lw.discover(record, lw.PartialStructure(unknown.masses, ()))
+        lw.discover(record, lw.model.PartialStructure(unknown.masses, ()))
 
 
 def test_calibration_widens_only_what_a_gain_may_change(record: lw.Record) -> None:

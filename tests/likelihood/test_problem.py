@@ -29,7 +29,7 @@ def chain() -> lw.Structure:
 
 
 def recorded(chain: lw.Structure, per_period: float, seed: int) -> lw.Record:
-    rate = per_period * float(np.max(lw.modes(chain).frequencies))
+    rate = per_period * float(np.max(lw.analysis.modes(chain).frequencies))
     record = lw.simulate(chain, release={"v:m1": 2.0, "v:m2": -2.0}, duration=1500 / rate, rate=rate)
     return record.with_noise(30.0, seed=seed)
 

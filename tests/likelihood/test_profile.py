@@ -49,7 +49,7 @@ def test_agrees_with_the_hessian_where_the_problem_is_nearly_linear(fit: lw.Esti
     assert estimate.interval is not None and estimate.standard_error is not None
     # ends are sought to 1 % of a standard error; the rest is the curvature of a cosine of 1 % noise
     np.testing.assert_allclose(
-        lw.profile_interval(fit, name), estimate.interval, atol=0.04 * estimate.standard_error
+        lw.likelihood.profile_interval(fit, name), estimate.interval, atol=0.04 * estimate.standard_error
     )
 
 
@@ -57,7 +57,7 @@ def test_the_cost_at_the_ends_has_risen_by_384(
     fit: lw.Estimate, linear: lw.Structure, record: lw.Record
 ) -> None:
     """Both ends, fitted by a whole run with the coefficient known, from elsewhere."""
-    low, high = lw.profile_interval(fit, "link.c")
+    low, high = lw.likelihood.profile_interval(fit, "link.c")
     assert isinstance(fit.profile, partial)
     optimum = fit.profile.args[0]
     known = replace(record, noise={"x:m1": float(optimum.scales.sigma[0])})
@@ -76,8 +76,8 @@ def test_differs_where_the_likelihood_is_no_parabola(
 ) -> None:
     estimate = softening.coefficient("link.F")
     assert estimate.standard_error is not None and estimate.interval is not None
-    reports: list[lw.ProgressReport] = []
-    low, high = lw.profile_interval(softening, "link.F", progress=reports.append)
+    reports: list[lw.estimates.ProgressReport] = []
+    low, high = lw.likelihood.profile_interval(softening, "link.F", progress=reports.append)
     values = [report.detail for report in reports if isinstance(report.detail, float)]
     assert len(values) == len(reports)
     assert [report.fraction for report in reports] == sorted(report.fraction for report in reports)
@@ -87,7 +87,7 @@ def test_differs_where_the_likelihood_is_no_parabola(
     assert high - estimate.value > 1.1 * 1.96 * estimate.standard_error  # a large one does not
     assert min(values) <= low and max(values) >= high
     monkeypatch.setattr(profile, "_FARTHEST", 2.1)
-    assert lw.profile_interval(softening, "link.F")[1] == np.inf
+    assert lw.likelihood.profile_interval(softening, "link.F")[1] == np.inf
 
 
 def test_ends_at_a_bound(fit: lw.Estimate, record: lw.Record) -> None:
@@ -98,7 +98,7 @@ def test_ends_at_a_bound(fit: lw.Estimate, record: lw.Record) -> None:
         "k*d + c*v", k=lw.Coefficient.unknown(), c=lw.Coefficient.unknown(lower=edge, upper=10.0)
     )
     again = lw.identify(record, bounded)
-    assert lw.profile_interval(again, "link.c")[0] == edge
+    assert lw.likelihood.profile_interval(again, "link.c")[0] == edge
 
 
 @pytest.mark.parametrize(
@@ -119,4 +119,4 @@ def test_no_interval_where_none_can_be(
     fit: lw.Estimate, change: dict[str, Any], name: str, message: str
 ) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
-        lw.profile_interval(replace(fit, **change), name)
+        lw.likelihood.profile_interval(replace(fit, **change), name)

@@ -168,7 +168,7 @@ def test_a_missing_cubic_spring_is_told_beside_an_ambient_force() -> None:
         ),
         ({"ambient": ["m2"], "admit": ["gain"]}, "random forces and errors of sensors to be admitted (gain)"),
         (
-            {"ambient": ["m2"], "loss": lw.Student()},
+            {"ambient": ["m2"], "loss": lw.likelihood.Student()},
             "random forces and a robust loss cannot be estimated together",
         ),
     ],
@@ -191,7 +191,9 @@ def test_an_error_of_the_law_is_not_told_as_noise_of_the_load_cell() -> None:
     rng = np.random.default_rng(6)
     structure = oscillator("k*d + c*v + F*sin(d/s)", name="l1", k=STIFFNESS, c=DAMPING, F=1.0, s=1e-3)
     force = np.convolve(rng.standard_normal(1500), 0.5 * np.ones(4), "same")
-    record = lw.simulate(structure, forces={"m1": lw.Sampled(0.0, RATE, force)}, duration=14.99, rate=RATE)
+    record = lw.simulate(
+        structure, forces={"m1": lw.model.Sampled(0.0, RATE, force)}, duration=14.99, rate=RATE
+    )
     noisy = record.with_noise(40.0, seed=6)
     fit = lw.identify(noisy, chain(1).unknown("all"), input_noise="all")
     assert not fit.trusted

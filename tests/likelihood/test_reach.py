@@ -76,10 +76,10 @@ def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> N
     used = record[
         : 3 * len(record) // 10
     ]  # what follows is identified as well from it as from the four fifths
-    steps: list[lw.ProgressReport] = []
+    steps: list[lw.estimates.ProgressReport] = []
     fit = lw.identify(used, circuit, progress=steps.append)
     assert (
         len(steps) < 60
     )  # 38 here, 38 to 40 on the first 30 to 50 % of the record; times are in bench_measured.py
     # 0.306 to 0.310 mV from all of it or its first 30 or 50 %; the record's description gives 0.3 mV for these terms
-    assert lw.free_run(fit.structure, record[trained:], settling=50).rmse["x:m1"] < 3.5e-4
+    assert lw.analysis.free_run(fit.structure, record[trained:], settling=50).rmse["x:m1"] < 3.5e-4

@@ -204,7 +204,7 @@ def test_an_interrupt_of_the_fit_with_a_term_takes_trust_away(monkeypatch: pytes
         added.append(with_cause(stated, cause))
         return added[-1]
 
-    def stop(report: lw.ProgressReport) -> None:
+    def stop(report: lw.estimates.ProgressReport) -> None:
         if added:
             fractions.append(report.fraction)
         if len(fractions) == 2:

@@ -21,7 +21,7 @@ def noisy() -> lw.Record:
 
 
 def stating(record: lw.Record, **known: float) -> lw.Record:
-    return replace(record, uncertainty={"x:m2": lw.SensorUncertainty(**known)})
+    return replace(record, uncertainty={"x:m2": lw.records.SensorUncertainty(**known)})
 
 
 def sensor_error(fit: lw.Estimate, phrase: str) -> tuple[float, float]:

@@ -36,7 +36,7 @@ def told(fit: lw.Estimate) -> str:
     return " ".join(finding for finding in fit.findings if finding.startswith(start))
 
 
-def quintic_of(fit: lw.Estimate) -> lw.UnseenTerm | None:
+def quintic_of(fit: lw.Estimate) -> lw.estimates.UnseenTerm | None:
     return next((term for term in fit.unseen_terms if term.term == "d**5"), None)
 
 

@@ -178,7 +178,7 @@ def test_a_force_that_may_be_chance_is_told_with_a_limit() -> None:
     known = 20.0 * np.sin(40.0 * time) + 10.0 * np.sin(63.0 * time)
     ambient = density * np.sqrt(rate / 2.0) * rng.standard_normal(len(time))
     frame = oscillator("k*d + k3*d**3 + c*v", mass=1.0, name="s", k=2000.0, k3=2e5, c=1.0)
-    applied = lw.Sampled(0.0, rate, known + ambient, band_limited=True)
+    applied = lw.model.Sampled(0.0, rate, known + ambient, band_limited=True)
     record = lw.simulate(frame, forces={"m1": applied}, duration=4.0, rate=rate).with_noise(30.0, seed=2403)
     values = record.values.copy()
     values[:, record.channels.index("force:m1")] = known

@@ -33,7 +33,7 @@ def driven(subject: lw.Structure = PAIR, *, seed: int = 41, **shown: float) -> l
     record = lw.simulate(subject, forces=forces, duration=3.0, rate=RATE).with_noise(35.0, seed=seed)
     values = record.values.copy()
     for name, text in forces.items():
-        exact = lw.TimeFunction(text).value(record.time)
+        exact = lw.model.TimeFunction(text).value(record.time)
         values[:, record.channels.index(f"force:{name}")] = shown.get(f"force_{name}", 1.0) * exact
     return replace(record, values=values, simulated=None)
 
@@ -47,16 +47,16 @@ def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(seed: int, t
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("sign", "force:m1")
     assert "change the sign of force:m1" in fit.message
     assert fit.sensor_errors == ()  # the gain is some 1e31
-    lw.write_result(fit, tmp_path / "answer")
+    lw.report.write_result(fit, tmp_path / "answer")
     assert not lw.validate(driven(seed=seed), tmp_path / "answer").coefficients  # the folder can be read
 
 
 def test_an_interrupted_search_gives_the_best_so_far() -> None:
     """Of a gain for which the mass and the law stand as well, so that a search that ends is refused."""
     one = structure({"m1": 1.0}, link("s", "m1-ground", "k*d + c*v", k=900.0, c=0.6))
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
 
-    def stop(report: lw.ProgressReport) -> None:
+    def stop(report: lw.estimates.ProgressReport) -> None:
         reports.append(report)
         if len(reports) == 2:
             raise KeyboardInterrupt

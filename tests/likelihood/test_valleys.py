@@ -132,7 +132,7 @@ def test_an_interrupt_ends_the_search_with_the_best_so_far() -> None:
 
 
 def test_glances_are_a_small_part_of_the_progress() -> None:
-    reports: list[lw.ProgressReport] = []
+    reports: list[lw.estimates.ProgressReport] = []
     record = lw.simulate(TRULY, release={"v:m1": 1.0}, duration=2.0, rate=100.0).with_noise(30.0, seed=1)
     stages = Stages.of([record], TRULY.unknown("all"), LikelihoodOptions(progress=reports.append))
     fit_in_stages(stages, [Valley(factor * TRUE, 0.1) for factor in (1.3, 1.01)])

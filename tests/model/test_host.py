@@ -46,9 +46,9 @@ def test_points_are_rows_of_shapes() -> None:
 
 def test_a_host_is_written_and_read_back() -> None:
     wing = lw.parse_structure(WING)
-    assert lw.parse_structure(lw.format_structure(wing)) == wing
+    assert lw.parse_structure(lw.model.format_structure(wing)) == wing
     changed = wing.with_values({"wing.mode2.frequency": 20.5})
-    again = lw.parse_structure(lw.format_structure(changed))
+    again = lw.parse_structure(lw.model.format_structure(changed))
     assert again.coefficient("wing.mode2.frequency") == lw.Coefficient.number(20.5)
     assert [parameter.name for parameter in wing.parameters] == ["wing.mode2.frequency"]
     assert [parameter.unit for parameter in wing.parameters] == ["Hz"]
@@ -74,7 +74,7 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
     assert wing.coefficient("wing.mode1.frequency").value == pytest.approx(5.2)
     assert wing.hosts[0].modes[1].shape == {"tip": -1.0, "joint": 0.3}
     (tmp_path / "modes.csv").write_text("Frequency[Hz],damping[%],tip[1/sqrt(kg)]\n5.2,1.5,1.0\n")
-    (mode,) = lw.read_modes(tmp_path / "modes.csv")
+    (mode,) = lw.modal.read_modes(tmp_path / "modes.csv")
     assert mode.damping.value == pytest.approx(0.015)
     assert dict(mode.shape) == {"tip": 1.0}
 
@@ -138,7 +138,7 @@ def test_a_wrong_host_is_told(old: str, new: str, message: str) -> None:
 def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, message: str) -> None:
     (tmp_path / "modes.csv").write_text(table)
     with pytest.raises(lw.StructureError) as error:
-        lw.read_modes(tmp_path / "modes.csv")
+        lw.modal.read_modes(tmp_path / "modes.csv")
     assert message in str(error.value)
     assert "modes.csv" in str(error.value)
 
@@ -149,7 +149,7 @@ def test_modes_of_a_spreadsheet_may_have_decimal_commas(tmp_path: Path, delimite
     plain = "frequency[Hz],damping[%],tip\n5.2,1.5,1.25\n33.1,2,-0.5\n"
     (tmp_path / "plain.csv").write_text(plain)
     (tmp_path / "local.csv").write_text(plain.replace(",", delimiter).replace(".", ","))
-    assert lw.read_modes(tmp_path / "local.csv") == lw.read_modes(tmp_path / "plain.csv")
+    assert lw.modal.read_modes(tmp_path / "local.csv") == lw.modal.read_modes(tmp_path / "plain.csv")
 
 
 def test_equilibria_and_modes_of_a_structure_with_a_host() -> None:
@@ -159,10 +159,10 @@ def test_equilibria_and_modes_of_a_structure_with_a_host() -> None:
             "k = 200.0", "alpha = -200.0, beta = 2e6"
         )
     ).with_values({"wing.mode2.frequency": 21.0})
-    points = lw.equilibria(wing)
+    points = lw.analysis.equilibria(wing)
     assert (len(points), len(points.stable)) == (3, 2)
     np.testing.assert_allclose(np.abs(points.stable[0].x), [0.0, 0.0, np.sqrt(200.0 / 2e6)], atol=1e-12)
-    assert len(lw.modes(wing).frequencies) == 3
+    assert len(lw.analysis.modes(wing).frequencies) == 3
 
 
 def test_sparse_regression_takes_no_hosts() -> None:
@@ -189,16 +189,16 @@ def _universal(path: Path, modes: list[tuple[float, float, float, list[float]]],
 def test_modes_are_read_from_a_universal_file(tmp_path: Path) -> None:
     path = tmp_path / "wing.uff"
     _universal(path, [(5.2, 0.01, 4.0, [2.0, 1.24]), (21.0, 0.02, 1.0, [-1.0, 0.3])])
-    modes = lw.read_modes(path)
+    modes = lw.modal.read_modes(path)
     assert [mode.frequency.value for mode in modes] == [5.2, 21.0]
     assert [mode.damping.value for mode in modes] == [0.01, 0.02]
     assert modes[0].shape == {"12z": 1.0, "15z": 0.62}  # over the root of the modal mass
     _universal(path, [(5.2, 0.01, 0.0, [2.0, 1.24])])
     with pytest.raises(lw.StructureError, match="has the modal mass 0"):
-        lw.read_modes(path)
+        lw.modal.read_modes(path)
     path.write_text("no universal file")
     with pytest.raises(lw.StructureError, match=r"wing\.uff: (holds no modes|cannot be read)"):
-        lw.read_modes(path)
+        lw.modal.read_modes(path)
 
 
 def test_shapes_known_to_within_are_parameters_and_are_written() -> None:
@@ -217,7 +217,7 @@ def test_shapes_known_to_within_are_parameters_and_are_written() -> None:
         "wing.mode2.shape.joint": (0.3, pytest.approx(0.02)),  # a part of the largest, that of the tip
     }  # at the root, which does not move, they are known
     assert {parameter.unit for parameter in wing.parameters} == {"Hz", "1/sqrt(kg)"}
-    assert lw.parse_structure(lw.format_structure(wing)) == wing
+    assert lw.parse_structure(lw.model.format_structure(wing)) == wing
     assert pickle.loads(pickle.dumps(wing)) == wing
 
 

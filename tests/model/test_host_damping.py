@@ -21,7 +21,7 @@ BETWEEN = {(1, 2): 0.4, (3, 2): -0.3}
 
 def host(damping: dict[tuple[int, int], float]) -> lw.Host:
     modes = tuple(
-        lw.HostMode(frequency, ratio, {"tip": float(tip), "joint": float(joint)})
+        lw.model.HostMode(frequency, ratio, {"tip": float(tip), "joint": float(joint)})
         for frequency, ratio, (tip, joint) in zip(FREQUENCIES, RATIOS, SHAPES, strict=True)
     )
     return lw.Host("wing", modes, damping=damping)
@@ -69,11 +69,11 @@ def test_a_run_is_that_of_the_matrices() -> None:
 def test_known_and_unknown_entries_stand_in_a_file() -> None:
     structure = lw.Structure("wing", (), (), (host(BETWEEN).known_to_within(damping=0.1),))
     assert structure.coefficient("wing.mode2+mode3.damping").sigma == pytest.approx(0.03)
-    again = lw.parse_structure(lw.format_structure(structure))
+    again = lw.parse_structure(lw.model.format_structure(structure))
     assert again.hosts[0].entries == structure.hosts[0].entries
     changed = again.with_values({"wing.mode1+mode2.damping": 0.2})
     assert damping_matrix(changed)[0, 1] == pytest.approx(0.2)
-    assert "modes = [1, 2], damping = 0.2" in lw.format_structure(changed)
+    assert "modes = [1, 2], damping = 0.2" in lw.model.format_structure(changed)
 
 
 MATRIX = """
@@ -118,7 +118,7 @@ def test_wrong_damping_is_refused(old: str, new: str, message: str) -> None:
 def test_a_rigid_motion_is_damped_by_an_entry() -> None:
     rigid = lw.Host(
         "body",
-        (lw.HostMode(0.0, 0.0, {"tip": 0.5}), lw.HostMode(8.0, 0.01, {"tip": 1.0})),
+        (lw.model.HostMode(0.0, 0.0, {"tip": 0.5}), lw.model.HostMode(8.0, 0.01, {"tip": 1.0})),
         damping={(1, 1): 0.2},
     )
     assert damping_matrix(lw.Structure("body", (), (), (rigid,)))[0, 0] == pytest.approx(0.2)
@@ -133,7 +133,7 @@ def test_a_dashpot_of_matrices_damps_between_modes() -> None:
     chain = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     stiffness = scipy.sparse.csc_array(1e4 * chain)
     dashpot = scipy.sparse.csc_array(([6.0], ([18], [18])), shape=(count, count))
-    matrices = lw.HostMatrices(mass, stiffness, dashpot, tuple(map(str, range(1, count + 1))))
+    matrices = lw.modal.HostMatrices(mass, stiffness, dashpot, tuple(map(str, range(1, count + 1))))
     reduced = matrices.reduce("beam", {"tip": 19, "mid": 9}, keep=8)
     assert any("couples" in note for note in reduced.notes)
     structure = lw.Structure("beam", (), (), (reduced.host,))
@@ -170,7 +170,7 @@ def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
     stiffness = 400.0 * np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     dashpots = np.array([[0.5, 0.0, -0.2], [0.0, 0.3, 0.0], [-0.2, 0.0, 0.4]])
     sparse = [scipy.sparse.csc_array(matrix) for matrix in (mass, stiffness, dashpots)]
-    matrices = lw.HostMatrices(sparse[0], sparse[1], sparse[2], ("1", "2", "3"))
+    matrices = lw.modal.HostMatrices(sparse[0], sparse[1], sparse[2], ("1", "2", "3"))
     points = {"a": 1, "b": 2, "c": 3}
     reduced = matrices.reduce("bodies", points, keep=3, residual=False)
     structure = lw.Structure("bodies", (), (), (reduced.host,))
@@ -191,7 +191,7 @@ def test_dampers_between_modes_do_not_crowd_out_what_a_diagnosis_tests() -> None
     hosts = [
         lw.Host(
             name,
-            tuple(lw.HostMode(5.0 + number, 0.01, {"tip": 1.0}) for number in range(modes)),
+            tuple(lw.model.HostMode(5.0 + number, 0.01, {"tip": 1.0}) for number in range(modes)),
             damping=between,
         )
         for name in ("left", "right")

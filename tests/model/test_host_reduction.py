@@ -53,7 +53,7 @@ def receptance(host: lw.Host, frequency: float) -> float:
 
 def test_frequencies_are_those_of_a_cantilever() -> None:
     """The first two of an Euler-Bernoulli beam are (1.8751, 4.6941)^2 sqrt(EI/m)/(2 pi L^2)."""
-    host = lw.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host
+    host = lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host
     expected = np.array([1.8751041, 4.6940911]) ** 2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
     frequencies = [mode.frequency.value or 0.0 for mode in host.modes[:2]]
     np.testing.assert_allclose(frequencies, expected, rtol=1e-6)  # 40 cubic elements are off by less
@@ -69,8 +69,8 @@ def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
     ):  # at rest but for rounding, with matrices of condition 1e9
         matrix = stiffness - (2.0 * np.pi * frequency) ** 2 * mass
         exact = scipy.sparse.linalg.spsolve(scipy.sparse.csc_array(matrix), unit)[78]
-        with_residual = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3)
-        without = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3, residual=False)
+        with_residual = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3)
+        without = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3, residual=False)
         assert receptance(with_residual.host, frequency) == pytest.approx(exact, rel=limit)
         # under a force at its tip the modes of a cantilever take 12 / root^4 of the static deflection L^3 / (3 EI)
         parts = (
@@ -84,8 +84,8 @@ def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
 
 def test_a_large_sparse_model_has_the_modes_of_a_small_one() -> None:
     """400 elements are past the size up to which matrices are dense; the rows of the same points agree."""
-    small = lw.reduce_host("beam", *beam(40), {"tip": 79, "mid": 39}, keep=3).host
-    large = lw.reduce_host("beam", *beam(400), {"tip": 799, "mid": 399}, keep=3).host
+    small = lw.modal.reduce_host("beam", *beam(40), {"tip": 79, "mid": 39}, keep=3).host
+    large = lw.modal.reduce_host("beam", *beam(400), {"tip": 799, "mid": 399}, keep=3).host
     for coarse, fine in zip(small.modes[:3], large.modes[:3], strict=True):
         assert coarse.frequency.value == pytest.approx(fine.frequency.value, rel=1e-5)
         assert abs(coarse.shape["mid"] / coarse.shape["tip"]) == pytest.approx(
@@ -97,19 +97,19 @@ def test_a_large_sparse_model_has_the_modes_of_a_small_one() -> None:
 def test_matrices_in_any_sparse_format_make_the_same_host(form: str) -> None:
     mass, stiffness = (getattr(scipy.sparse, form)(matrix) for matrix in beam())
     points = {"tip": 79, "mid": 39}
-    host = lw.reduce_host("beam", mass, stiffness, points, keep=3).host
-    assert host == lw.reduce_host("beam", *beam(), points=points, keep=3).host
+    host = lw.modal.reduce_host("beam", mass, stiffness, points, keep=3).host
+    assert host == lw.modal.reduce_host("beam", *beam(), points=points, keep=3).host
 
 
 def test_matrices_in_single_precision_are_reduced() -> None:
     mass, stiffness = (scipy.sparse.csr_array(matrix, dtype=np.float32) for matrix in beam())
-    mode = lw.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3).host.modes[2]
-    exact = lw.reduce_host("beam", *beam(), points={"tip": 79}, keep=3).host.modes[2]
+    mode = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3).host.modes[2]
+    exact = lw.modal.reduce_host("beam", *beam(), points={"tip": 79}, keep=3).host.modes[2]
     assert mode.frequency.value == pytest.approx(exact.frequency.value, rel=1e-3)
 
 
 def test_a_free_beam_has_rigid_modes() -> None:
-    reduced = lw.reduce_host("beam", *beam(clamped=False), {"tip": 81, "root": 1}, keep=4)
+    reduced = lw.modal.reduce_host("beam", *beam(clamped=False), {"tip": 81, "root": 1}, keep=4)
     frequencies = [mode.frequency.value for mode in reduced.host.modes]
     assert frequencies[:2] == [0.0, 0.0]
     # of a free beam the first root is 4.7300407
@@ -122,7 +122,7 @@ def test_a_free_beam_has_rigid_modes() -> None:
 @pytest.mark.parametrize("elements", [130, 170, 600])
 def test_rigid_modes_of_long_free_beams_are_told_from_rounding(elements: int) -> None:
     """The largest eigenvalue is 1e11 to 1e14 times the first elastic one, which is that of a free beam."""
-    reduced = lw.reduce_host("beam", *beam(elements, clamped=False), {"tip": 2 * elements + 1}, keep=4)
+    reduced = lw.modal.reduce_host("beam", *beam(elements, clamped=False), {"tip": 2 * elements + 1}, keep=4)
     frequencies = [mode.frequency.value or 0.0 for mode in reduced.host.modes]
     assert frequencies[:2] == [0.0, 0.0]
     first = 4.7300407**2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
@@ -130,7 +130,7 @@ def test_rigid_modes_of_long_free_beams_are_told_from_rounding(elements: int) ->
 
 
 def test_rayleigh_damping_follows_the_frequencies() -> None:
-    host = lw.reduce_host("beam", *beam(), {"tip": 79}, keep=3, rayleigh=(0.2, 1e-5)).host
+    host = lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=3, rayleigh=(0.2, 1e-5)).host
     for mode in some(host.modes):
         omega = 2.0 * np.pi * (mode.frequency.value or 0.0)
         assert mode.damping.value == pytest.approx(0.5 * (0.2 / omega + 1e-5 * omega))
@@ -158,7 +158,7 @@ def test_matrices_that_are_no_host_are_refused(change: dict[str, object], messag
     mass, stiffness = beam()
     given = {"mass": mass, "stiffness": stiffness, "points": {"tip": 79}, "keep": 3, **change}
     with pytest.raises(lw.StructureError) as error:
-        lw.reduce_host("beam", **given)
+        lw.modal.reduce_host("beam", **given)
     assert message in str(error.value)
 
 
@@ -169,7 +169,9 @@ def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
     scipy.sparse.save_npz(tmp_path / "sparse.npz", mass)
     scipy.io.mmwrite(tmp_path / "mass.mtx", mass)
     for named in ("beam.mat:M", "beam.npz:M", "sparse.npz", "mass.mtx"):
-        np.testing.assert_allclose(lw.read_matrix(named, tmp_path).toarray(), mass.toarray(), rtol=1e-12)
+        np.testing.assert_allclose(
+            lw.modal.read_matrix(named, tmp_path).toarray(), mass.toarray(), rtol=1e-12
+        )
 
 
 @pytest.mark.parametrize(
@@ -196,7 +198,7 @@ def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, message: str) -
     for name in ("bad.mat", "bad.npz", "bad.txt"):
         (tmp_path / name).write_bytes(b"MATLAB 5.0 MAT-file no more" * 20)
     with pytest.raises(lw.StructureError) as error:
-        lw.read_matrix(named, tmp_path)
+        lw.modal.read_matrix(named, tmp_path)
     assert message in str(error.value)
 
 
@@ -208,7 +210,7 @@ def test_matrices_of_different_models_are_named(tmp_path: Path) -> None:
         ("other.npz", "beam.npz:M and other.npz"),
     ):
         with pytest.raises(lw.StructureError, match=f"{message}: the mass matrix has 3 rows"):
-            lw.read_host_matrices("beam.npz:M", stiffness, folder=tmp_path)
+            lw.modal.read_host_matrices("beam.npz:M", stiffness, folder=tmp_path)
 
 
 def test_a_structure_file_names_matrices(tmp_path: Path) -> None:
@@ -219,7 +221,7 @@ def test_a_structure_file_names_matrices(tmp_path: Path) -> None:
         "points = { tip = 19 }\nkeep = 3\nmodal_damping = 0.01\n"
     )
     host = lw.read_structure(tmp_path / "fe.toml").hosts[0]
-    assert host == lw.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, modal_damping=0.01).host
+    assert host == lw.modal.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, modal_damping=0.01).host
     (tmp_path / "fe.toml").write_text('[[host]]\nname = "beam"\npoints = { tip = 19 }\n')
     with pytest.raises(lw.StructureError, match="either modes or matrices"):
         lw.read_structure(tmp_path / "fe.toml")
@@ -238,7 +240,7 @@ def lumped(elements: int) -> Matrices:
 def test_rotations_without_mass_follow_statically(elements: int) -> None:
     """The modes are those of the matrices condensed to the degrees of freedom with mass."""
     mass, stiffness = lumped(elements)
-    host = lw.reduce_host(
+    host = lw.modal.reduce_host(
         "beam", mass, stiffness, {"tip": 2 * elements - 1, "slope": 2 * elements}, keep=4
     ).host
     K = stiffness.toarray()
@@ -251,10 +253,10 @@ def test_rotations_without_mass_follow_statically(elements: int) -> None:
         assert abs(mode.shape["slope"]) == pytest.approx(abs(slope[-1]), rel=1e-5)
 
 
-def damped(damping: scipy.sparse.csc_array) -> lw.HostMatrices:
+def damped(damping: scipy.sparse.csc_array) -> lw.modal.HostMatrices:
     """A beam of ten elements with this damping matrix."""
     mass, stiffness = beam(10)
-    return lw.HostMatrices(mass, stiffness, damping, tuple(map(str, range(1, 21))))
+    return lw.modal.HostMatrices(mass, stiffness, damping, tuple(map(str, range(1, 21))))
 
 
 def test_a_damping_matrix_gives_the_damping_of_each_mode() -> None:
@@ -262,7 +264,7 @@ def test_a_damping_matrix_gives_the_damping_of_each_mode() -> None:
     rayleigh = (0.4, 2e-5)
     proportional = damped(scipy.sparse.csc_array(rayleigh[0] * mass + rayleigh[1] * stiffness))
     found = proportional.reduce("beam", {"tip": 19}, keep=3)
-    expected = lw.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, rayleigh=rayleigh)
+    expected = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, rayleigh=rayleigh)
     for mode, other in zip(some(found.host.modes), expected.host.modes, strict=True):
         assert mode.damping.value == pytest.approx(other.damping.value, rel=1e-6)
     assert found.damping_coupling < 1e-6
@@ -287,7 +289,7 @@ def test_a_dashpot_damps_each_mode_by_its_motion_there() -> None:
 
 def test_a_dashpot_couples_modes_of_one_frequency_without_limit() -> None:
     """Two equal oscillators joined by a dashpot alone: their own modes are not those of the structure."""
-    matrices = lw.HostMatrices(
+    matrices = lw.modal.HostMatrices(
         scipy.sparse.csc_array(np.eye(3)),
         scipy.sparse.csc_array(np.diag([100.0, 100.0, 900.0])),
         scipy.sparse.csc_array(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])),
@@ -302,13 +304,13 @@ def test_names_are_one_to_a_row() -> None:
     mass, stiffness = beam(10)
     for names in (("1", "2"), ("1",) * 20):
         with pytest.raises(lw.StructureError, match="different names are given for 20 degrees of freedom"):
-            lw.HostMatrices(mass, stiffness, None, names)
+            lw.modal.HostMatrices(mass, stiffness, None, names)
 
 
 def test_what_neither_weighs_nor_holds_is_named() -> None:
     nothing = scipy.sparse.csc_array(np.diag([1.0, 0.0]))
     with pytest.raises(lw.StructureError, match="7rz has neither mass nor stiffness"):
-        lw.HostMatrices(nothing, nothing, None, ("7x", "7rz")).reduce("post", {"tip": "7x"})
+        lw.modal.HostMatrices(nothing, nothing, None, ("7x", "7rz")).reduce("post", {"tip": "7x"})
 
 
 @pytest.mark.parametrize(
@@ -338,7 +340,7 @@ def two_and_two() -> Matrices:
 
 def test_a_kept_mode_in_resonance_moves_the_frequency_of_the_error() -> None:
     """The error is taken at half the frequency that follows, where a mode that is kept has no finite receptance."""
-    matrices = lw.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
+    matrices = lw.modal.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
     reduced = matrices.reduce("post", {"tip": "7y", "end": "8x"}, keep=2, residual=False)
     half = 10.0 / (2.0 * np.pi)
     assert 0.899 * half < reduced.band < 0.99 * half
@@ -346,19 +348,20 @@ def test_a_kept_mode_in_resonance_moves_the_frequency_of_the_error() -> None:
     square = (2.0 * np.pi * reduced.band) ** 2
     left_out, kept = 1.0 / (400.0 - square), 1.0 / (100.0 - square)
     assert reduced.error == pytest.approx(left_out / np.hypot(left_out, kept), rel=1e-9)
-    assert lw.reduce_host("beam", *beam(), {"tip": 79}, keep=3).band == pytest.approx(
-        0.5 * (lw.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host.modes[3].frequency.value or 0.0)
+    assert lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=3).band == pytest.approx(
+        0.5
+        * (lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host.modes[3].frequency.value or 0.0)
     )
 
 
 def test_an_oblique_direction_is_a_point() -> None:
     """A force along (0.6, 0.8) moves the node by 0.36/100 + 0.64/400 along it; against a coordinate system turned by that."""
     mass, stiffness = scipy.sparse.eye_array(2).tocsc(), scipy.sparse.diags_array([100.0, 400.0]).tocsc()
-    matrices = lw.HostMatrices(mass, stiffness, None, ("7x", "7y"))
+    matrices = lw.modal.HostMatrices(mass, stiffness, None, ("7x", "7y"))
     points = {"along": "0.6*7x + 0.8*7y", "across": "-0.8*7x+0.6*7y", "x": "7x", "against": "-7x"}
     reduced = matrices.reduce("post", points, keep=2)
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
-    turned = lw.HostMatrices(
+    turned = lw.modal.HostMatrices(
         scipy.sparse.csc_array(turn.T @ mass @ turn),
         scipy.sparse.csc_array(turn.T @ stiffness @ turn),
         None,
@@ -385,7 +388,7 @@ def test_an_oblique_direction_is_a_point() -> None:
     ],
 )
 def test_a_point_that_is_no_direction_is_refused(given: str, message: str) -> None:
-    matrices = lw.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
+    matrices = lw.modal.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
     with pytest.raises(lw.StructureError, match=message):
         matrices.reduce("post", {"tip": given}, keep=1)
     moved = matrices.reduce(
@@ -403,11 +406,11 @@ def test_a_host_of_a_structure_file_tells_what_its_reduction_leaves_out(tmp_path
     )
     (tmp_path / "beam.toml").write_text(text)
     host = lw.read_structure(tmp_path / "beam.toml").hosts[0]
-    reduced = lw.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=3)
+    reduced = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=3)
     assert host.notes == reduced.notes
     assert f"{100.0 * reduced.error:.2g} %" in host.notes[0] and len(host.notes) == 1
     (tmp_path / "beam.toml").write_text(text.replace("keep = 3", "keep = 1"))
-    coarse = lw.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=1)
+    coarse = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=1)
     assert lw.read_structure(tmp_path / "beam.toml").hosts[0].notes == coarse.notes != reduced.notes
 
 
@@ -415,6 +418,6 @@ def test_what_has_no_mass_is_counted() -> None:
     """A mass matrix that was cut off leaves degrees of freedom without mass, and they follow statically in silence."""
     stiffness = scipy.sparse.csc_array(1e4 * (2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1)))
     whole, cut = (scipy.sparse.diags_array([0.1] * 4 + [last] * 2).tocsc() for last in (0.1, 0.0))
-    assert len(lw.reduce_host("rod", whole, stiffness, {"mid": 3}, keep=2).notes) == 1
-    reduced = lw.reduce_host("rod", cut, stiffness, {"mid": 3}, keep=2)
+    assert len(lw.modal.reduce_host("rod", whole, stiffness, {"mid": 3}, keep=2).notes) == 1
+    reduced = lw.modal.reduce_host("rod", cut, stiffness, {"mid": 3}, keep=2)
     assert reduced.massless == 2 and "2 degrees of freedom have no mass" in reduced.notes[1]

@@ -90,7 +90,7 @@ def test_rates_that_disagree_are_refused_at_their_place(
 
 def test_a_stated_unit_that_the_rates_exclude_is_refused() -> None:
     with pytest.raises(lw.LawError, match="No units of the coefficients are consistent"):
-        _ = lw.Law.parse("k*d + q", {"q": lw.LinkState("k*(v - q/c)", unit="V")}).units
+        _ = lw.Law.parse("k*d + q", {"q": lw.model.LinkState("k*(v - q/c)", unit="V")}).units
     with pytest.raises(lw.StructureError, match="invalid law: No units"):
         lw.parse_structure(PIEZO.replace("STATE", f'"{RATE}"').replace("100 kohm", "100 N"))
 
@@ -108,9 +108,9 @@ def test_names_that_laws_use_are_refused(name: str, message: str) -> None:
 def test_initial_values_survive_the_file(initial: str) -> None:
     text = PIEZO.replace("STATE", f'{{ rate = "{RATE}", initial = {initial}, unit = "V" }}')
     structure = lw.parse_structure(text)
-    assert lw.parse_structure(lw.format_structure(structure)) == structure
+    assert lw.parse_structure(lw.model.format_structure(structure)) == structure
     state = structure.link("piezo").states["V"]
-    assert isinstance(state, lw.LinkState)
+    assert isinstance(state, lw.model.LinkState)
     assert state.initial == {"0.25": 0.25, '"unknown"': None, '"0.5 V"': 0.5}[initial]
 
 
@@ -141,7 +141,7 @@ def test_links_with_memory_are_values() -> None:
 
 def test_a_replaced_law_brings_its_own_states() -> None:
     joint = lw.parse_structure(JOINT).link("joint")
-    slower = lw.Law.parse("k*d + c*v + F*z", {"z": lw.LinkState("(v - s*abs(v)*z)/x0", initial=0.1)})
+    slower = lw.Law.parse("k*d + c*v + F*z", {"z": lw.model.LinkState("(v - s*abs(v)*z)/x0", initial=0.1)})
     one = lw.Coefficient.number(1.0)
     cubic = lw.Law.parse("k*d**3 + c*v + F*z")  # it names the state, which is meant then
     for law, coefficients, rates in (
@@ -152,7 +152,7 @@ def test_a_replaced_law_brings_its_own_states() -> None:
     ):
         changed = replace(joint, law=law, coefficients=dict.fromkeys(coefficients.split(), one))
         assert (changed.law.text, changed.rate_texts) == (law.text, rates)
-    started = replace(joint, states={"z": lw.LinkState(joint.law.rates[0].text, initial=0.2)})
+    started = replace(joint, states={"z": lw.model.LinkState(joint.law.rates[0].text, initial=0.2)})
     assert replace(started, name="other").initial_state("z") == 0.2
     longer = lw.Law.parse("k*d + c*v + F*z + c*v", started.states)
     assert replace(started, law=longer).initial_state("z") == 0.2
@@ -170,13 +170,13 @@ def test_force_and_rate_take_the_states() -> None:
 
 @pytest.mark.parametrize("name", NAMED_LAWS)
 def test_every_named_law_is_consistent_and_complete(name: str) -> None:
-    named = lw.named_law(name)
+    named = lw.model.named_law(name)
     link = named.link("link", ("m1", "ground"))
     assert set(link.law.coefficients) == set(named.coefficients) >= set(named.bounds or {})
     assert "?" not in {*link.law.units.values(), *link.law.state_units.values()}
     assert named.title and named.source
     if named.wider:  # takes every motion of this law, and has no bounds
-        wider = lw.named_law(named.wider)
+        wider = lw.model.named_law(named.wider)
         assert wider.states.keys() == named.states.keys() and not wider.bounds
 
 
@@ -186,10 +186,10 @@ def test_a_named_law_stands_in_place_of_a_law() -> None:
         '[[link]]\nname = "joint"\nbetween = ["m1", "ground"]\nlaw = "bouc-wen"\ncoefficients = { k = "2 kN/m" }'
     )
     link = written.link("joint")
-    assert link.law.text == lw.named_law("bouc-wen").law and link.law.states == ("z",)
+    assert link.law.text == lw.model.named_law("bouc-wen").law and link.law.states == ("z",)
     assert link.coefficients["k"].value == 2000.0 and not link.coefficients["x0"].known
     assert (link.coefficients["s"].lower, link.coefficients["s"].upper) == (0.0, 1.0)
-    assert lw.parse_structure(lw.format_structure(written)) == written
+    assert lw.parse_structure(lw.model.format_structure(written)) == written
 
 
 def bounds(structure: lw.Structure) -> dict[str, tuple[float, float]]:
@@ -204,14 +204,14 @@ def test_bounds_of_a_named_law_hold_for_what_is_given(given: str) -> None:
         '[[link]]\nname = "joint"\nbetween = ["m1", "ground"]\nlaw = "bouc-wen"\n'
         f"coefficients = {{ s = {given}, x0 = 0.02 }}"
     )
-    unknown = lw.parse_structure(lw.format_structure(written)).unknown("all")
+    unknown = lw.parse_structure(lw.model.format_structure(written)).unknown("all")
     assert bounds(unknown)["joint.s"] == (-1.0 if "lower" in given else 0.0, 1.0)
     assert bounds(unknown)["joint.x0"] == (0.0, np.inf)
     assert bounds(unknown)["joint.F"] == (-np.inf, np.inf)
 
 
 def test_bounds_of_a_family_hold_for_any_number_of_branches() -> None:
-    link = lw.named_law("iwan(3)").link("joint", ("m1", "ground"), {"chi": lw.Coefficient.number(-0.5)})
+    link = lw.model.named_law("iwan(3)").link("joint", ("m1", "ground"), {"chi": lw.Coefficient.number(-0.5)})
     structure = lw.Structure("joint", (lw.Mass("m1", lw.Coefficient.number(1.0)),), (link,))
     assert bounds(structure.unknown("all"))["joint.chi"] == (-1.0, 0.0)
 
@@ -226,14 +226,17 @@ def test_a_start_outside_the_bounds_of_a_named_law_is_refused_with_its_place() -
 
 
 def test_families_take_a_number_of_branches() -> None:
-    assert len(lw.named_law("iwan(3)").states) == 4 and len(lw.named_law("fractional(8)").states) == 8
+    assert (
+        len(lw.model.named_law("iwan(3)").states) == 4
+        and len(lw.model.named_law("fractional(8)").states) == 8
+    )
     for name, message in (("iwan(99)", "1 to 16"), ("dahl(2)", "no branches"), ("bouc-wenn", "did you mean")):
         with pytest.raises(lw.StructureError, match=message):
-            lw.named_law(name)
+            lw.model.named_law(name)
 
 
 def test_iwan_sliders_add_up_to_its_force_and_stiffness() -> None:
-    law = lw.named_law("iwan(5)")
+    law = lw.model.named_law("iwan(5)")
     parsed = lw.Law.parse(law.law, law.states)
     values = {"FS": 30.0, "KT": 2e4, "chi": -0.4, "beta": 0.7}
     small = 1e-9  # m, sticking: every slider has the elongation of the link

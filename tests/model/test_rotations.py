@@ -49,13 +49,15 @@ def test_a_key_says_it_and_is_written() -> None:
     text = f'name = "beam"{IN_PLACE}{TORSION}'
     structure = lw.parse_structure(text)
     assert structure.rotations == ("beam.tip_r",)
-    assert lw.parse_structure(lw.format_structure(structure)) == structure
+    assert lw.parse_structure(lw.model.format_structure(structure)) == structure
     assert structure.unknown("torsion").rotations == structure.hosts[0].known_to_within(shape=0.02).rotations
 
 
 def test_directions_of_matrices_say_it() -> None:
     stiffness = diags_array([1e4, 2e4, 3e4]).tocsc()
-    matrices = lw.HostMatrices(diags_array([1.0, 1.0, 0.1]).tocsc(), stiffness, None, ("7x", "7y", "7rz"))
+    matrices = lw.modal.HostMatrices(
+        diags_array([1.0, 1.0, 0.1]).tocsc(), stiffness, None, ("7x", "7y", "7rz")
+    )
     points = {"x": "7x", "turn": "7rz", "off": "1*7y + 0.05*7rz"}
     host = matrices.reduce("post", points, keep=3).host
     assert host.rotations == ("post.turn",)
@@ -157,7 +159,7 @@ def test_a_mass_that_turns_has_a_moment_of_inertia(second: str, value: float | N
     disc = discs.mass("disc2")
     assert (disc.unit, disc.mass_unit, disc.mass.value, disc.mass.known) == ("rad", "kg m^2", value, known)
     assert discs.link("clutch").law.units == {"k": "N m/rad"}
-    assert lw.parse_structure(lw.format_structure(discs)) == discs
+    assert lw.parse_structure(lw.model.format_structure(discs)) == discs
     assert [parameter.unit for parameter in discs.unknown("mass:disc2").parameters] == ["kg m^2"]
     assert discs.with_values({"disc2.mass": 0.5}).mass("disc2").unit == "rad"
 
@@ -197,7 +199,7 @@ def test_shapes_of_points_that_turn_have_their_unit(tmp_path: Path) -> None:
 def test_equations_are_those_of_masses_with_the_same_numbers() -> None:
     turning, plain = torsion_chain(), torsion_chain(turns=False)
     assert turning.shape_key == plain.shape_key
-    assert lw.modes(turning).frequencies.tolist() == lw.modes(plain).frequencies.tolist()
+    assert lw.analysis.modes(turning).frequencies.tolist() == lw.analysis.modes(plain).frequencies.tolist()
     bound = lw.Coefficient.unknown(lower=-2.0, upper=-1.0)
     with pytest.raises(
         lw.StructureError, match=re.escape("the upper bound must be positive, got -1.0 kg m^2")
@@ -209,5 +211,5 @@ def test_notes_and_errors_of_motions_are_in_rad() -> None:
     unstable = torsion_chain(sink="k*d + c*v", k=-900.0, c=0.0)
     with pytest.raises(lw.SimulationError, match=r"the displacement of mass disc\d is [\d.e+]+ rad;"):
         lw.simulate(unstable, release={"v:disc1": 1.0}, duration=30.0, rate=100.0)
-    found = lw.modes(torsion_chain(), at=[0.1, 0.2])
+    found = lw.analysis.modes(torsion_chain(), at=[0.1, 0.2])
     assert re.search(r"the links exert [-\d.]+ N m on mass", found.note)

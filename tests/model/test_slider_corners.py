@@ -12,7 +12,7 @@ from linkwise.expression import Program, differentiate
 from linkwise.model.slider_corners import slider_parts, smooth_rates
 
 VALUES = {"k": 200.0, "Fs": 12.0}
-LAW = lw.Law.parse(lw.named_law("jenkins").law, lw.named_law("jenkins").states)
+LAW = lw.Law.parse(lw.model.named_law("jenkins").law, lw.model.named_law("jenkins").states)
 NAMES = (*LAW.variables, *LAW.coefficients)
 FORCES = np.array([-11.6, -11.0, 0.0, 5.0, 11.6])  # N
 NUMBERS = tuple(VALUES[name] for name in LAW.coefficients)
@@ -46,13 +46,13 @@ def test_the_rate_at_the_corner_tells_the_largest_force() -> None:
 
 
 def test_every_slider_of_iwan_is_rounded_and_other_rates_are_as_written() -> None:
-    iwan = lw.named_law("iwan(3)")
+    iwan = lw.model.named_law("iwan(3)")
     law = lw.Law.parse(iwan.law, iwan.states)
     written = tuple(rate.expression for rate in law.rates)
     assert all(rounded != tree for rounded, tree in zip(smooth_rates(law), written, strict=True))
-    as_written: list[Mapping[str, lw.LinkState | str]] = [
-        lw.named_law("bouc-wen").states,
-        lw.named_law("backlash-slip").states,
+    as_written: list[Mapping[str, lw.model.LinkState | str]] = [
+        lw.model.named_law("bouc-wen").states,
+        lw.model.named_law("backlash-slip").states,
         {"z": "v*(1 - 0.25*(1 + sign(abs(z) - abs(d)))*(1 + sign(z*v)))"},  # its limit moves
         {"z": "v*(1 - 0.5*(1 + sign(abs(z) - x0)))"},
     ]
@@ -81,7 +81,7 @@ def test_sliders_alone_are_told_by_stiffness_and_largest_size() -> None:
             ("iwan(1)", None, ([1.0, 1.0], None)),
         )
     ):
-        named = lw.named_law(name)
+        named = lw.model.named_law(name)
         law = lw.Law.parse(named.law, named.states)
         parts = slider_parts(law)
         assert parts is not None
@@ -91,8 +91,11 @@ def test_sliders_alone_are_told_by_stiffness_and_largest_size() -> None:
         if largest is not None:
             assert [float(number) for number in numbers[len(stiffness) :]] == largest
     for other in some(("bouc-wen", "lugre", "dahl", "maxwell", "zener", "backlash-slip")):
-        named = lw.named_law(other)
+        named = lw.model.named_law(other)
         assert slider_parts(lw.Law.parse(named.law, named.states)) is None
-    beside: Mapping[str, lw.LinkState | str] = {"q": lw.named_law("jenkins").states["q"], "z": "v - z"}
+    beside: Mapping[str, lw.model.LinkState | str] = {
+        "q": lw.model.named_law("jenkins").states["q"],
+        "z": "v - z",
+    }
     assert slider_parts(lw.Law.parse("q + z", beside)) is None
     assert slider_parts(lw.Law.parse("k*d")) is None

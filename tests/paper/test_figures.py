@@ -20,6 +20,7 @@ from linkwise.paper import figures
 from linkwise.paper.figures import figure_6, figure_7, figure_8, figure_9
 from linkwise.paper.tables import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2, PaperStudy
 from linkwise.plot import save
+from linkwise.plot.records import displacements_figure
 from linkwise.plot.studies import accuracy_figure
 from linkwise.report.study import StudyReport
 
@@ -65,7 +66,7 @@ def test_every_curve_is_the_reference_for_as_long_as_it_can_be_told(
 
 def test_the_reference_would_tell_another_curve(shared_reference: Path) -> None:
     chain = lw.bnes_chain(2, beta=1.0001e6)
-    figure = lw.plot.displacements_figure(lw.orbit_envelope(chain, {"v:m1": 1.0}, duration=1.0, rate=1000.0))
+    figure = displacements_figure(lw.analysis.orbit_envelope(chain, {"v:m1": 1.0}, duration=1.0, rate=1000.0))
     # the bound above, which a stiffness off by 1e-4 exceeds within a second
     assert worst_departure(figure, shared_reference / "bnes_2.csv") > 1e-6
 

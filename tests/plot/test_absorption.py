@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from present import some
 
 import linkwise as lw
-from linkwise.plot import crossings_figure, decay_figure, energy_figure
+from linkwise.plot.absorptions import crossings_figure, decay_figure, energy_figure
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_a_structure_without_a_name_leaves_no_gap_in_the_title(eight: lw.Absorpt
 
 def test_bands_are_drawn_where_there_are_any(eight: lw.Absorption) -> None:
     lower, upper = 0.9 * eight.with_sinks.envelope, 1.1 * eight.with_sinks.envelope
-    drawn = lw.AbsorptionIntervals(eight, 2, 0, (), lower, upper, diverged=0, closure=0.0)
+    drawn = lw.absorption.AbsorptionIntervals(eight, 2, 0, (), lower, upper, diverged=0, closure=0.0)
     assert "envelope, 95 % of draws" in labels(decay_figure(drawn))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.plot.records import coherences_figure
 
 RATE, COUNT = 1000.0, 8192
 TIME = np.arange(COUNT) / RATE
@@ -52,4 +53,4 @@ def test_a_channel_that_is_zero_or_alone_is_drawn_empty() -> None:
     assert not lw.plot.spectrogram(silent, "x:m1").collections
     values, _ = lw.plot.coherence(silent, "x:m1", "x:m2").get_lines()
     assert not np.any(values.get_ydata())
-    assert len(lw.plot.coherences_figure(lw.inspect(record(m1=np.sin(TIME)))).axes) == 1
+    assert len(coherences_figure(lw.inspect(record(m1=np.sin(TIME)))).axes) == 1

@@ -18,8 +18,9 @@ from structures import link, with_links
 
 import linkwise as lw
 from linkwise.discovery.text import runner_up_changes, runner_up_rows, term_rows
-from linkwise.plot import evidence_figure, graph_figure, path_figure, save
-from linkwise.plot.graphs import crossings, node_positions
+from linkwise.plot import save
+from linkwise.plot.discoveries import evidence_figure, path_figure
+from linkwise.plot.graphs import crossings, graph_figure, node_positions
 from linkwise.plot.style import MEASURED
 
 
@@ -110,7 +111,7 @@ def test_a_stated_link_with_a_doubtful_term_is_certain_everywhere(
     known = lw.discover(discovered.estimate.record, with_links(chain.unknown("nes"), spring))
     assert "spring1.c" in [term.name for term in known.kept]
     doubted = in_doubt(known, "spring1.c")
-    assert doubted.in_doubt == () and doubted.decision("spring1") is lw.Decision.CERTAIN
+    assert doubted.in_doubt == () and doubted.decision("spring1") is lw.discovery.Decision.CERTAIN
     assert str(doubted).splitlines()[0].endswith(": can be trusted") and "spring1 (in doubt)" not in str(
         doubted
     )
@@ -214,7 +215,7 @@ def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discov
 @pytest.fixture(scope="module")
 def folder(discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result folder as `discover --truth` writes it."""
-    return lw.write_discovery(discovered, tmp_path_factory.mktemp("results") / "answer", truth=chain)
+    return lw.report.write_discovery(discovered, tmp_path_factory.mktemp("results") / "answer", truth=chain)
 
 
 def test_folder_is_that_of_identify_and_more(folder: Path) -> None:
@@ -235,10 +236,10 @@ def test_result_json_holds_the_discovery(folder: Path, discovered: lw.Discovery,
     assert {"path", "runners_up", "remarks", "links", "noise", "fit"} <= set(result)
     assert result["truth"]["missing"] == result["truth"]["extra"] == [] and len(result["truth"]["right"]) == 5
     assert set(result["nmse_percent"]) == {"m1-ground", "m2-m1"}
-    alone = lw.discovery_of(discovered)
+    alone = lw.report.discovery_of(discovered)
     assert "truth" not in alone and "nmse_percent" not in alone
     with pytest.raises(lw.StructureError, match="the true structure does not have the mass m2"):
-        lw.discovery_of(discovered, replace(chain, masses=chain.masses[:1], links=chain.links[:1]))
+        lw.report.discovery_of(discovered, replace(chain, masses=chain.masses[:1], links=chain.links[:1]))
 
 
 def test_terms_csv_has_every_candidate_that_was_tested(folder: Path, discovered: lw.Discovery) -> None:
@@ -277,7 +278,7 @@ def test_page_of_a_bad_answer_says_so(discovered: lw.Discovery, tmp_path: Path) 
         verdicts=(*discovered.verdicts, lw.Verdict.SEARCH_UNSETTLED),
         remarks=("m2 <b>hardly</b> moved.",),
     )
-    page = (lw.write_discovery(bad, tmp_path / "bad") / "report.html").read_text()
+    page = (lw.report.write_discovery(bad, tmp_path / "bad") / "report.html").read_text()
     assert 'class="verdict untrusted"' in page and 'class="verdict trusted"' not in page
     assert "NOT to be trusted" in page and "Against the truth" not in page
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
@@ -287,7 +288,7 @@ def test_nothing_is_left_where_writing_fails(
     discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
 ) -> None:
     with pytest.raises(lw.StructureError):
-        lw.write_discovery(
+        lw.report.write_discovery(
             discovered,
             tmp_path / "answer",
             truth=replace(chain, masses=chain.masses[:1], links=chain.links[:1]),
@@ -295,5 +296,5 @@ def test_nothing_is_left_where_writing_fails(
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     with pytest.raises(lw.LinkwiseError, match="is not a result of linkwise"):
-        lw.write_discovery(discovered, tmp_path / "thesis")
+        lw.report.write_discovery(discovered, tmp_path / "thesis")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis"]

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.plot import force_figure, histories_figure, save
+from linkwise.plot import save
+from linkwise.plot.links import force_figure
+from linkwise.plot.records import histories_figure
 from linkwise.plot.style import envelope, scale, scattered
 
 

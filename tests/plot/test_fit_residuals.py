@@ -7,6 +7,7 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
+from linkwise.plot.estimates import residuals_figure
 
 CHAIN = lw.bnes_chain(2)
 
@@ -56,7 +57,7 @@ def test_time_and_frequency_are_drawn_whole(with_a_gap: lw.Estimate) -> None:
     # at half the sampling rate, as at zero, a one-sided density is half as large
     assert np.max(np.asarray(spectrum.get_xdata())) < 0.5 * with_a_gap.record.rate
     assert set(np.asarray(level.get_ydata())) == {1.0}
-    assert len(lw.plot.residuals_figure(with_a_gap).axes) == 8
+    assert len(residuals_figure(with_a_gap).axes) == 8
 
 
 def test_what_is_not_there_is_refused(with_a_gap: lw.Estimate) -> None:
@@ -66,4 +67,4 @@ def test_what_is_not_there_is_refused(with_a_gap: lw.Estimate) -> None:
         lw.plot.residuals(with_a_gap, "x:m1", "d of nes2")
     weak = lw.identify(with_a_gap.more_records[0], CHAIN.unknown("all"), method="weak")
     with pytest.raises(lw.RecordError, match="maximum likelihood alone"):
-        lw.plot.residuals_figure(weak)
+        residuals_figure(weak)

@@ -9,6 +9,7 @@ from present import some
 from structures import host, structure
 
 import linkwise as lw
+from linkwise.plot.estimates import shapes_figure
 
 SHAPES = {"tip": (1.0, -1.0), "joint": (0.62, 0.3)}
 
@@ -41,14 +42,14 @@ def test_shapes_that_are_known_have_no_bars() -> None:
 
 def test_every_host_has_a_panel() -> None:
     two = structure({}, hosts=[wing(), wing("tail")])
-    assert [axes.get_title(loc="left") for axes in lw.plot.shapes_figure(two).axes] == ["wing", "tail"]
+    assert [axes.get_title(loc="left") for axes in shapes_figure(two).axes] == ["wing", "tail"]
 
 
 def test_the_legend_of_many_modes_lies_beside_the_lines() -> None:
     frequencies = tuple(5.0 + mode for mode in range(8))
     shapes = {"tip": (1.0,) * 8, "joint": (-1.0,) * 8}
     many = structure({}, hosts=[host("wing", frequencies, 0.01, shapes)])
-    figure = lw.plot.shapes_figure(many)
+    figure = shapes_figure(many)
     figure.draw_without_rendering()
     (axes,) = figure.axes
     legend = axes.get_legend()
@@ -69,7 +70,7 @@ def test_points_that_turn_have_a_panel_of_their_own() -> None:
     """Their shapes have another unit and size."""
     shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0), "mid": (0.6, 1.2)}
     beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=["r"]).known_to_within(shape=0.02)
-    panels = lw.plot.shapes_figure(structure({}, hosts=[beam], name="beam")).axes
+    panels = shapes_figure(structure({}, hosts=[beam], name="beam")).axes
     assert [panel.get_ylabel() for panel in panels] == ["shape, 1/√kg", "shape, rad/(m √kg)"]
     names = [[text.get_text() for text in panel.get_xticklabels()] for panel in panels]
     assert names == [["tip", "mid"], ["r"]]

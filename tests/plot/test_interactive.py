@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 import linkwise as lw
 from linkwise.estimates.curves import force_curve
 from linkwise.plot.interactive import interactive_html, to_plotly
+from linkwise.plot.links import force_figure
+from linkwise.plot.records import histories_figure
 
 
 def three_sines() -> lw.Record:
@@ -24,7 +26,7 @@ def three_sines() -> lw.Record:
 
 
 def test_force_shows_what_the_figure_shows(fitted: lw.Estimate) -> None:
-    content, curve = to_plotly(lw.plot.force_figure(fitted, "nes1")), force_curve(fitted, "nes1")
+    content, curve = to_plotly(force_figure(fitted, "nes1")), force_curve(fitted, "nes1")
     wide = {trace["name"]: trace for trace in content["data"] if trace["xaxis"] == "x"}
     assert {"true", "95 % band", "identified", "wells", "true minus damping", ""} == set(wide)
     inside = (curve.d >= curve.visited[0]) & (curve.d <= curve.visited[1])
@@ -38,7 +40,7 @@ def test_force_shows_what_the_figure_shows(fitted: lw.Estimate) -> None:
 
 
 def test_every_label_stands_once_in_the_legend(fitted: lw.Estimate) -> None:
-    content = to_plotly(lw.plot.force_figure(fitted, "nes1"))
+    content = to_plotly(force_figure(fitted, "nes1"))
     parts = [*content["data"], *content["layout"]["shapes"]]
     shown = [part["name"] for part in parts if part["showlegend"]]
     assert sorted(shown) == sorted({part["name"] for part in parts} - {""}) and len(shown) == 6
@@ -47,7 +49,7 @@ def test_every_label_stands_once_in_the_legend(fitted: lw.Estimate) -> None:
 
 def test_histories_zoom_together_and_keep_their_gaps() -> None:
     record = three_sines()
-    content = to_plotly(lw.plot.histories_figure(record))
+    content = to_plotly(histories_figure(record))
     layout = content["layout"]
     assert [trace["name"] for trace in content["data"]] == list(record.channels)
     assert (
@@ -102,7 +104,7 @@ def test_what_has_no_interactive_form_is_refused(fitted: lw.Estimate) -> None:
 
 def test_markup_in_names_is_harmless() -> None:
     record = replace(three_sines(), source="</script><b>$x$</b>.csv")
-    html = interactive_html(lw.plot.histories_figure(record), 'a"><b>')
+    html = interactive_html(histories_figure(record), 'a"><b>')
     assert html.count("</script>") == 1 and html.endswith("</script>") and "<b>" not in html
     script = re.search(r"Plotly\.newPlot\((.*)\)</script>", html)
     assert script is not None
@@ -116,7 +118,7 @@ def test_markup_in_names_is_harmless() -> None:
 def test_legend_headings_and_titles_of_axes_do_not_cover_each_other() -> None:
     """In a browser the legend lay on the heading of the first panel, and titles on labels of four characters and more."""
     record = three_sines()
-    headed, plain = lw.plot.histories_figure(record), lw.plot.histories_figure(record)
+    headed, plain = histories_figure(record), histories_figure(record)
     for axes, name in zip(headed.axes, ("above", "", ""), strict=True):
         axes.set_title(name, loc="left")
     for axes in plain.axes:

@@ -12,6 +12,11 @@ from matplotlib.transforms import Bbox
 from present import some
 
 import linkwise as lw
+from linkwise.plot.absorptions import crossings_figure, decay_figure, energy_figure, map_figure
+from linkwise.plot.discoveries import evidence_figure, path_figure
+from linkwise.plot.graphs import graph_figure
+from linkwise.plot.links import force_figure
+from linkwise.plot.records import histories_figure
 from linkwise.plot.style import legend_below, log_scale, sheet
 
 PIXEL = 1.5  # what rounding of glyphs may add
@@ -53,12 +58,12 @@ def test_figures_of_identify_and_discover_have_no_faults(
     discovered: lw.Discovery, fitted: lw.Estimate
 ) -> None:
     figures = {
-        "graph": lw.plot.graph_figure(discovered),
-        "path": lw.plot.path_figure(discovered),
-        "evidence": lw.plot.evidence_figure(discovered),
-        "histories": lw.plot.histories_figure(fitted.record),
-        "two panels": lw.plot.force_figure(fitted, "nes1"),
-        "one panel": lw.plot.force_figure(fitted, "spring1"),
+        "graph": graph_figure(discovered),
+        "path": path_figure(discovered),
+        "evidence": evidence_figure(discovered),
+        "histories": histories_figure(fitted.record),
+        "two panels": force_figure(fitted, "nes1"),
+        "one panel": force_figure(fitted, "spring1"),
     }
     assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
 
@@ -67,17 +72,19 @@ def test_figures_of_identify_and_discover_have_no_faults(
 def test_figures_of_absorb_have_no_faults(masses: int) -> None:
     answer = lw.absorb(lw.bnes_chain(masses), duration=1.0, rate=500.0, release={"v:m1": 3.0})
     figures = {
-        "decay": lw.plot.decay_figure(answer),
-        "energy": lw.plot.energy_figure(answer),
-        "crossings": lw.plot.crossings_figure(answer),
+        "decay": decay_figure(answer),
+        "energy": energy_figure(answer),
+        "crossings": crossings_figure(answer),
     }
     assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
 
 
 def test_maps_have_no_faults() -> None:
     over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
-    swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
-    assert faults(lw.plot.map_figure(swept)) == []
+    swept = lw.absorption.absorption_map(
+        lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0}
+    )
+    assert faults(map_figure(swept)) == []
 
 
 def test_long_names_and_large_numbers_have_their_room() -> None:

@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgba
 from reach_rows import EXACT, reach_maps
 
 import linkwise as lw
+from linkwise.plot.studies import success_figure
 from linkwise.plot.style import WELL
 
 
@@ -49,7 +50,7 @@ def test_without_a_frequency_the_rate_is_shown() -> None:
 
 
 def test_a_row_is_a_structure_and_length_and_a_column_a_method() -> None:
-    figure = lw.plot.success_figure(reach_maps())
+    figure = success_figure(reach_maps())
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "discover\nchain, 1 s",
         "sindy, links\n",
@@ -63,4 +64,4 @@ def test_a_row_is_a_structure_and_length_and_a_column_a_method() -> None:
 
 def test_without_a_map_there_is_no_figure() -> None:
     with pytest.raises(lw.StudyError, match="nothing to draw: no method of the study looks for terms"):
-        lw.plot.success_figure([])
+        success_figure([])

@@ -74,7 +74,7 @@ def test_a_modal_test_refuses_a_gap_in_its_force() -> None:
     with pytest.raises(
         lw.IdentificationError, match=r"channel force:beam\.tip: 2 of 201 samples are missing"
     ):
-        lw.identify_host(_lacking(_beam()))
+        lw.modal.identify_host(_lacking(_beam()))
 
 
 @pytest.mark.parametrize(

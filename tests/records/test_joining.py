@@ -24,7 +24,7 @@ def record() -> lw.Record:
 def test_channels_of_both_up_to_the_end_of_the_shorter(record: lw.Record) -> None:
     first = replace(record.select(["x:m1"]), noise={"x:m1": 1e-3}, notes=("One.", "Both."))
     second = replace(record.select(["a:base"])[:300], noise={"a:base": 2e-3}, notes=("Both.", "Other."))
-    joined = lw.beside(first, second)
+    joined = lw.records.beside(first, second)
     assert joined.channels == ("x:m1", "a:base")
     assert (joined.values == record.values[:300]).all()
     assert dict(joined.noise) == {"x:m1": 1e-3, "a:base": 2e-3}
@@ -37,7 +37,7 @@ def test_channels_of_both_up_to_the_end_of_the_shorter(record: lw.Record) -> Non
 def test_times_that_were_not_used_are_noted(record: lw.Record, start: float, noted: bool) -> None:
     """A common clock tells when instruments were started; counters and an offset of a sample do not."""
     other = replace(record.select(["a:base"]), start=start)
-    joined = lw.beside(record.select(["x:m1"]), other)
+    joined = lw.records.beside(record.select(["x:m1"]), other)
     assert any("not by these times" in note for note in joined.notes) == noted
     if noted:
         assert (
@@ -49,16 +49,16 @@ def test_times_that_were_not_used_are_noted(record: lw.Record, start: float, not
 def test_other_rates_and_the_same_channel_are_refused(record: lw.Record) -> None:
     single = record.select(["x:m1"])
     with pytest.raises(lw.RecordError, match="need one sampling rate, got 200 and 201 Hz"):
-        lw.beside(single, replace(record.select(["a:base"]), rate=201.0))
+        lw.records.beside(single, replace(record.select(["a:base"]), rate=201.0))
     with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
-        lw.beside(single, record)
+        lw.records.beside(single, record)
 
 
 @pytest.mark.parametrize("late", [0.0123, -0.0123])
 def test_a_delay_is_taken_out(record: lw.Record, late: float) -> None:
     """To the pass band of the interpolating sinc, away from the ends that it continues: 1e-4."""
     shown = replace(record, values=np.stack([tone(), tone(late)], axis=1))
-    shifted = lw.without_delays(shown, {"a:base": late})
+    shifted = lw.records.without_delays(shown, {"a:base": late})
     assert len(shifted) == len(record) - 3  # 2.46 samples
     assert shifted.start == pytest.approx(0.0 if late > 0 else 3 / 200.0, abs=1e-12)
     middle = slice(40, -40)
@@ -69,17 +69,17 @@ def test_a_delay_is_taken_out(record: lw.Record, late: float) -> None:
 
 
 def test_delays_that_cannot_be_are_refused(record: lw.Record) -> None:
-    assert lw.without_delays(record, {}) is record
+    assert lw.records.without_delays(record, {}) is record
     with pytest.raises(lw.RecordError, match=r"x:m9.*is not in the record"):
-        lw.without_delays(record, {"x:m9": 0.1})
+        lw.records.without_delays(record, {"x:m9": 0.1})
     with pytest.raises(lw.RecordError, match=r"a delay must be shorter than the record of 1\.995 s, got 3 s"):
-        lw.without_delays(record, {"x:m1": 3.0})
+        lw.records.without_delays(record, {"x:m1": 3.0})
     with pytest.raises(lw.RecordError, match="the delays leave no sample"):
-        lw.without_delays(record, {"x:m1": 1.5, "a:base": -1.5})
+        lw.records.without_delays(record, {"x:m1": 1.5, "a:base": -1.5})
     values = record.values.copy()
     values[5, 0] = np.nan
     with pytest.raises(lw.RecordError, match=r"x:m1.*samples are missing"):
-        lw.without_delays(replace(record, values=values), {"x:m1": 0.1})
+        lw.records.without_delays(replace(record, values=values), {"x:m1": 0.1})
 
 
 def test_records_of_one_clock_are_joined_by_time() -> None:
@@ -92,76 +92,80 @@ def test_records_of_one_clock_are_joined_by_time() -> None:
     long = np.arange(800) / 200.0
     first = lw.Record(0.0, 200.0, ("x:m1",), motion(long)[:, None], notes=("One.",))
     second = lw.Record(0.7321, 600.0, ("a:base",), motion(time)[:, None], noise={"a:base": 3e-3})
-    joined = lw.joined_by_time(first, second)
+    joined = lw.records.joined_by_time(first, second)
     assert joined.rate == 200.0 and joined.channels == ("x:m1", "a:base")
     middle = slice(40, -40)
     # to the pass band of the interpolating sinc
     assert joined.channel("a:base")[middle] == pytest.approx(joined.channel("x:m1")[middle], abs=2e-4)
     # the root of the factor, as white noise shrinks
     assert joined.noise["a:base"] == pytest.approx(3e-3 / np.sqrt(3.0), rel=1e-3)
-    again = lw.joined_by_time(second, first)
+    again = lw.records.joined_by_time(second, first)
     assert again.rate == 200.0 and abs(len(again) - len(joined)) <= 1
     assert "a:base were joined by time." in joined.notes
 
 
 def test_samples_at_the_same_times_are_not_changed(record: lw.Record) -> None:
-    joined = lw.joined_by_time(record.select(["x:m1"])[:300], record.select(["a:base"])[100:])
+    joined = lw.records.joined_by_time(record.select(["x:m1"])[:300], record.select(["a:base"])[100:])
     assert joined.start == 0.5 and (joined.values == record.values[100:300]).all()
 
 
 def test_records_that_cannot_be_joined_by_time_are_refused(record: lw.Record) -> None:
     first, base_part = record.select(["x:m1"]), record.select(["a:base"])
     with pytest.raises(lw.RecordError, match=r"does not overlap in time .*: 0 to 1\.995 s and 7 to 8\.995 s"):
-        lw.joined_by_time(first, replace(base_part, start=7.0))
+        lw.records.joined_by_time(first, replace(base_part, start=7.0))
     with pytest.raises(
         lw.RecordError, match="rates of which one is a multiple of the other, got 200 and 333 Hz"
     ):
-        lw.joined_by_time(first, replace(base_part, rate=333.0))
+        lw.records.joined_by_time(first, replace(base_part, rate=333.0))
     with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
-        lw.joined_by_time(first, record)
+        lw.records.joined_by_time(first, record)
 
 
 def test_parts_of_a_record_are_joined(record: lw.Record) -> None:
     second = replace(record[150:].select(["a:base", "x:m1"]), source="part2.csv")
-    joined = lw.continued(record[:100], second)
+    joined = lw.records.continued(record[:100], second)
     assert joined.channels == record.channels and len(joined) == 400
     assert (joined.values[:100] == record.values[:100]).all() and joined.missing[100:150].all()
     assert (joined.values[150:] == record.values[150:]).all()
     assert joined.notes[-1] == "The record continues in part2.csv, after a gap of 50 samples."
-    assert not lw.continued(record[:100], record[100:]).missing.any()
+    assert not lw.records.continued(record[:100], record[100:]).missing.any()
 
 
 def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
     first, second = record[:100], record[100:]
     with pytest.raises(lw.RecordError, match=r"overlaps in time: 0 to 0\.495 s and 0\.25 to 1\.995 s"):
-        lw.continued(first, record[50:])
+        lw.records.continued(first, record[50:])
     with pytest.raises(
         lw.RecordError, match=r"goes on 0\.0025 s after 0 to 0\.495 s, which is not a whole number of steps"
     ):
-        lw.continued(first, replace(second, start=second.start + 0.0025))
+        lw.records.continued(first, replace(second, start=second.start + 0.0025))
     with pytest.raises(lw.RecordError, match=r"begins 1000 s after .* a gap longer than both parts"):
-        lw.continued(first, replace(second, start=second.start + 1000.0))
+        lw.records.continued(first, replace(second, start=second.start + 1000.0))
     with pytest.raises(
         lw.RecordError, match="parts of a record need the same channels: x:m1, a:base and x:m1"
     ):
-        lw.continued(first, second.select(["x:m1"]))
+        lw.records.continued(first, second.select(["x:m1"]))
     with pytest.raises(
         lw.RecordError, match="the parts of a record need one sampling rate, got 200 and 250 Hz"
     ):
-        lw.continued(first, replace(second, rate=250.0))
+        lw.records.continued(first, replace(second, rate=250.0))
 
 
 def test_parts_that_state_different_noise_are_refused(record: lw.Record) -> None:
     first, second = (replace(part, noise={"x:m1": 1e-4}) for part in (record[:100], record[100:]))
-    assert lw.continued(first, second).noise == {"x:m1": 1e-4}
-    assert lw.continued(first, replace(second, noise={})).noise == {"x:m1": 1e-4}
+    assert lw.records.continued(first, second).noise == {"x:m1": 1e-4}
+    assert lw.records.continued(first, replace(second, noise={})).noise == {"x:m1": 1e-4}
     later = replace(second, interpolation={"a:base": "linear"})
-    assert lw.continued(first, later).interpolation == {"a:base": "linear"}  # the second part alone states it
+    assert lw.records.continued(first, later).interpolation == {
+        "a:base": "linear"
+    }  # the second part alone states it
     with pytest.raises(
         lw.RecordError, match="channel x:m1: states another noise of its sensor than the first"
     ):
-        lw.continued(first, replace(second, noise={"x:m1": 2e-4}))
-    known = (replace(first, uncertainty={"x:m1": lw.SensorUncertainty(gain=size)}) for size in (0.01, 0.02))
+        lw.records.continued(first, replace(second, noise={"x:m1": 2e-4}))
+    known = (
+        replace(first, uncertainty={"x:m1": lw.records.SensorUncertainty(gain=size)}) for size in (0.01, 0.02)
+    )
     first_statement, second_statement = known
     with pytest.raises(lw.RecordError, match="channel x:m1: states another uncertainty of its sensor"):
-        lw.continued(first_statement, replace(second, uncertainty=second_statement.uncertainty))
+        lw.records.continued(first_statement, replace(second, uncertainty=second_statement.uncertainty))

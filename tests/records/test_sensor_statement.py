@@ -17,8 +17,8 @@ T = np.arange(400) / 200.0
 MOTION = 1e-3 * np.sin(30.0 * T)
 
 
-def statement(channel: str = "x:m1", **stated: object) -> lw.SensorStatement:
-    return lw.SensorStatement.of(stated, channel)
+def statement(channel: str = "x:m1", **stated: object) -> lw.records.SensorStatement:
+    return lw.records.SensorStatement.of(stated, channel)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_a_sensor_shows_gain_times_motion_and_offset() -> None:
     ids=str,
 )
 def test_a_percentage_is_of_the_gain_that_is_stated(given: Mapping[str, object]) -> None:
-    assert lw.SensorStatement.of(given, "x:m1").uncertainty.gain == pytest.approx(0.05, rel=1e-12)
+    assert lw.records.SensorStatement.of(given, "x:m1").uncertainty.gain == pytest.approx(0.05, rel=1e-12)
 
 
 def test_a_known_delay_is_taken_out() -> None:
@@ -96,29 +96,29 @@ def test_notes_on_a_voltmeter_have_the_unit_of_the_file(
     units: dict[str, str], known: str, removed: str
 ) -> None:
     record = lw.Record(0.0, 200.0, ("state:piezo.V",), MOTION[:, None], units=units)
-    stated = lw.SensorStatement.of({"offset": "0.3 mV +- 5 mV"}, "state:piezo.V")
+    stated = lw.records.SensorStatement.of({"offset": "0.3 mV +- 5 mV"}, "state:piezo.V")
     notes = with_statements(record, {"state:piezo.V": stated}).notes
     assert f"state:piezo.V: its offset is known to {known}." in notes
     assert f"state:piezo.V: an offset of {removed} was removed, as known." in notes
 
 
 def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
-    known = lw.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf)
-    again = lw.SensorStatement.of(attributes_of(known, "m/s"), "v:m1")
+    known = lw.records.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf)
+    again = lw.records.SensorStatement.of(attributes_of(known, "m/s"), "v:m1")
     assert again.uncertainty == known
-    state = lw.SensorStatement.of(attributes_of(known, "?"), "state:joint.z")
+    state = lw.records.SensorStatement.of(attributes_of(known, "?"), "state:joint.z")
     assert state.uncertainty == known
 
 
 def test_a_record_refuses_what_is_stated_of_other_channels() -> None:
     record = lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None])
-    known = lw.SensorUncertainty(offset=1e-4)
+    known = lw.records.SensorUncertainty(offset=1e-4)
     with pytest.raises(lw.RecordError, match="channel x:m2: errors are stated of a channel that is not in"):
         replace(record, uncertainty={"x:m2": known})
     with pytest.raises(lw.RecordError, match="sensors share a gain, not an offset or a delay"):
         replace(record, uncertainty={"common": known})
     with pytest.raises(lw.RecordError, match="standard deviation of a delay must not be negative"):
-        lw.SensorUncertainty(delay=-1.0)
+        lw.records.SensorUncertainty(delay=-1.0)
 
 
 @pytest.mark.parametrize("stated", [{"gain": "1.02"}, {"offset": 1.0}, {"delay": "1 ms"}, {"noise": 1e-3}])
@@ -127,16 +127,19 @@ def test_a_known_error_of_all_sensors_is_not_dropped_in_silence(stated: dict[str
     with pytest.raises(lw.RecordError, match=r"channel common: .* only its standard deviation can be stated"):
         with_statements(record, {"common": statement("common", **stated)})
     known = with_statements(record, {"common": statement("common", gain="+- 1 %")})
-    assert known.uncertainty == {"common": lw.SensorUncertainty(gain=0.01)}
+    assert known.uncertainty == {"common": lw.records.SensorUncertainty(gain=0.01)}
 
 
 def test_channels_keep_what_is_known_of_them() -> None:
-    known = {"x:m1": lw.SensorUncertainty(offset=1e-4), "common": lw.SensorUncertainty(gain=0.01)}
+    known = {
+        "x:m1": lw.records.SensorUncertainty(offset=1e-4),
+        "common": lw.records.SensorUncertainty(gain=0.01),
+    }
     both = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, MOTION**2], axis=1), uncertainty=known)
     assert both.select(["x:m2"]).uncertainty == {"common": known["common"]}
     assert both.select(["x:m1"])[10:].decimate(1).uncertainty == known
-    second = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.SensorUncertainty(delay=1e-3)})
-    assert set(lw.beside(both.select(["x:m1"]), second).uncertainty) == {"x:m1", "x:m2", "common"}
+    second = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.records.SensorUncertainty(delay=1e-3)})
+    assert set(lw.records.beside(both.select(["x:m1"]), second).uncertainty) == {"x:m1", "x:m2", "common"}
 
 
 @pytest.mark.parametrize(
@@ -151,7 +154,7 @@ def test_channels_keep_what_is_known_of_them() -> None:
     ],
 )
 def test_offsets_of_rotations_are_angles(given: object, value: float, sigma: float) -> None:
-    stated = lw.SensorStatement.of({"offset": given, "noise": "0.05 deg"}, "x:disc1")
+    stated = lw.records.SensorStatement.of({"offset": given, "noise": "0.05 deg"}, "x:disc1")
     assert stated.offset == pytest.approx((value, sigma), rel=1e-12)
     assert stated.noise == pytest.approx(np.radians(0.05), rel=1e-12)
     record = with_statements(lw.Record(0.0, 200.0, ("x:disc1",), MOTION[:, None]), {"x:disc1": stated})
@@ -172,16 +175,16 @@ def test_offsets_of_rotations_are_angles(given: object, value: float, sigma: flo
 )
 def test_offsets_in_two_units_are_refused(stated: dict[str, object], message: str) -> None:
     with pytest.raises(lw.RecordError, match=message) as error:
-        lw.SensorStatement.of(stated, "x:disc1")
+        lw.records.SensorStatement.of(stated, "x:disc1")
     assert "\n" not in str(error.value)
 
 
 def test_an_offset_in_another_unit_than_the_record_is_refused() -> None:
     record = lw.Record(0.0, 200.0, ("x:disc1",), MOTION[:, None], units={"x:disc1": "rad"})
-    stated = lw.SensorStatement.of({"offset": "0.3 mm"}, "x:disc1")
+    stated = lw.records.SensorStatement.of({"offset": "0.3 mm"}, "x:disc1")
     with pytest.raises(lw.RecordError, match="is in rad, and what is stated of its sensor is in m"):
         with_statements(record, {"x:disc1": stated})
-    turned = lw.SensorStatement.of({"noise": "0.3 deg"}, "x:disc1")
+    turned = lw.records.SensorStatement.of({"noise": "0.3 deg"}, "x:disc1")
     with pytest.raises(lw.RecordError, match="is in rad and in m: correct one of them"):
         stated.over(turned)
     moved = with_statements(replace(record, units={}), {"x:disc1": stated})
@@ -190,12 +193,12 @@ def test_an_offset_in_another_unit_than_the_record_is_refused() -> None:
 
 
 def test_what_is_known_of_a_rotation_is_written_in_rad() -> None:
-    known = lw.SensorUncertainty(offset=1e-3)
+    known = lw.records.SensorUncertainty(offset=1e-3)
     assert attributes_of(known, "rad") == {"offset": "+- 0.001 rad"}
-    assert lw.SensorStatement.of(attributes_of(known, "rad"), "x:disc1").uncertainty == known
+    assert lw.records.SensorStatement.of(attributes_of(known, "rad"), "x:disc1").uncertainty == known
 
 
 def test_a_unit_that_cannot_be_read_is_answered_with_that_of_a_rotation_too() -> None:
     for kind, angular in (("x", "rad"), ("a", "rad/s^2"), ("force", "N m")):
         with pytest.raises(lw.RecordError, match=f"or 'unknown'; of what turns, in {re.escape(angular)}"):
-            lw.SensorStatement.of({"offset": "+- 1 furlongs/week^3"}, f"{kind}:disc1")
+            lw.records.SensorStatement.of({"offset": "+- 1 furlongs/week^3"}, f"{kind}:disc1")

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 @pytest.fixture(scope="module")
 def identified(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Shown:
     """The page of `linkwise identify`."""
-    folder = lw.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer", truth=chain)
+    folder = lw.report.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer", truth=chain)
     return show(folder / "report.html", tmp_path_factory.mktemp("browser"))
 
 
@@ -55,7 +55,7 @@ def test_absorption_page_renders_with_its_figures(
     chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     absorption = lw.absorb(chain, duration=1.0, release={"v:m1": 1.0})
-    folder = lw.write_absorption(absorption, tmp_path_factory.mktemp("absorbed") / "answer")
+    folder = lw.report.write_absorption(absorption, tmp_path_factory.mktemp("absorbed") / "answer")
     shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
     assert shown.console == () and shown.shades > 50
     assert len(shown.pictures) == 3 and min(shown.pictures.values()) > 400
@@ -64,7 +64,9 @@ def test_absorption_page_renders_with_its_figures(
 def test_discovery_page_renders_with_its_figures(
     discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    folder = lw.write_discovery(discovered, tmp_path_factory.mktemp("discovered") / "answer", truth=chain)
+    folder = lw.report.write_discovery(
+        discovered, tmp_path_factory.mktemp("discovered") / "answer", truth=chain
+    )
     shown = show(folder / "report.html", tmp_path_factory.mktemp("browser"))
     assert shown.console == () and shown.shades > 50
     assert len(shown.pictures) == 4 and min(shown.pictures.values()) > 400

@@ -19,9 +19,11 @@ def test_page_renders_without_a_word_on_the_console(kind: str, tmp_path: Path) -
     chain = lw.bnes_chain(2)
     if kind == "map":
         over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
-        folder = lw.write_absorption_map(lw.absorption_map(chain, over, **options), tmp_path / "map")
+        folder = lw.report.write_absorption_map(
+            lw.absorption.absorption_map(chain, over, **options), tmp_path / "map"
+        )
     else:
-        folder = lw.write_absorption(lw.absorb(chain, **options), tmp_path / "absorbed")
+        folder = lw.report.write_absorption(lw.absorb(chain, **options), tmp_path / "absorbed")
     page = show(folder / "report.html", tmp_path)
     assert page.console == ()
     assert page.shades > 50  # an empty page has one

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("unrendered")
 @pytest.fixture(scope="module")
 def folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result folder as `identify --truth` writes it."""
-    return lw.write_result(fitted, tmp_path_factory.mktemp("results") / "answer", truth=chain)
+    return lw.report.write_result(fitted, tmp_path_factory.mktemp("results") / "answer", truth=chain)
 
 
 def page_of(estimate: lw.Estimate, **options: Any) -> str:
@@ -125,7 +125,9 @@ def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate
 
 def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_path: Path) -> None:
     fractions: list[float] = []
-    lw.write_result(fitted, tmp_path / "answer", progress=lambda report: fractions.append(report.fraction))
+    lw.report.write_result(
+        fitted, tmp_path / "answer", progress=lambda report: fractions.append(report.fraction)
+    )
     # four files are written, the last report is before the last of them
     assert fractions == sorted(fractions) and fractions[0] >= 0.0 and 0.8 < fractions[-1] <= 1.0
 
@@ -143,10 +145,10 @@ def test_a_discovery_from_a_simulated_record_with_memory_is_written(
     simulated = discovered.estimate.record.simulated
     assert simulated is not None
     sink = chain.link("nes1")
-    joint = lw.named_law("dahl").link(sink.name, sink.between, {"sigma": 1e4, "Fc": 1.0, "c": 0.1})
+    joint = lw.model.named_law("dahl").link(sink.name, sink.between, {"sigma": 1e4, "Fc": 1.0, "c": 0.1})
     with_memory = replace(simulated, structure=replace(chain, links=(chain.links[0], joint)))
     record = replace(discovered.estimate.record, simulated=with_memory)
     discovery = replace(discovered, estimate=replace(discovered.estimate, record=record))
-    folder = lw.write_discovery(discovery, tmp_path / "answer")
+    folder = lw.report.write_discovery(discovery, tmp_path / "answer")
     assert "truth" not in json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert (folder / "force_m2-m1.png").exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import re
 import sys
@@ -16,9 +15,9 @@ from matplotlib.figure import Figure
 
 import linkwise as lw
 import linkwise.paper
+from linkwise.plot.links import force_figure
 from linkwise.registry import Registry
 from linkwise.report import absorption, discovery, estimate
-from linkwise.report import page as report_page
 from linkwise.report.page import Build, Reported, Section, figure_section, sections_of, write_figures
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -73,7 +72,13 @@ def check(
 def test_a_figure_of_an_estimate_is_a_function_and_a_line(
     section: Build[Any], fitted: lw.Estimate, tmp_path: Path
 ) -> None:
-    check(estimate.SECTIONS, section, lambda folder: lw.write_result(fitted, folder), tmp_path, "Estimate")
+    check(
+        estimate.SECTIONS,
+        section,
+        lambda folder: lw.report.write_result(fitted, folder),
+        tmp_path,
+        "Estimate",
+    )
 
 
 def test_a_figure_of_a_discovery_is_a_function_and_a_line(
@@ -82,7 +87,7 @@ def test_a_figure_of_a_discovery_is_a_function_and_a_line(
     check(
         discovery.SECTIONS,
         section,
-        lambda folder: lw.write_discovery(discovered, folder),
+        lambda folder: lw.report.write_discovery(discovered, folder),
         tmp_path,
         "Discovery",
     )
@@ -93,7 +98,7 @@ def test_a_figure_of_an_absorption_is_a_function_and_a_line(section: Build[Any],
     check(
         absorption.SECTIONS,
         section,
-        lambda folder: lw.write_absorption(absorbed, folder),
+        lambda folder: lw.report.write_absorption(absorbed, folder),
         tmp_path,
         "Absorption",
     )
@@ -101,16 +106,18 @@ def test_a_figure_of_an_absorption_is_a_function_and_a_line(section: Build[Any],
 
 def test_an_absorption_says_how_far_its_energies_balance(tmp_path: Path) -> None:
     absorbed = lw.absorb(lw.bnes_chain(2), duration=0.5, rate=500.0, release={"v:m1": 1.0})
-    page = (lw.write_absorption(absorbed, tmp_path / "absorbed") / "report.html").read_text(encoding="utf-8")
+    page = (lw.report.write_absorption(absorbed, tmp_path / "absorbed") / "report.html").read_text(
+        encoding="utf-8"
+    )
     assert re.search(r"the balance closes to \d+e-\d+\.", page)
 
 
 def test_a_figure_of_every_link_is_a_function_and_a_line(fitted: lw.Estimate, tmp_path: Path) -> None:
     def again(reported: Reported[lw.Estimate], link: str) -> Callable[[], Figure]:
-        return lambda: lw.plot.force_figure(reported.result, link)
+        return lambda: force_figure(reported.result, link)
 
     with estimate.LINK_FIGURES.temporarily("again", again):
-        folder = lw.write_result(fitted, tmp_path / "answer")
+        folder = lw.report.write_result(fitted, tmp_path / "answer")
     page = (folder / "report.html").read_text(encoding="utf-8")
     for link in ("nes1", "spring1"):
         assert (folder / f"again_{link}.png").exists() and f'id="again_{link}"' in page
@@ -126,7 +133,7 @@ def test_figures_are_drawn_once_and_still_ones_are_pictures(fitted: lw.Estimate,
 
     def draw(result: str) -> Figure:
         drawn.append(result)
-        return lw.plot.force_figure(fitted, "spring1")
+        return force_figure(fitted, "spring1")
 
     sections = sections_of({"force": figure_section('A <b>"force"</b>', draw)}, Reported("once"))
     fractions: list[float] = []
@@ -136,30 +143,11 @@ def test_figures_are_drawn_once_and_still_ones_are_pictures(fitted: lw.Estimate,
     assert 'alt="A &lt;b&gt;&#34;force&#34;&lt;/b&gt;"' in shown["force"]
 
 
-def test_every_figure_of_a_page_is_public() -> None:
-    """Those of the paper put public pictures together, too; a surface is drawn by Python alone, shapes by `structure show`."""
-    report, paper = (Path(str(module.__file__)).parent for module in (report_page, linkwise.paper))
-    nodes = [
-        node
-        for path in (*report.glob("*.py"), *paper.glob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    ]
-    imported = {
-        (str(node.module), alias.name)
-        for node in nodes
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
+def test_every_figure_is_that_of_a_page_the_paper_or_a_command() -> None:
+    source = Path(linkwise.__file__).parent
+    texts = {path: path.read_text(encoding="utf-8") for path in source.rglob("*.py")}
+    made = {
+        name for text in texts.values() for name in re.findall(r"^def (\w+_figure)\(", text, re.MULTILINE)
     }
-    of_the_paper = {
-        name
-        for module, name in imported
-        if re.match(r"linkwise\.paper\.figures_", module) and "figure_" in name
-    }
-    assert of_the_paper == {f"figure_{number}" for number in range(2, 10)}
-    attributes = {ast.unparse(node) for node in nodes if isinstance(node, ast.Attribute)}
-    shared = attributes | {f"plot.{name}" for module, name in imported if module.startswith("linkwise.plot")}
-    public = {f"plot.{name}" for name in lw.plot.__all__ if name.endswith("_figure")}
-    assert {name for name in shared if re.fullmatch(r"plot\.\w+_figure", name)} == public - {
-        "plot.surface_figure",
-        "plot.shapes_figure",
-    }
+    users = [text for path, text in texts.items() if path.parent.name in ("report", "paper", "cli")]
+    assert len(made) > 20 and {name for name in made if not any(name in text for text in users)} == set()

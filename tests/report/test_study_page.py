@@ -211,7 +211,7 @@ def test_a_partial_study_says_what_is_missing() -> None:
 def test_an_empty_study_has_a_report(tmp_path: Path) -> None:
     reports: list[float] = []
     folder = stored(tmp_path / "empty", STUDY, [])
-    page = lw.write_study_report(folder, progress=lambda report: reports.append(report.fraction))
+    page = lw.report.write_study_report(folder, progress=lambda report: reports.append(report.fraction))
     assert reports == sorted(reports) and reports[0] == 0.0 and reports[-1] == 1.0
     text = body(page.read_text(encoding="utf-8"))
     assert "0 of 315 cases were run" in text and "Figure 2" in text and "Figure 6" not in text
@@ -225,7 +225,7 @@ def test_a_study_of_ones_own_has_its_table_and_figure(tmp_path: Path) -> None:
         for c in study.cases()
     ]
     folder = stored(tmp_path / "mine", study, rows)
-    page = body(lw.write_study_report(folder).read_text(encoding="utf-8"))
+    page = body(lw.report.write_study_report(folder).read_text(encoding="utf-8"))
     assert "<h1>Study mine</h1>" in page and "The study is complete." in page and "Table 2" not in page
     assert page.count("<td>0.25</td>") == 4 and "<th>most likely</th>" in page
     assert {path.name for path in (folder / "figures").iterdir()} == {"accuracy.png", "accuracy.svg"}
@@ -236,7 +236,7 @@ def test_a_study_of_terms_has_their_table_and_its_maps(tmp_path: Path) -> None:
     """Of 24 cases a length, `discover` is exact in 11, and wrong and trusted in 5."""
     study = reach_study()
     folder = stored(tmp_path / "reach", study, reach_rows(study))
-    page = body(lw.write_study_report(folder).read_text(encoding="utf-8"))
+    page = body(lw.report.write_study_report(folder).read_text(encoding="utf-8"))
     assert "<h2>Right links and terms</h2>" in page
     assert (
         "<tr><th>structure</th><th>method</th><th>cases</th><th>exact</th><th>wrong, trusted</th><th>extra, trusted</th></tr>"
@@ -260,12 +260,12 @@ def test_a_small_study_of_terms_runs_to_its_page(tmp_path: Path, capsys: pytest.
         )  # no answer at 5 samples a period
         out = capsys.readouterr().out
         assert out.startswith("small reach: 24 of 24 cases done, ") and "wrong, trusted" in out
-        before = lw.read_rows(folder)
+        before = lw.study.read_rows(folder)
         assert run(["study", str(file), "--quick", "--workers", "1", "--json", "-o", str(folder)]) == 3
-    assert [row.seconds for row in lw.read_rows(folder)] == [
+    assert [row.seconds for row in lw.study.read_rows(folder)] == [
         row.seconds for row in before
     ]  # none was run again
-    maps = lw.success_maps(folder)
+    maps = lw.study.success_maps(folder)
     assert [success.method for success in maps] == 2 * ["discover", "sindy, links"]
     fine, coarse = maps[0].exact[1], maps[0].exact[0]
     assert fine[2] == 1 and (coarse == 0).all()  # 25 samples a period at 40 dB, and 5
@@ -304,7 +304,7 @@ def test_the_command_ends_with_the_report(tmp_path: Path, capsys: pytest.Capture
 
 def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="the folder does not hold a study"):
-        lw.write_study_report(tmp_path)
+        lw.report.write_study_report(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -64,7 +64,7 @@ def test_a_root_that_the_integrator_cannot_follow_through_zero_is_told_with_a_la
 @pytest.mark.parametrize(("k", "c"), [(1e308, 1.0), (1.0, 1e308), (1.7e308, 1.7e308)])
 def test_modes_of_coefficients_near_the_largest_number_are_refused(k: float, c: float) -> None:
     with pytest.raises(lw.StructureError, match="is too large for its masses: its modes are not finite"):
-        lw.modes(lw.bnes_chain(4, k=k, sink_c=c), at=np.zeros(4))
+        lw.analysis.modes(lw.bnes_chain(4, k=k, sink_c=c), at=np.zeros(4))
 
 
 def test_samples_that_nothing_can_have_are_refused() -> None:

@@ -121,7 +121,7 @@ def test_a_full_disk_behind_standard_output_is_told(chain_file: Path) -> None:
 @pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252"])
 def test_a_name_that_standard_output_cannot_say_is_escaped(encoding: str, tmp_path: Path) -> None:
     """As on a pipe of Windows: an answer is not lost for a letter of it."""
-    text = lw.format_structure(lw.bnes_chain(2)).replace('"m1"', '"\u8cea\u91cf"')
+    text = lw.model.format_structure(lw.bnes_chain(2)).replace('"m1"', '"\u8cea\u91cf"')
     (tmp_path / "chain.toml").write_text(text, encoding="utf-8")
     done = subprocess.run(
         [*LINKWISE, "structure", "show", "chain.toml"],

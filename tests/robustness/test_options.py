@@ -124,7 +124,7 @@ def test_a_force_that_is_neither_file_nor_expression_is_refused(
 @pytest.mark.parametrize("digits", ["9" * 400, f'"{"9" * 400} kg"', f"{{ start = {'9' * 400} }}", "1e400"])
 def test_a_number_of_400_digits_is_no_finite_one(digits: str) -> None:
     for key in ("mass", "k"):
-        text = lw.format_structure(lw.bnes_chain(2))
+        text = lw.model.format_structure(lw.bnes_chain(2))
         old = "mass = 1.0" if key == "mass" else "k = 30000.0"
         assert old in text
         with pytest.raises(lw.StructureError) as error:
@@ -136,4 +136,4 @@ def test_a_coefficient_of_400_digits_is_no_finite_one() -> None:
     with pytest.raises(lw.StructureError, match="finite"):
         lw.Coefficient.number(10**400)
     with pytest.raises(lw.LinkwiseError, match="finite"):
-        lw.to_si(10**400, "kg")
+        lw.files.to_si(10**400, "kg")

@@ -21,6 +21,7 @@ import linkwise as lw
 from linkwise.cli import run
 from linkwise.errors import OutputError
 from linkwise.output import FullDiskError, atomic_file, atomic_folder, check_result_folder
+from linkwise.plot.estimates import shapes_figure
 
 NAMES = [f"file{k}.txt" for k in range(6)]
 WRITER = """
@@ -250,7 +251,7 @@ def full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     lw.write_structure(lw.bnes_chain(2), "chain.toml")
     lw.write_record(chain_record(2, duration=0.1, rate=500.0), "run.csv")
     Path("modes.csv").write_text("frequency[Hz],damping,tip\n5.2,0.01,1.0\n")
-    lw.plot.save(lw.plot.shapes_figure(beam_of_one_mode()), "shown")  # fonts are found before
+    lw.plot.save(shapes_figure(beam_of_one_mode()), "shown")  # fonts are found before
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     yield
@@ -325,7 +326,7 @@ def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
     assert whole(folder) == "old" and {entry.name for entry in tmp_path.iterdir()} == {"answer", "kept"}
     if elsewhere:
         rescued = Path(note.removeprefix("note: the result was kept in "))
-        assert rescued.parent.parent == tmp_path / "kept" and lw.read_posterior(rescued).names
+        assert rescued.parent.parent == tmp_path / "kept" and lw.estimates.read_posterior(rescued).names
         assert set(json.loads((rescued / "result.json").read_text())["files"]) < set(os.listdir(rescued))
     else:
         assert note == "note: the result was not saved; only the printed text is left"
@@ -350,7 +351,7 @@ def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
     note, error = capsys.readouterr().err.strip().splitlines()
     place, _, lacking = note.removeprefix("note: the result was kept in ").partition(", ")
     assert lacking == "without figures and page" and error.startswith("linkwise: ")
-    assert not (tmp_path / "answer").exists() and lw.read_posterior(place).names
+    assert not (tmp_path / "answer").exists() and lw.estimates.read_posterior(place).names
     files = json.loads((Path(place) / "result.json").read_text())["files"]
     assert {*files, "result.json"} == set(os.listdir(place)) and "structure.toml" in files
 

@@ -68,7 +68,7 @@ def written(name: str, folder: Path) -> lw.Estimate:
     record = lw.simulate(subject, release={"v:m1": 1.0}, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
     said = f"{name}</script><img src=x>"
     fit = lw.identify(replace(record, source=said, notes=(said,)), subject.unknown(name), method="weak")
-    lw.write_result(replace(fit, message=said, remarks=(said,)), folder, truth=subject)
+    lw.report.write_result(replace(fit, message=said, remarks=(said,)), folder, truth=subject)
     return fit
 
 
@@ -94,7 +94,7 @@ def test_no_text_of_an_answer_adds_anything_that_runs(
     assert lw.read_structure(tmp_path / "answer" / "structure.toml") == fit.structure
     for script in some(page.scripts):
         assert 'document.write("mine")' not in script
-    assert set(lw.read_posterior(tmp_path / "answer").names) == {
+    assert set(lw.estimates.read_posterior(tmp_path / "answer").names) == {
         parameter.name for parameter in fit.parameters
     }
 
@@ -103,7 +103,7 @@ def test_no_text_of_an_answer_adds_anything_that_runs(
 def test_no_cell_of_an_absorption_is_a_formula(tmp_path: Path) -> None:
     subject = chain_with(NAMES["formula"])
     absorption = lw.absorb(subject, duration=1.0, release={"v:m1": 1.0})
-    lw.write_absorption(absorption, tmp_path / "absorbed")
+    lw.report.write_absorption(absorption, tmp_path / "absorbed")
     for name in ("decay.csv", "energy.csv", "crossings.csv"):
         with (tmp_path / "absorbed" / name).open(newline="") as file:
             header, *rows = csv.reader(file)

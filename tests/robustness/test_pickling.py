@@ -33,8 +33,8 @@ MAKERS: dict[str, Callable[[lw.Record], Any]] = {
     "discovery": lambda record: lw.discover(record, {"m1": 1.0, "m2": 0.01}),
     "limit": lambda record: lw.limit(CHAIN, duration=1.0, rate=500.0, noise=20.0, release=RELEASE),
     "absorption": lambda record: lw.absorb(CHAIN, duration=1.0, release=RELEASE),
-    "free run": lambda record: lw.free_run(CHAIN, record),
-    "equilibria": lambda record: lw.equilibria(CHAIN),
+    "free run": lambda record: lw.analysis.free_run(CHAIN, record),
+    "equilibria": lambda record: lw.analysis.equilibria(CHAIN),
     "study": lambda record: lw.read_study("paper"),
     "structure": lambda record: CHAIN,
 }
@@ -63,7 +63,9 @@ def test_a_copy_of_an_estimate_still_answers(
         np.testing.assert_array_equal(mine, its)
     assert again.to_dict() == original.to_dict()
     if method == "ml":
-        assert lw.profile_interval(again, "nes1.alpha") == lw.profile_interval(original, "nes1.alpha")
+        assert lw.likelihood.profile_interval(again, "nes1.alpha") == lw.likelihood.profile_interval(
+            original, "nes1.alpha"
+        )
 
 
 def test_a_copy_of_a_record_is_as_immutable(record: lw.Record) -> None:

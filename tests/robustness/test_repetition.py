@@ -33,7 +33,7 @@ def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
     with pytest.raises(lw.RecordError, match="hold the same samples"):
         lw.discover([record, record], MASSES)
     with pytest.raises(lw.RecordError, match="hold the same samples"):
-        lw.check_discovery([record, record], MASSES)
+        lw.discovery.check_discovery([record, record], MASSES)
 
 
 def test_two_measurements_of_one_test_are_taken(record: lw.Record) -> None:
@@ -63,7 +63,7 @@ def test_the_notes_of_all_records_are_in_the_result(record: lw.Record, tmp_path:
     clean = chain_record(2, duration=1.0, rate=500.0, speed=0.8).with_noise(30.0, seed=3)
     with_gap = lw.Record.from_arrays(record.time, {"x:m1": record.channel("x:m1"), "x:m2": gap})
     fit = lw.identify([clean, with_gap], CHAIN.unknown("nes"))
-    lw.write_result(fit, tmp_path / "answer")
+    lw.report.write_result(fit, tmp_path / "answer")
     notes = json.loads((tmp_path / "answer" / "result.json").read_text())["notes"]
     assert notes == ["Noise of 30 dB per channel was added (seed 3).", "x:m2: 10 of 501 samples are missing."]
     assert lw.discover(clean, MASSES).to_dict()["notes"] == notes[:1]
@@ -73,7 +73,7 @@ def test_the_notes_of_all_records_are_in_the_result(record: lw.Record, tmp_path:
 def test_a_name_has_the_length_that_names_of_files_leave_it(kind: str) -> None:
     def renamed(name: str) -> lw.Structure:
         old = {"mass": '"m2"', "link": '"nes1"'}[kind]
-        return lw.parse_structure(lw.format_structure(CHAIN).replace(old, f'"{name}"'))
+        return lw.parse_structure(lw.model.format_structure(CHAIN).replace(old, f'"{name}"'))
 
     assert renamed("n" * 200).size == 2
     for name in ("n" * 201, "ü" * 101, "n" * 200_000):

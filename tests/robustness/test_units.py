@@ -34,7 +34,7 @@ def test_a_unit_is_read_or_refused_at_once() -> None:
         "import sys, linkwise as lw\n"
         "for text in sys.stdin.read().split('\\n'):\n"
         "    try:\n"
-        "        lw.to_si(text, 'kg')\n"
+        "        lw.files.to_si(text, 'kg')\n"
         "    except lw.LinkwiseError as error:\n"
         "        print(len(str(error)), str(error)[:60])\n"
     )
@@ -63,4 +63,4 @@ def test_a_unit_is_read_or_refused_at_once() -> None:
     ],
 )
 def test_powers_that_people_write_are_read(given: str, value: float) -> None:
-    assert lw.to_si(given, "kg") == pytest.approx(value, rel=1e-15)
+    assert lw.files.to_si(given, "kg") == pytest.approx(value, rel=1e-15)

@@ -46,7 +46,7 @@ def test_clipped_samples_go_with_their_channel() -> None:
     overloaded = replace(
         record, values=np.column_stack([np.clip(x, -peak, peak), record.channel("a:base")]), simulated=None
     )
-    marked = lw.mark_missing(overloaded)
+    marked = lw.inspection.mark_missing(overloaded)
     assert marked.clipped.keys() == {"rel:x:m1"}
     assert framed(marked, storey()).record.clipped.keys() == {"x:m1"}
 
@@ -87,7 +87,7 @@ def test_known_displacements_of_the_base_make_relative_ones_absolute() -> None:
 def test_velocity_of_the_base_gives_its_acceleration() -> None:
     """To the pass band of the interpolating sinc, 5e-4 at a sixth of the sampling rate."""
     record = measured("rel:x:m1", "v:base")
-    exact = lw.TimeFunction(BASE).derivative(record.time, 2)
+    exact = lw.model.TimeFunction(BASE).derivative(record.time, 2)
     acceleration = framed(record, storey()).acceleration
     assert acceleration is not None
     assert acceleration[100:-100] == pytest.approx(exact[100:-100], abs=5e-4 * np.abs(exact).max())

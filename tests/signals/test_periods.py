@@ -24,7 +24,7 @@ def repeated(sigma: float = 0.0, seed: int = 1) -> lw.Record:
 
 
 def test_noise_follows_from_the_scatter() -> None:
-    averaged = lw.average_periods(repeated(0.1), PERIOD)
+    averaged = lw.records.average_periods(repeated(0.1), PERIOD)
     assert len(averaged) == SIZE and averaged.start == pytest.approx((COUNT - 1) * PERIOD, rel=1e-12)
     # a variance from (COUNT - 1) SIZE squares; four of its standard deviations
     assert averaged.noise["x:m1"] == pytest.approx(
@@ -36,7 +36,7 @@ def test_noise_follows_from_the_scatter() -> None:
 
 
 def test_stated_noise_is_that_of_a_sample() -> None:
-    averaged = lw.average_periods(replace(repeated(0.1), noise={"x:m1": 0.08}), PERIOD)
+    averaged = lw.records.average_periods(replace(repeated(0.1), noise={"x:m1": 0.08}), PERIOD)
     assert averaged.noise["x:m1"] == pytest.approx(0.08 / np.sqrt(COUNT), rel=1e-12)
 
 
@@ -44,7 +44,7 @@ def test_periods_that_have_not_settled_are_left_out() -> None:
     record = repeated(0.01)
     values = record.values.copy()
     values[:, 0] += 0.5 * np.exp(-T / 0.7)  # 3 % of that are left after one period, 0.2 % after two
-    averaged = lw.average_periods(replace(record, values=values), PERIOD)
+    averaged = lw.records.average_periods(replace(record, values=values), PERIOD)
     assert "Averaged over 6 periods of 2 s" in averaged.notes[-1]
     assert "the first 2 were left out, in which the motion had not settled" in averaged.notes[-1]
 
@@ -54,7 +54,7 @@ def test_a_missing_sample_is_averaged_over_the_other_periods() -> None:
     values = record.values.copy()
     values[5, 0] = np.nan
     values[SIZE - 1 :: SIZE, 0] = np.nan
-    averaged = lw.average_periods(replace(record, values=values), PERIOD)
+    averaged = lw.records.average_periods(replace(record, values=values), PERIOD)
     assert averaged.missing.sum() == 1 and averaged.missing[-1, 0]
 
 
@@ -62,9 +62,9 @@ def test_motion_that_does_not_repeat_is_told() -> None:
     record = repeated(0.01)
     values = record.values.copy()
     values[:, 0] += 0.1 * np.sin(2.0 * np.pi * 3.3 / PERIOD * T)  # the force repeats, the motion does not
-    averaged = lw.average_periods(replace(record, values=values), PERIOD)
+    averaged = lw.records.average_periods(replace(record, values=values), PERIOD)
     assert "x:m1: the last two periods differ by more than white noise" in averaged.notes[-1]
-    assert not any("differ" in note for note in lw.average_periods(record, PERIOD).notes)
+    assert not any("differ" in note for note in lw.records.average_periods(record, PERIOD).notes)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_motion_that_does_not_repeat_is_told() -> None:
 )
 def test_what_is_no_period_is_refused(period: float, said: str) -> None:
     with pytest.raises(lw.RecordError) as caught:
-        lw.average_periods(repeated(0.01), period)
+        lw.records.average_periods(repeated(0.01), period)
     assert said in str(caught.value)
 
 
@@ -90,7 +90,7 @@ def test_an_average_is_identified_as_all_periods_are() -> None:
     clean = lw.simulate(hardening, forces={"m1": " + ".join(lines)}, duration=40.0 - 1.0 / RATE, rate=RATE)
     record = clean.with_noise(20.0, seed=2).between(8.0, 40.0)
     whole = lw.identify(record, hardening.unknown("all"))
-    of_average = lw.identify(lw.average_periods(record, 4.0), hardening.unknown("all"))
+    of_average = lw.identify(lw.records.average_periods(record, 4.0), hardening.unknown("all"))
     for name, true in (("k", 900.0), ("k3", 2e5), ("c", 3.0)):
         averaged, every = (fit.coefficient(f"spring.{name}") for fit in (of_average, whole))
         assert averaged.standard_error is not None and every.standard_error is not None

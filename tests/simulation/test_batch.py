@@ -55,10 +55,14 @@ def test_free_decays(betas: list[float]) -> None:
 
 
 def test_blows_samples_and_functions_of_time_do_work() -> None:
-    samples = lw.Sampled(0.0, 500.0, np.random.default_rng(1000).standard_normal(600))
+    samples = lw.model.Sampled(0.0, 500.0, np.random.default_rng(1000).standard_normal(600))
     excitation = Excitation.of(
         forces={"m1": samples, "m2": "0.1*sin(30*t)"},
-        impulses=(lw.Impulse("m1", 0.5, 0.25), lw.Impulse("m2", 0.01, 0.2555), lw.Impulse("m1", 0.3, 0.0)),
+        impulses=(
+            lw.model.Impulse("m1", 0.5, 0.25),
+            lw.model.Impulse("m2", 0.01, 0.2555),
+            lw.model.Impulse("m1", 0.3, 0.0),
+        ),
     )
     fleet = schedules([1e6, 7e5], excitation)
     batch = run_batch(fleet, tops(2))

@@ -40,7 +40,7 @@ def test_a_branch_holds_off_the_kink_where_it_is_watched(
 
 def test_an_input_in_pieces_leaves_the_motion_as_it_is() -> None:
     """A force of 0 in 2000 pieces: what is chosen at the start of each of them is what was there before."""
-    nothing = lw.Sampled(0.0, 1000.0, np.zeros(2001))
+    nothing = lw.model.Sampled(0.0, 1000.0, np.zeros(2001))
     motion, in_pieces = (
         lw.simulate(FRICTION, release={"v:m1": 1.0}, forces=forces, duration=2.0, rate=1000.0).channel("x:m1")
         for forces in ({}, {"m1": nothing})
@@ -58,7 +58,7 @@ def test_a_piece_may_begin_on_a_kink(side: float) -> None:
     pushed = side * lw.simulate(
         FRICTION,
         release={"x:m1": 0.02 * side},
-        forces={"m1": lw.Sampled(0.0, 1000.0, side * force)},
+        forces={"m1": lw.model.Sampled(0.0, 1000.0, side * force)},
         duration=2.0,
         rate=1000.0,
     ).channel("x:m1")
@@ -78,7 +78,7 @@ def test_branches_that_are_kept_are_those_that_would_be_chosen(
         "k*d + g*max(d - e, 0) + c*v*abs(v)", mass=1.0, to="base", k=400.0, g=4000.0, e=4e-3, c=0.8
     )
     time = np.arange(401) / 200.0
-    base = lw.Sampled(0.0, 200.0, 0.02 * np.sin(25.0 * time) + 0.01 * np.sin(4.0 * time**2), order)
+    base = lw.model.Sampled(0.0, 200.0, 0.02 * np.sin(25.0 * time) + 0.01 * np.sin(4.0 * time**2), order)
     kept = lw.simulate(on_base, base=base, duration=2.0, rate=200.0).channel("x:m1")
     monkeypatch.setattr("linkwise.simulation.run.branches_hold", lambda *arguments: False)
     chosen = lw.simulate(on_base, base=base, duration=2.0, rate=200.0).channel("x:m1")

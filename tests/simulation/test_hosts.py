@@ -33,7 +33,7 @@ def with_sink(subject: lw.Structure, end: str) -> lw.Structure:
 @cache
 def as_host() -> lw.Structure:
     """The same two masses by their modes."""
-    modes = lw.modes(two_masses())
+    modes = lw.analysis.modes(two_masses())
     shapes = modes.shapes / np.sqrt(np.einsum("ir,i,ir->r", modes.shapes, [1.0, 0.5], modes.shapes))
     by_point = {"a": shapes[0].tolist(), "b": shapes[1].tolist()}
     return structure({}, hosts=[host("beam", modes.frequencies.tolist(), 0.0, by_point)])
@@ -45,7 +45,7 @@ def test_a_host_by_its_modes_moves_as_its_masses_do() -> None:
         lw.simulate(
             structure,
             forces={f"{prefix}a": "20*sin(60*t)"},
-            impulses=[lw.Impulse(f"{prefix}b", 0.05)],
+            impulses=[lw.model.Impulse(f"{prefix}b", 0.05)],
             sensors=["x", "a", "f:nes"],
             duration=0.5,
             rate=1000.0,
@@ -79,5 +79,8 @@ def test_a_point_cannot_be_released() -> None:
 def test_an_unknown_point_is_told() -> None:
     with pytest.raises(lw.SimulationError, match=r"the masses and points are beam\.a, beam\.b, sink"):
         lw.simulate(
-            with_sink(as_host(), "beam.b"), impulses=[lw.Impulse("beam.c", 1.0)], duration=1.0, rate=100.0
+            with_sink(as_host(), "beam.b"),
+            impulses=[lw.model.Impulse("beam.c", 1.0)],
+            duration=1.0,
+            rate=100.0,
         )

@@ -325,7 +325,7 @@ def test_a_hysteretic_link_leaves_its_rest(power: int, band_limited: bool) -> No
     rate, rest = 200.0, 1.0
     time = np.arange(501) / rate
     moved = np.where(time < rest, 0.0, 0.01 * np.sin(6.0 * (time - rest)) ** power)
-    base = lw.Sampled(0.0, rate, moved, band_limited=band_limited)
+    base = lw.model.Sampled(0.0, rate, moved, band_limited=band_limited)
     record = lw.simulate(hysteretic(), base=base, duration=2.5, rate=rate)
     law = BOUC_WEN
 

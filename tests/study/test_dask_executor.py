@@ -57,7 +57,7 @@ def test_a_killed_worker_of_a_cluster_is_no_loss(
     with distributed.Client(address, set_as_default=False) as client:
         victims = list(client.run(os.getpid).values())
 
-    def strike(report: lw.ProgressReport) -> None:
+    def strike(report: lw.estimates.ProgressReport) -> None:
         if report.detail.done > 4 and victims:  # type: ignore[attr-defined]
             os.kill(victims.pop(), signal.SIGKILL)
             victims.clear()

@@ -36,9 +36,9 @@ def read(path: Path) -> list[dict[str, str]]:
 
 
 def test_rows_are_written_in_the_order_of_the_study(folder: Path) -> None:
-    written = lw.export_study(folder)
+    written = lw.study.export_study(folder)
     assert [path.name for path in written] == ["rows.csv", "summary.csv", "rows.parquet"]
-    rows, table = lw.read_rows(folder), read(folder / "rows.csv")
+    rows, table = lw.study.read_rows(folder), read(folder / "rows.csv")
     assert len(table) == len(rows) == 18
     for row, line in zip(some(rows), table, strict=True):
         assert (line["structure"], line["method"], int(line["seed"])) == (row.structure, row.method, row.seed)
@@ -51,9 +51,9 @@ def test_rows_are_written_in_the_order_of_the_study(folder: Path) -> None:
 
 def test_parquet_holds_the_same(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    lw.export_study(folder)
+    lw.study.export_study(folder)
     table = parquet.read_table(folder / "rows.parquet").to_pylist()
-    assert table == [summary.row_record(row) for row in lw.read_rows(folder)]
+    assert table == [summary.row_record(row) for row in lw.study.read_rows(folder)]
     assert any(line["nmse"] is None for line in table) and any(
         isinstance(line["nmse"], float) for line in table
     )
@@ -62,13 +62,13 @@ def test_parquet_holds_the_same(folder: Path) -> None:
 def test_without_the_library_there_is_no_parquet(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "rows.parquet").unlink(missing_ok=True)
     monkeypatch.setattr(summary, "find_spec", lambda name: None)
-    assert [path.name for path in lw.export_study(folder)] == ["rows.csv", "summary.csv"]
+    assert [path.name for path in lw.study.export_study(folder)] == ["rows.csv", "summary.csv"]
     assert not (folder / "rows.parquet").exists()
 
 
 def test_the_summary_is_that_of_the_rows(folder: Path) -> None:
-    lw.export_study(folder)
-    rows, table = lw.read_rows(folder), read(folder / "summary.csv")
+    lw.study.export_study(folder)
+    rows, table = lw.study.read_rows(folder), read(folder / "summary.csv")
     assert len(table) == 3 * 2 * 3
     for line in some(table):
         key = line["structure"], float(line["snr_db"]), line["method"]
@@ -84,7 +84,7 @@ def test_the_summary_is_that_of_the_rows(folder: Path) -> None:
 
 
 def test_the_summary_prints_itself(folder: Path) -> None:
-    summary = lw.study_summary(folder)
+    summary = lw.study.study_summary(folder)
     text = str(summary)
     head, *lacks = text.partition("\n\n")[0].splitlines()
     assert head == "small: 18 of 36 cases done, 6 failed"
@@ -100,19 +100,19 @@ def test_the_summary_prints_itself(folder: Path) -> None:
 def test_methods_that_look_for_terms_have_columns_of_their_own(tmp_path: Path, folder: Path) -> None:
     study = reach_study()
     home = stored(tmp_path / "reach", study, reach_rows(study))
-    lw.export_study(home)
+    lw.study.export_study(home)
     rows, cells = read(home / "rows.csv"), read(home / "summary.csv")
-    assert [json.loads(line["terms"]) for line in rows] == [row.terms for row in lw.read_rows(home)]
+    assert [json.loads(line["terms"]) for line in rows] == [row.terms for row in lw.study.read_rows(home)]
     assert {line["exact"] for line in rows} == {"True", "False"}
     cell = next(c for c in cells if (c["structure"], c["snr_db"]) == ("chain, 1 s, 500 Hz", "20.0"))
     assert (cell["method"], cell["exact"], cell["wrong_trusted"], cell["extra_trusted"]) == (
         "discover", "3", "1", "0",
     )  # fmt: skip
-    part = str(lw.study_summary(home)).partition("chain, 1 s, 500 Hz, 20 dB\n")[2].splitlines()
+    part = str(lw.study.study_summary(home)).partition("chain, 1 s, 500 Hz, 20 dB\n")[2].splitlines()
     assert part[0].split()[-5:] == ["exact", "wrong,", "trusted", "extra,", "trusted"]
     assert [line.split()[-3:] for line in part[1:3]] == [["3", "1", "0"], ["0", "4", "4"]]
-    assert "exact" not in str(lw.study_summary(folder))
-    lw.export_study(folder)
+    assert "exact" not in str(lw.study.study_summary(folder))
+    lw.study.export_study(folder)
     assert {line["exact"] for line in read(folder / "summary.csv")} == {""}
 
 
@@ -120,6 +120,6 @@ def test_a_study_that_has_not_begun_has_tables_without_rows(tmp_path: Path) -> N
     study = lw.read_study(small(tmp_path))
     with open_store(tmp_path / "out", study):
         pass
-    assert [path.name for path in lw.export_study(tmp_path / "out")] == ["rows.csv", "summary.csv"]
+    assert [path.name for path in lw.study.export_study(tmp_path / "out")] == ["rows.csv", "summary.csv"]
     assert read(tmp_path / "out" / "rows.csv") == [] and len(read(tmp_path / "out" / "summary.csv")) == 12
-    assert "small: 0 of 24 cases done, 0 failed" in str(lw.study_summary(tmp_path / "out"))
+    assert "small: 0 of 24 cases done, 0 failed" in str(lw.study.study_summary(tmp_path / "out"))

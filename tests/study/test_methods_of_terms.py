@@ -113,7 +113,7 @@ def test_monomials_are_those_that_a_regression_finds_without_noise() -> None:
     """Two ways agree: laws written out, and least squares on a record of exact states and accelerations."""
     chain = lw.bnes_chain(4)
     record = lw.simulate(chain, release={"v:m1": 3.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
-    fit = lw.Stlsq(1e-5).fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    fit = lw.sindy.Stlsq(1e-5).fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
     equations = [target for target in fit.targets if target.endswith("''")]
     assert true_monomials(chain) == {(target, name) for target in equations for name in fit.terms(target)}
     assert len(true_monomials(chain)) == 36

@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_rows_are_those_of_the_library(folder: Path) -> None:
-    row = next(row for row in lw.read_rows(folder) if row.case == Case("bnes4", 20.0, "ml", 1001))
+    row = next(row for row in lw.study.read_rows(folder) if row.case == Case("bnes4", 20.0, "ml", 1001))
     chain = lw.bnes_chain(4)
     clean = chain_record(4, duration=0.5, speed=3.0 * (1.0 + 1e-10))  # the second cycle
     fit = lw.identify(clean.with_noise(20.0, seed=1001), chain.unknown("all"))
@@ -55,14 +55,16 @@ def test_the_rows_are_those_of_the_library(folder: Path) -> None:
 
 def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
     row = next(
-        row for row in lw.read_rows(folder) if row.case == Case("bnes2", 40.0, "classical, states", 1001)
+        row
+        for row in lw.study.read_rows(folder)
+        if row.case == Case("bnes2", 40.0, "classical, states", 1001)
     )
     chain = lw.bnes_chain(2)
     clean = chain_record(2, duration=0.5, sensors=("x", "v", "a"))
-    states = lw.noisy_states(clean, "states", 40.0, seed=1001)
-    fit = lw.LeastSquares().fit(lw.monomial_equations(states, order=3))
+    states = lw.sindy.noisy_states(clean, "states", 40.0, seed=1001)
+    fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(states, order=3))
     # same numerics, but for the solve of two columns
-    assert row.links == pytest.approx({"nes1": lw.monomial_nmse(fit, chain, "nes1", clean)}, rel=1e-6)
+    assert row.links == pytest.approx({"nes1": lw.sindy.monomial_nmse(fit, chain, "nes1", clean)}, rel=1e-6)
     terms = fit.terms("x2''")
     expected = {"nes1.alpha": -0.01 * terms["x2"], "nes1.beta": -0.01 * terms["x2**3"]}
     assert row.coefficients == pytest.approx(
@@ -72,21 +74,21 @@ def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
 
 @pytest.mark.parametrize("slots", [1, 5])
 def test_rows_depend_neither_on_order_nor_on_the_executor(folder: Path, tmp_path: Path, slots: int) -> None:
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     with open_store(tmp_path / "out", study) as store, Here(slots) as executor:
         run(study, store, executor, silent)
-    assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
+    assert lw.study.read_rows(tmp_path / "out") == lw.study.read_rows(folder)
 
 
 def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     folder: Path, tmp_path: Path
 ) -> None:
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     reports: list[StudyProgress] = []
     rows = lw.run_study(
         study, tmp_path / "out", workers=2, progress=lambda report: reports.append(report.detail)
     )
-    assert rows == lw.read_rows(folder)
+    assert rows == lw.study.read_rows(folder)
     assert reports[0].done == 0 and reports[0].left is None
     assert reports[-1].done == reports[-1].total == len(rows) == len(study) and reports[-1].left == 0.0
     seconds = [row.seconds for row in rows]
@@ -98,47 +100,47 @@ def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
     study = lw.read_study(small(tmp_path, cycles=1, more=DIVERGING))
     with open_store(tmp_path / "out", study) as store, Here() as executor:
         run(study, store, executor, silent)
-    rows = lw.read_rows(tmp_path / "out")
+    rows = lw.study.read_rows(tmp_path / "out")
     failed = [row for row in rows if row.failed]
     assert {row.structure for row in failed} == {"pushed away"} and len(failed) == 6
     assert all("m1" in row.reason and row.nmse is None and row.worst is None for row in failed)
     assert not any(row.reason.startswith("this is a fault") for row in failed)
     assert len(rows) == len(study) == 18
-    summary = lw.study_summary(tmp_path / "out")
+    summary = lw.study.study_summary(tmp_path / "out")
     assert len(summary.failed_cells) == 6 and summary.complete
     assert "! pushed away, 40 dB, weak failed 1 times: " in str(summary)
 
 
 def test_a_worker_that_dies_loses_only_what_it_was_at(folder: Path, tmp_path: Path) -> None:
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     unlucky = list(study.cases())[-1]
     with (
         open_store(tmp_path / "out", study) as store,
-        Here(2, {unlucky: 2}, known=lw.read_rows(folder)) as executor,
+        Here(2, {unlucky: 2}, known=lw.study.read_rows(folder)) as executor,
     ):
         run(study, store, executor, silent)
-    assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
+    assert lw.study.read_rows(tmp_path / "out") == lw.study.read_rows(folder)
     assert sum(unlucky in batch for batch in executor.batches) == 3
     assert executor.batches[-2] == (unlucky,)  # alone, once it was under suspicion
 
 
 def test_a_case_that_kills_its_worker_three_times_is_a_failure(folder: Path, tmp_path: Path) -> None:
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     deadly = Case("bnes2", 20.0, "ml", 1001)
-    known = lw.read_rows(folder)
+    known = lw.study.read_rows(folder)
     with open_store(tmp_path / "out", study) as store, Here(1, {deadly: 99}, known=known) as executor:
         run(study, store, executor, silent)
-    rows = lw.read_rows(tmp_path / "out")
+    rows = lw.study.read_rows(tmp_path / "out")
     assert [row.case for row in rows if row.failed] == [deadly]
     row = next(row for row in rows if row.failed)
     assert row.reason == "its worker process died 3 times while running it: killed, out of memory, or crashed"
     assert [row for row in rows if not row.failed] == [
-        row for row in lw.read_rows(folder) if row.case != deadly
+        row for row in lw.study.read_rows(folder) if row.case != deadly
     ]
 
 
 def test_workers_that_cannot_work_end_the_study_and_keep_its_rows(folder: Path, tmp_path: Path) -> None:
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     with (
         open_store(tmp_path / "out", study) as store,
         Here(error=ModuleNotFoundError("No module named 'linkwise'")) as executor,
@@ -179,11 +181,11 @@ def test_a_worker_with_another_version_says_so(folder: Path) -> None:
     with pytest.raises(
         lw.StudyError, match=r"the worker has linkwise .*, but the study is run by 99\.0; install that"
     ):
-        run_batch(CaseBatch(lw.stored_study(folder).text(), (), linkwise="99.0"))
+        run_batch(CaseBatch(lw.study.stored_study(folder).text(), (), linkwise="99.0"))
 
 
 def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     case = Case("bnes2", 20.0, "weak", 1000)
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
@@ -197,7 +199,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And nothing else: not what had an answer."""
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     pushed = Case("bnes2", 20.0, "ml", 1001)
     with (
         open_store(tmp_path / "out", study) as store,
@@ -206,7 +208,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     ):
         broken.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)  # of weak and ml
         run(study, store, executor, silent)
-    before = lw.read_rows(tmp_path / "out")
+    before = lw.study.read_rows(tmp_path / "out")
     faulty = {row.case for row in before if "ZeroDivisionError" in row.reason} | {pushed}
     assert len(faulty) == len(study) * 2 // 3 and {row.case for row in before if row.failed} == faulty
     (died,) = (row for row in before if row.case == pushed)
@@ -218,7 +220,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
         assert store.done() == set(study.cases())
     assert reports[0].done == len(study) - len(faulty) and reports[-1].done == len(study)
     assert {case for batch in executor.batches for case in batch} == faulty
-    assert lw.read_rows(tmp_path / "out") == lw.read_rows(folder)
+    assert lw.study.read_rows(tmp_path / "out") == lw.study.read_rows(folder)
 
 
 def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
@@ -267,7 +269,7 @@ def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.M
 
 def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
     """The one that it was at; the next one, which it had already, can be told from that."""
-    study = lw.stored_study(folder)
+    study = lw.study.stored_study(folder)
     case = Case("bnes4", 20.0, "ml", 1000)
     with ProcessExecutor(1) as executor:
         assert executor.slots == 2
@@ -369,7 +371,7 @@ def test_links_with_memory_hosts_and_rigs_are_studied(tmp_path: Path) -> None:
         true = subject.true_structure.link(link)
         assert row.links == pytest.approx({link: lw.nmse(true, fit.structure.link(link), clean)}, rel=1e-8)
         assert row.status == "converged" and set(row.standard_errors) == {p.name for p in fit.parameters}
-    cells = {(cell.structure, cell.method): cell for cell in lw.study_summary(tmp_path / "out").cells}
+    cells = {(cell.structure, cell.method): cell for cell in lw.study.study_summary(tmp_path / "out").cells}
     assert cells["joint", "ml"].intervals == 10 and cells["beam", "ml"].intervals == 8
     assert cells["rig", "ml"].intervals == 10 and cells["rig", "ml"].masses == 0
     for name in ("joint", "beam", "rig"):

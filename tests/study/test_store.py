@@ -32,10 +32,10 @@ def study(tmp_path: Path) -> lw.Study:
     return lw.read_study(small(tmp_path))
 
 
-def rows_of(study: lw.Study) -> list[lw.Row]:
+def rows_of(study: lw.Study) -> list[lw.study.Row]:
     """A row for every case, with numbers that JSON and SQLite must not bend."""
     return [
-        lw.Row(
+        lw.study.Row(
             case.structure,
             study.subject(case.structure).structure.size,
             case.snr_db,
@@ -61,7 +61,7 @@ def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.Study) -> None
     with open_store(folder, study) as store:
         store.add(rows[:5])
         assert store.done() == set(study.cases())
-    stored = lw.read_rows(folder)
+    stored = lw.study.read_rows(folder)
     assert sorted(stored, key=lambda row: row.case) == sorted(rows, key=lambda row: row.case)
     assert {row.seconds for row in stored} == {1 / 7}
     keys = [(row.structure, row.snr_db, row.method, row.seed) for row in stored]
@@ -70,7 +70,7 @@ def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.Study) -> None
         ("bnes2", 40, "weak", 1001),
         ("bnes2", 40, "classical, states", 1000),
     ]
-    assert lw.stored_study(folder).text() == study.text()
+    assert lw.study.stored_study(folder).text() == study.text()
 
 
 def test_a_case_is_stored_once_and_a_batch_whole_or_not_at_all(tmp_path: Path, study: lw.Study) -> None:
@@ -88,7 +88,7 @@ def test_a_study_that_runs_can_be_read_but_not_opened(tmp_path: Path, study: lw.
     folder = tmp_path / "out"
     with open_store(folder, study) as store:
         store.add(rows_of(study)[:2])
-        assert len(lw.read_rows(folder)) == 2
+        assert len(lw.study.read_rows(folder)) == 2
         with (
             pytest.raises(lw.StudyError, match="another process is running a study in this folder"),
             open_store(folder, study),
@@ -182,7 +182,7 @@ def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.St
         open_store(foreign / "thesis.tex", study),
     ):
         pass
-    for read in (lw.read_rows, lw.stored_study, lw.export_study, lw.study_summary):
+    for read in (lw.study.read_rows, lw.study.stored_study, lw.study.export_study, lw.study.study_summary):
         with pytest.raises(
             lw.StudyError, match=r"foreign: the folder does not hold a study \(no study\.sqlite\)"
         ):
@@ -202,7 +202,7 @@ def test_a_damaged_store_is_said_to_be_one(tmp_path: Path, study: lw.Study) -> N
         else:
             (folder / DATABASE).write_bytes(content)
         with pytest.raises(lw.StudyError, match=r"study\.sqlite: not a study of linkwise, or damaged"):
-            lw.read_rows(folder)
+            lw.study.read_rows(folder)
         with pytest.raises(lw.StudyError, match="not a study of linkwise"), open_store(folder, study):
             pass
 
@@ -213,10 +213,10 @@ def test_a_study_begun_before_rows_had_terms_goes_on(tmp_path: Path, study: lw.S
         store.add(rows[:1])
     with closing(sqlite3.connect(folder / DATABASE)) as database:
         database.execute("ALTER TABLE rows DROP COLUMN terms")
-    assert lw.read_rows(folder) == (rows[0],) and rows[0].terms == {}
+    assert lw.study.read_rows(folder) == (rows[0],) and rows[0].terms == {}
     with open_store(folder, study) as store:
         store.add([replace(rows[1], terms={"right": 5, "missing": 0, "extra": 1})])
-    stored = {row.case: row for row in lw.read_rows(folder)}
+    stored = {row.case: row for row in lw.study.read_rows(folder)}
     assert stored[rows[0].case].exact is None
     assert stored[rows[1].case].terms == {"right": 5, "missing": 0, "extra": 1}
     assert stored[rows[1].case].exact is False
@@ -227,6 +227,6 @@ def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.Study) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / DATABASE).touch()
     with pytest.raises(lw.StudyError, match="the folder does not hold a study"):
-        lw.read_rows(tmp_path / "out")
+        lw.study.read_rows(tmp_path / "out")
     with open_store(tmp_path / "out", study) as store:
         assert store.done() == set()

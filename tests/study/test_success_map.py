@@ -19,7 +19,7 @@ from linkwise.study.summary import StudyTable
 
 def test_the_maps_count_what_the_rows_say(tmp_path: Path) -> None:
     study = reach_study()
-    maps = lw.success_maps(stored(tmp_path / "reach", study, reach_rows(study)))
+    maps = lw.study.success_maps(stored(tmp_path / "reach", study, reach_rows(study)))
     assert [(success.name, success.method) for success in maps] == [
         ("chain, 1 s", "discover"),
         ("chain, 1 s", "sindy, links"),
@@ -103,4 +103,4 @@ def test_other_structures_stand_apart_whatever_their_names() -> None:
 
 def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
     with pytest.raises(lw.StudyError, match="the folder does not hold a study"):
-        lw.success_maps(tmp_path)
+        lw.study.success_maps(tmp_path)

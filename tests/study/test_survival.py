@@ -27,7 +27,7 @@ def test_killed_four_times_it_ends_as_if_undisturbed(tmp_path: Path) -> None:
         undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=1)
     out = killed(file, tmp_path / "killed", kills=4, most=4, slots=1)
     assert "48 of 48 cases done, 0 failed" in out
-    assert lw.read_rows(tmp_path / "killed") == undisturbed
+    assert lw.study.read_rows(tmp_path / "killed") == undisturbed
 
 
 def test_ctrl_c_leaves_what_can_be_gone_on_with(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ def test_the_reach_of_discovery_ships_with_linkwise() -> None:
     assert [method.document()["kind"] for method in reach.methods] == ["discover", "sindy", "sindy"]
     published = reach.subject("Duffing ring, 29.8 s, 5 Hz")
     assert len(published.simulate()) == 150
-    assert lw.term_score(published.structure, ring(*VALUES.reshape(3, SIZE))).exact
+    assert lw.discovery.term_score(published.structure, ring(*VALUES.reshape(3, SIZE))).exact
     expected = motion(VALUES, np.ones(SIZE), np.zeros(SIZE))
     np.testing.assert_allclose(  # same numerics
         published.simulate().select(expected.channels).values, expected.values, rtol=0.0, atol=1e-8
@@ -109,7 +110,7 @@ def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
         duration=0.2,
         rate=1000.0,
         release={"x:m1": 0.02},  # twice, by scatter 0.5 and cycle 2
-        impulses=[lw.Impulse("m1", 0.3, 0.1)],
+        impulses=[lw.model.Impulse("m1", 0.3, 0.1)],
         forces={"m2": "sin(9*t)"},
     )
     assert (clean.channel("x:m4") == expected.channel("x:m4")).all()
@@ -226,8 +227,8 @@ def test_the_documented_study_is_one() -> None:
     told = ["ml", "physics-informed", "all monomials"]
     assert [method.name for method in study.methods] == [*told, "discover", "sindy, links", "pysindy"]
     assert study.subjects[0].judged_links == ("nes1", "nes2")
-    for name in some(re.findall(r"\blw\.(\w+)", page)):
-        assert hasattr(lw, name)
+    for name in some(re.findall(r"\blw\.([\w.]+)", page)):
+        assert attrgetter(name)(lw) is not None
 
 
 MADE = """
@@ -283,7 +284,7 @@ def test_what_is_known_to_within_is_told_wrong_by_its_deviation() -> None:
         0.05, rel=4 / 28
     )
     assert subject.stated_structure(7) == subject.stated_structure(7) != subject.stated_structure(8)
-    plain = lw.Subject("chain", lw.bnes_chain(2), duration=1.0, rate=500.0)
+    plain = lw.study.Subject("chain", lw.bnes_chain(2), duration=1.0, rate=500.0)
     assert plain.stated_structure(1) is plain.unknown_structure and plain.true_structure is plain.structure
 
 

@@ -102,7 +102,7 @@ def test_a_law_that_lacks_a_term_is_not_trusted(clean: lw.Record) -> None:
 
 def test_a_state_that_is_a_force() -> None:
     """A Maxwell branch with a load cell on it: f = q alone, and a rate that is linear in its coefficients."""
-    states = {"q": lw.LinkState("k*v - s*q", unit="N")}
+    states = {"q": lw.model.LinkState("k*v - s*q", unit="N")}
     true = structure({"m1": 1.0}, link("branch", "m1-ground", "q", states, k=400.0, s=6.0))
     record = lw.simulate(
         true, forces={"m1": "20*sin(23*t) + 9*sin(31*t)"}, duration=8.0, rate=500.0, sensors=["x:m1", "state"]

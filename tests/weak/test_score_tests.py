@@ -108,7 +108,7 @@ def test_rates_under_wide_test_functions_are_not_smoothed_more() -> None:
 
 def test_a_missing_term_is_named(chain: lw.Structure) -> None:
     """A quintic sink identified as a cubic one."""
-    text = lw.format_structure(chain).replace("beta*d**3", "beta*d**3 + q*d**5")
+    text = lw.model.format_structure(chain).replace("beta*d**3", "beta*d**3 + q*d**5")
     quintic = lw.parse_structure(text.replace("c = 0.02 }", "c = 0.02, q = 3e7 }"))
     record = lw.simulate(quintic, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(40.0, seed=1)
     fit = lw.identify(record, chain.unknown("all"), method="weak")

@@ -17,7 +17,7 @@ import numpy as np
 from linkwise.absorption.harvesters import SUFFIX, delivered_powers, with_harvesters
 from linkwise.absorption.options import AbsorptionOptions
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
-from linkwise.analysis.modes import natural_frequencies
+from linkwise.analysis.linear_modes import natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression, Number, Symbol, add, substitute, to_text

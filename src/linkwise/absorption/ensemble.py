@@ -52,7 +52,7 @@ class AbsorptionQuantity:
     --------
     >>> import linkwise as lw
     >>> over = {"nes1.alpha": [-150.0, -50.0]}
-    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
+    >>> swept = lw.absorption.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
     >>> settled = swept.quantities[0]
     >>> settled.name, settled.unit, settled.least_is_best
     ('settled', 's', True)

@@ -46,7 +46,7 @@ class QuantityInterval:
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> fit = lw.identify(record, chain.unknown("nes"), method="ml")
-    >>> result = lw.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
+    >>> result = lw.absorption.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
     >>> interval = result.quantity("rms_reduction")
     >>> interval.quantity.title, interval.lower < interval.value < interval.upper
     ('RMS reduction', True)
@@ -86,7 +86,7 @@ class AbsorptionIntervals(JudgedView):
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> fit = lw.identify(record, chain.unknown("nes"), method="ml")
-    >>> result = lw.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
+    >>> result = lw.absorption.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
     >>> result.draws, result.lower.shape == result.upper.shape == (len(result.absorption.time), 1)
     (20, True)
     >>> result.trusted
@@ -214,7 +214,7 @@ def absorption_intervals(
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> fit = lw.identify(record, chain.unknown("nes"), method="ml")
-    >>> found = lw.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
+    >>> found = lw.absorption.absorption_intervals(fit, duration=0.5, draws=20, release={"v:m1": 1.0})
     >>> share = found.quantity("sinks_share")
     >>> share.lower < share.value < share.upper
     True

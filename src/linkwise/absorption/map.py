@@ -51,7 +51,7 @@ class SweepAxis:
     --------
     >>> import linkwise as lw
     >>> import numpy as np
-    >>> axis = lw.SweepAxis("nes1.beta", "N/m^3", np.geomspace(1e5, 1e7, 5))
+    >>> axis = lw.absorption.SweepAxis("nes1.beta", "N/m^3", np.geomspace(1e5, 1e7, 5))
     >>> axis.logarithmic
     True
     """
@@ -99,7 +99,7 @@ class AbsorptionMap(JudgedView):
     --------
     >>> import linkwise as lw
     >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
-    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
+    >>> swept = lw.absorption.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
     >>> swept["sinks_share"].shape, bool(swept.completed.all())
     ((3,), True)
     >>> list(swept.best("sinks_share"))
@@ -263,7 +263,7 @@ def absorption_map(
     --------
     >>> import linkwise as lw
     >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
-    >>> found = lw.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
+    >>> found = lw.absorption.absorption_map(lw.bnes_chain(2), over, duration=1.0, release={"v:m1": 1.0})
     >>> found["sinks_share"].shape
     (3,)
     >>> found.best("sinks_share")

@@ -61,7 +61,7 @@ class AbsorptionOptions:
     Examples
     --------
     >>> import linkwise as lw
-    >>> options = lw.AbsorptionOptions.of(duration=2.0, release={"v:m1": 1.0})
+    >>> options = lw.absorption.AbsorptionOptions.of(duration=2.0, release={"v:m1": 1.0})
     >>> [lw.absorb(lw.bnes_chain(2, alpha=alpha), options).trusted for alpha in (-100.0, -50.0)]
     [True, True]
     """

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.analysis.wells import wells
+from linkwise.analysis.potential_wells import wells
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.host import Host

@@ -26,8 +26,8 @@ import numpy as np
 
 from linkwise.absorption.harvesters import delivered_energy
 from linkwise.absorption.sinks import have_equal_shapes, moving_alike, place_motion
-from linkwise.analysis.equilibria import equilibria
-from linkwise.analysis.wells import RestPoint, rest_points
+from linkwise.analysis.potential_wells import RestPoint, rest_points
+from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression, Number, Program, polynomial

@@ -53,7 +53,7 @@ class RepetitionOptions:
             )
 
     def drawing(self) -> dict[str, Any]:
-        """Keyword arguments of `linkwise.absorption_intervals` beside those of `absorb`."""
+        """Keyword arguments of `linkwise.absorption.absorption_intervals` beside those of `absorb`."""
         given = {"draws": self.draws, "seed": self.seed, "workers": self.workers}
         return {name: value for name, value in given.items() if value is not None}
 
@@ -205,7 +205,7 @@ def absorb(
     if process is not None:
         process.draw(result)
     deliver(
-        to_json(lw.absorption_of(result)) if as_json else str(result),
+        to_json(lw.report.absorption_of(result)) if as_json else str(result),
         output,
         lambda folder, step: getattr(folders, kind).write(result, folder, progress=step, process=process),
         lambda folder: getattr(folders, kind).write_numbers(result, folder),
@@ -216,12 +216,14 @@ def absorb(
 
 def _answer(
     structure: Path, repetition: RepetitionOptions, keywords: dict[str, Any]
-) -> lw.Absorption | lw.AbsorptionIntervals | lw.AbsorptionMap:
+) -> lw.Absorption | lw.absorption.AbsorptionIntervals | lw.absorption.AbsorptionMap:
     """A map for a sweep, intervals for the folder of an answer, else one comparison."""
     over = repetition.axes()
     if structure.is_dir() and not over:
-        return lw.absorption_intervals(lw.read_posterior(structure), **repetition.drawing(), **keywords)
+        return lw.absorption.absorption_intervals(
+            lw.estimates.read_posterior(structure), **repetition.drawing(), **keywords
+        )
     subject = read_told(structure / "structure.toml" if structure.is_dir() else structure)
     if over:
-        return lw.absorption_map(subject, over, workers=repetition.workers, **keywords)
+        return lw.absorption.absorption_map(subject, over, workers=repetition.workers, **keywords)
     return lw.absorb(subject, **keywords)

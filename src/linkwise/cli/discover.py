@@ -50,7 +50,7 @@ class PriorOptions:
     tested: str | None
     more: tuple[Path, ...]
 
-    def masses(self, mapping: lw.RecordMapping) -> lw.PartialStructure | dict[str, float | str]:
+    def masses(self, mapping: lw.files.RecordMapping) -> lw.model.PartialStructure | dict[str, float | str]:
         """The masses by name, or what a file knows of the structure; UsageError for neither and for both.
 
         Those of the mapping file are taken where no option gives any.
@@ -60,7 +60,7 @@ class PriorOptions:
                 "The file of --structure states the masses: give either --mass or --structure."
             )
         if self.structure is not None:
-            known = lw.read_partial_structure(self.structure)
+            known = lw.model.read_partial_structure(self.structure)
             tell_of_hosts(known.hosts)
             return known
         if not self.mass and not mapping.masses:
@@ -72,13 +72,13 @@ class PriorOptions:
             name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
         }
 
-    def options(self, errors: dict[str, Any]) -> lw.DiscoveryOptions:
+    def options(self, errors: dict[str, Any]) -> lw.discovery.DiscoveryOptions:
         """The options of `linkwise.discover`, with `errors` of sensors and inputs; UsageError for invalid terms."""
         tested = [link.strip() for link in (self.tested or "").split(",") if link.strip()]
         if self.terms is None:
-            return lw.DiscoveryOptions(tested=tested, **errors)
+            return lw.discovery.DiscoveryOptions(tested=tested, **errors)
         try:
-            return lw.DiscoveryOptions(terms=self.terms, tested=tested, **errors)
+            return lw.discovery.DiscoveryOptions(terms=self.terms, tested=tested, **errors)
         except lw.IdentificationError as error:
             raise click.UsageError(f"--terms: {error}") from error
 
@@ -192,8 +192,8 @@ def discover(
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
         refuse_foreign_calibration(errors.get("calibration", {}), records[0])
-        step(lw.ProgressReport(0.0, "looking at the record"))
-        for remark in lw.check_discovery(records, masses, options):
+        step(lw.estimates.ProgressReport(0.0, "looking at the record"))
+        for remark in lw.discovery.check_discovery(records, masses, options):
             tell(f"note: {remark}")
         discovery = lw.discover(records, masses, options, progress=step)
     if true is not None and any(link.law.states for link in discovery.structure.links):
@@ -201,7 +201,7 @@ def discover(
         true = None
     if process is not None:
         process.draw(discovery, true)
-    result = lw.discovery_of(discovery, true)
+    result = lw.report.discovery_of(discovery, true)
     deliver(
         to_json(result) if as_json else "\n".join([str(discovery), *_comparison_lines(result)]),
         output,

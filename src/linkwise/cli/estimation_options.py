@@ -213,7 +213,7 @@ def _in_unit(text: str, unit: str, option: str, example: str) -> float:
     if "sqrt" in unit:
         raise click.UsageError(f"{option} takes a number in {unit}, as in {example}, got {text!r}.")
     try:
-        return lw.to_si(text, unit)
+        return lw.files.to_si(text, unit)
     except lw.LinkwiseError as error:
         raise click.UsageError(f"{option} {text!r}: {error}") from error
 

@@ -41,25 +41,25 @@ class ExcitationOptions:
         }
 
 
-def _impulse(text: str) -> lw.Impulse:
+def _impulse(text: str) -> lw.model.Impulse:
     """`MASS=MOMENTUM` or `MASS=MOMENTUM@TIME`, in N s and s."""
     mass, value = split(text, "--impulse", "m1=0.3@0.5")
     momentum, _, time = value.partition("@")
-    return lw.Impulse(
+    return lw.model.Impulse(
         mass, number(momentum, "--impulse", "m1=0.3@0.5"), number(time or "0", "--impulse", "m1=0.3@0.5")
     )
 
 
-def _time_function(text: str, channel: str) -> lw.TimeFunction | lw.Sampled:
+def _time_function(text: str, channel: str) -> lw.model.TimeFunction | lw.model.Sampled:
     """An expression of t, or samples: `FILE` with that channel, or `FILE:COLUMN`."""
     path, column = file_and_column(text)
     if path is None and not is_file(Path(text)):
         if file := _meant_file(text):
             lw.read_record(file)  # which says that it is not there, and what is
-        return lw.TimeFunction(text)
+        return lw.model.TimeFunction(text)
     record = lw.read_record(path or text, channels={channel: column} if path is not None else {})
     _require(record, channel, path or Path(text))
-    return lw.Sampled(record.start, record.rate, record.channel(channel))
+    return lw.model.Sampled(record.start, record.rate, record.channel(channel))
 
 
 def _meant_file(text: str) -> str:
@@ -77,16 +77,16 @@ def _require(record: lw.Record, channel: str, file: Path) -> None:
         )
 
 
-def _base_motion(text: str) -> lw.TimeFunction | lw.Sampled:
+def _base_motion(text: str) -> lw.model.TimeFunction | lw.model.Sampled:
     """As `_time_function`; from a file with the velocity or the acceleration alone, its integral from rest."""
     if not is_file(Path(text)):
         return _time_function(text, "x:base")
     record = lw.read_record(text)
-    channel = next(iter(record.motions_of("base")), lw.Channel("x", "base"))
+    channel = next(iter(record.motions_of("base")), lw.records.Channel("x", "base"))
     _require(record, channel, Path(text))
-    signal = lw.Sampled(record.start, record.rate, record.channel(channel))
+    signal = lw.model.Sampled(record.start, record.rate, record.channel(channel))
     for _ in range(channel.order):
-        signal = lw.Sampled(signal.start, signal.rate, signal.integral(record.time))
+        signal = lw.model.Sampled(signal.start, signal.rate, signal.integral(record.time))
     return signal
 
 

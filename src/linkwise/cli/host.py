@@ -158,14 +158,14 @@ def host(
         if len(files) > 1 or any(options[key] for key in ("points", "mass", "stiffness")):
             raise click.UsageError("A file of modes has its own points, and is read alone.")
         _refuse(context, _OF_MATRICES, "{} is for matrices; of a file of modes, all are taken as they are.")
-        new_host = lw.Host(title, lw.read_modes(files[0])).known_to_within(**sigmas)
+        new_host = lw.Host(title, lw.modal.read_modes(files[0])).known_to_within(**sigmas)
     else:
         new_host = _reduced(files, title, options).known_to_within(**sigmas)
     _tell_of_damping(new_host)
     directions = dict(map(_point, options["points"]))
     new_host = rotations.with_units(new_host, pairs(options["units"], "--unit", "tip_r=rad"), directions)
     written = lw.Structure(title, (), (), (new_host,))
-    text = lw.format_structure(written)
+    text = lw.model.format_structure(written)
     if output is not None:
         lw.write_structure(written, output)
     if as_json:
@@ -211,7 +211,7 @@ def _refuse(context: click.Context, options: Sequence[str], message: str) -> Non
 
 def _identified(
     source: ReadingOptions, files: tuple[Path, ...], modes: str, name: str | None
-) -> lw.HostEstimate:
+) -> lw.modal.HostEstimate:
     """The host identified from records of a test."""
     source.refuse_unknown_errors()
     if modes != "auto" and (not modes.isdecimal() or int(modes) < 1):
@@ -220,12 +220,12 @@ def _identified(
         records = [source.read_file(file, None) for file in files]
         for note in dict.fromkeys(note for record in records for note in record.notes):
             tell(f"note: {note}")
-        return lw.identify_host(
+        return lw.modal.identify_host(
             records, modes=None if modes == "auto" else int(modes), name=name, progress=step
         )
 
 
-def _tell_doubts(estimate: lw.HostEstimate) -> None:
+def _tell_doubts(estimate: lw.modal.HostEstimate) -> None:
     """What stands against a host that is printed as a file."""
     for remark in estimate.remarks:
         tell(f"note: {remark}")
@@ -254,7 +254,7 @@ def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) ->
     return reduced.host
 
 
-def _matrices(files: tuple[Path, ...], options: Mapping[str, Any]) -> lw.HostMatrices:
+def _matrices(files: tuple[Path, ...], options: Mapping[str, Any]) -> lw.modal.HostMatrices:
     """The matrices by their names in one file, or of two or three files by their order."""
     if len(files) > 3:
         raise click.UsageError(
@@ -267,11 +267,11 @@ def _matrices(files: tuple[Path, ...], options: Mapping[str, Any]) -> lw.HostMat
         ]
         if options["damping"] and len(files) == 2:
             raise click.UsageError("--damping needs a third file, with the damping matrix.")
-        return lw.read_host_matrices(*named)
+        return lw.modal.read_host_matrices(*named)
     mass, stiffness = (
         f"{files[0]}:{options[kind]}" if options[kind] else str(files[0]) for kind in ("mass", "stiffness")
     )
-    return lw.read_host_matrices(
+    return lw.modal.read_host_matrices(
         mass, stiffness, f"{files[0]}:{options['damping']}" if options["damping"] else None
     )
 

@@ -55,8 +55,8 @@ class MethodOptions:
     profile: bool
 
 
-def _loss(context: click.Context, option: click.Parameter, name: str | None) -> lw.Loss | None:
-    return {None: None, "huber": lw.Huber(), "student": lw.Student()}[name]
+def _loss(context: click.Context, option: click.Parameter, name: str | None) -> lw.likelihood.Loss | None:
+    return {None: None, "huber": lw.likelihood.Huber(), "student": lw.likelihood.Student()}[name]
 
 
 method_options = grouped(
@@ -172,7 +172,7 @@ def identify(
         refuse_foreign_calibration(ml.get("calibration", {}), records[0])
         refuse_foreign_disturbances(ml.get("drifts", {}), ml.get("hums", {}), records)
         refuse_foreign_forces(ml.get("ambient", {}), ml.get("input_noise", {}), records[0], subject)
-        step(lw.ProgressReport(0.0, "identifying"))
+        step(lw.estimates.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,
             subject,
@@ -182,7 +182,7 @@ def identify(
         profiles = _profiles(estimate, step) if chosen.profile else {}
     if process is not None:
         process.draw(estimate, true)
-    result = lw.result_of(estimate, true)
+    result = lw.report.result_of(estimate, true)
     if chosen.profile:
         result["profile_intervals"] = {name: list(ends) for name, ends in profiles.items()}
     lines = [str(estimate), *_profile_lines(estimate, profiles), *_comparison_lines(result)]
@@ -198,7 +198,7 @@ def identify(
     return exit_code(estimate.verdicts)
 
 
-def _estimator(chosen: MethodOptions, ml: dict[str, Any], sindy: dict[str, Any]) -> lw.Estimator:
+def _estimator(chosen: MethodOptions, ml: dict[str, Any], sindy: dict[str, Any]) -> lw.estimates.Estimator:
     """The method with its options; UsageError for those of another method."""
     general = {name: value for name, value in (("more", chosen.more), ("profile", chosen.profile)) if value}
     options = {"ml": ml, "sindy": sindy}
@@ -217,7 +217,7 @@ def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
     return record
 
 
-def _profiles(estimate: lw.Estimate, step: lw.Progress) -> dict[str, tuple[float, float]]:
+def _profiles(estimate: lw.Estimate, step: lw.estimates.Progress) -> dict[str, tuple[float, float]]:
     """Profile intervals of all unknowns that have one, with a note on those that have none; Ctrl-C leaves the rest out.
 
     Shapes of hosts, of which there are dozens, are left out.
@@ -231,9 +231,9 @@ def _profiles(estimate: lw.Estimate, step: lw.Progress) -> dict[str, tuple[float
         tell(f"note: the {len(shapes)} shapes of hosts get no profile intervals")
     try:
         for number, name in enumerate(names):
-            step(lw.ProgressReport(number / len(names), f"profile of {name}"))
+            step(lw.estimates.ProgressReport(number / len(names), f"profile of {name}"))
             try:
-                intervals[name] = lw.profile_interval(estimate, name)
+                intervals[name] = lw.likelihood.profile_interval(estimate, name)
             except lw.IdentificationError as error:
                 tell(f"note: {error}")
     except KeyboardInterrupt:

@@ -123,12 +123,12 @@ def inspect(
     with progress("reading") as step:
         records = []
         for number, path in enumerate(source.records):
-            step(lw.ProgressReport(number / len(source.records), f"reading {path.name}"))
+            step(lw.estimates.ProgressReport(number / len(source.records), f"reading {path.name}"))
             records.append(source.read_file(path, None, informative=False))
-        step(lw.ProgressReport(0.9, "inspecting"))
+        step(lw.estimates.ProgressReport(0.9, "inspecting"))
         inspection = lw.inspect(records)
         if levels:
-            compared = lw.compare_levels(records, modes=modes, progress=step)
+            compared = lw.inspection.compare_levels(records, modes=modes, progress=step)
             inspection = replace(inspection, levels=compared)
     inspection = replace(inspection, alerts=tuple(map(_with_flags, inspection.alerts)))
     if not as_json:
@@ -146,7 +146,7 @@ def inspect(
     )
 
 
-def _with_flags(alert: lw.Alert) -> lw.Alert:
+def _with_flags(alert: lw.inspection.Alert) -> lw.inspection.Alert:
     """The alert, with the flags that mend it."""
     flags = [MENDED_BY[name] for name in alert.arguments if name in MENDED_BY]
     return replace(alert, message=f"{alert.message} ({', '.join(flags)})") if flags else alert

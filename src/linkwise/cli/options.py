@@ -88,7 +88,7 @@ def quantity(text: str, unit: str) -> float:
     given: float | str = text
     with suppress(ValueError):  # of a text with a unit
         given = float(text)
-    return lw.to_si(given, unit)
+    return lw.files.to_si(given, unit)
 
 
 def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:

@@ -57,10 +57,10 @@ class ReadingOptions:
         mappings = self._by_file(whole)
         times = {key: column for key, column in mappings[None].channels.items() if _channel(key) == "time"}
 
-        def read(file: Path | None, mapping: lw.RecordMapping) -> lw.Record:
+        def read(file: Path | None, mapping: lw.files.RecordMapping) -> lw.Record:
             return lw.read_record(file or path, known_masses=masses, informative=informative, mapping=mapping)
 
-        def read_other(file: Path | None, mapping: lw.RecordMapping) -> lw.Record:
+        def read_other(file: Path | None, mapping: lw.files.RecordMapping) -> lw.Record:
             try:  # instruments that were started together name their columns alike
                 return read(file, replace(mapping, channels={**times, **mapping.channels}))
             except lw.RecordError:
@@ -82,24 +82,28 @@ class ReadingOptions:
             going_on = lw.read_record(
                 part, known_masses=masses, informative=informative, mapping=mappings[None]
             )
-            record = lw.continued(record, going_on)
+            record = lw.records.continued(record, going_on)
         for companion in others:
-            record = lw.joined_by_time(record, companion) if self.by_time else lw.beside(record, companion)
-        record = lw.mark_missing(record, self.mark_missing)
-        record = lw.without_delays(record, {name: delay for name, delay in late.items() if delay})
+            record = (
+                lw.records.joined_by_time(record, companion)
+                if self.by_time
+                else lw.records.beside(record, companion)
+            )
+        record = lw.inspection.mark_missing(record, self.mark_missing)
+        record = lw.records.without_delays(record, {name: delay for name, delay in late.items() if delay})
         if whole.decimate is not None:
             record = record.decimate(whole.decimate)
         if self.start is not None or self.stop is not None:
             start = record.start if self.start is None else self.start
             stop = record.start + record.duration if self.stop is None else self.stop
             record = record.between(start, stop)
-        return record if self.period is None else lw.average_periods(record, self.period)
+        return record if self.period is None else lw.records.average_periods(record, self.period)
 
-    def record_mapping(self) -> lw.RecordMapping:
+    def record_mapping(self) -> lw.files.RecordMapping:
         """What the options state, and the mapping file beside them."""
         header = int(self.header) if self.header is not None and self.header.isdecimal() else self.header
         channels = {name: column for name, (file, column) in self._columns().items() if file is None}
-        own = lw.RecordMapping(
+        own = lw.files.RecordMapping(
             channels,
             self._sensors(),
             rate=self.rate,
@@ -107,7 +111,7 @@ class ReadingOptions:
             decimate=self.decimate,
             header=header,
         )
-        return own if self.mapping is None else own.over(lw.read_mapping(self.mapping))
+        return own if self.mapping is None else own.over(lw.files.read_mapping(self.mapping))
 
     def masses_beside(self, structure: lw.Structure) -> tuple[str, ...]:
         """Sentences on masses that the mapping file states and the structure has otherwise or not; the structure counts."""
@@ -162,7 +166,7 @@ class ReadingOptions:
                         f"here write it, as in --{kind} {name}={example.partition('=')[2]}."
                     )
 
-    def _by_file(self, whole: lw.RecordMapping) -> dict[Path | None, lw.RecordMapping]:
+    def _by_file(self, whole: lw.files.RecordMapping) -> dict[Path | None, lw.files.RecordMapping]:
         """The mapping of the record's own file, and of each that was started with it; delays are taken out later."""
         elsewhere: dict[Path, dict[str, str | int]] = {}
         for name, (file, column) in self._columns().items():
@@ -173,10 +177,10 @@ class ReadingOptions:
         sensors = {
             name: sensor
             if sensor.delay is None
-            else replace(sensor, delay=lw.StatedError(0.0, sensor.delay.sigma))
+            else replace(sensor, delay=lw.records.StatedError(0.0, sensor.delay.sigma))
             for name, sensor in whole.sensors.items()
         }
-        mappings: dict[Path | None, lw.RecordMapping] = {
+        mappings: dict[Path | None, lw.files.RecordMapping] = {
             None: replace(
                 whole,
                 decimate=None,
@@ -198,28 +202,28 @@ class ReadingOptions:
         columns = pairs(self.channel, "--channel", "x:m1=COLUMN")
         return {name: file_and_column(text) for name, text in columns.items()}
 
-    def _sensors(self) -> dict[str, lw.SensorStatement]:
+    def _sensors(self) -> dict[str, lw.records.SensorStatement]:
         """What the options state of sensors; UsageError for a text that does not say it."""
-        sensors: dict[str, lw.SensorStatement] = {}
+        sensors: dict[str, lw.records.SensorStatement] = {}
         for kind in _NONE:
-            named: dict[str, lw.SensorStatement] = {}
+            named: dict[str, lw.records.SensorStatement] = {}
             for text in getattr(self, kind):
                 name, stated = _statement(kind, text)
                 if name in named:
                     raise click.UsageError(f"--{kind} is given twice for {name!r}.")
                 named[name] = stated
             for name, stated in named.items():
-                sensors[name] = stated.over(sensors.get(name, lw.SensorStatement()))
+                sensors[name] = stated.over(sensors.get(name, lw.records.SensorStatement()))
         runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
         for name, run in runs.items():
-            sensors[name] = replace(sensors.get(name, lw.SensorStatement()), interpolation=run)
+            sensors[name] = replace(sensors.get(name, lw.records.SensorStatement()), interpolation=run)
         for name, text in pairs(self.noise_of, "--noise-of", "x:m1=1e-4").items():
             try:
-                noise = lw.SensorStatement.of({"noise": text}, name)
+                noise = lw.records.SensorStatement.of({"noise": text}, name)
             except lw.RecordError as error:
                 reason = error.__cause__ or error  # without the key, which the option names
                 raise click.UsageError(f"--noise-of {name}={text}: {reason}") from error
-            sensors[name] = noise.over(sensors.get(name, lw.SensorStatement()))
+            sensors[name] = noise.over(sensors.get(name, lw.records.SensorStatement()))
         return sensors
 
 
@@ -228,14 +232,14 @@ def _channel(key: str) -> str:
     return key.partition("[")[0].strip()
 
 
-def _stated_error(kind: str, text: str) -> tuple[str, lw.StatedError]:
+def _stated_error(kind: str, text: str) -> tuple[str, lw.records.StatedError]:
     """The channel and the error that an option states."""
     name, statement = _statement(kind, text)
-    stated: lw.StatedError = getattr(statement, kind)
+    stated: lw.records.StatedError = getattr(statement, kind)
     return name, stated
 
 
-def _statement(kind: str, text: str) -> tuple[str, lw.SensorStatement]:
+def _statement(kind: str, text: str) -> tuple[str, lw.records.SensorStatement]:
     """What an option states of a channel: CHANNEL, or CHANNEL=SIZE; UsageError for anything else."""
     name, sign, size = (part.strip() for part in text.partition("="))
     if not name or (sign and not size):
@@ -243,9 +247,9 @@ def _statement(kind: str, text: str) -> tuple[str, lw.SensorStatement]:
             f"--{kind} {text!r} is not CHANNEL or CHANNEL=SIZE, as in --{kind} {_EXAMPLES[kind]}."
         )
     if not sign:
-        return name, lw.SensorStatement(**{kind: lw.StatedError(_NONE[kind], inf)})  # type: ignore[arg-type]
+        return name, lw.records.SensorStatement(**{kind: lw.records.StatedError(_NONE[kind], inf)})  # type: ignore[arg-type]
     try:
-        return name, lw.SensorStatement.of({kind: size}, name)
+        return name, lw.records.SensorStatement.of({kind: size}, name)
     except lw.RecordError as error:
         reason = error.__cause__ or error  # without the key, which the option names
         raise click.UsageError(f"--{kind} {name}={size}: {reason}") from error

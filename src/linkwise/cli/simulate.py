@@ -73,7 +73,7 @@ def simulate(
         if noise is not None:
             record = record.with_noise(noise, seed=seed)
         lw.write_record(record, output)
-        step(lw.ProgressReport(1.0, "energy and horizon"))
+        step(lw.estimates.ProgressReport(1.0, "energy and horizon"))
         summary = _summary(record, output)
     if not any(keywords[kind] for kind in ("release", "impulses", "forces")) and keywords["base"] is None:
         tell("note: nothing sets the structure in motion; give --release, --impulse, --force or --base.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,12 @@ from linkwise.cli.console import tell
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
 from linkwise.output import to_json
+from linkwise.registry import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.plot import estimates
+else:  # matplotlib loads where a figure is drawn
+    estimates = lazy_module("linkwise.plot.estimates")
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
 SHOWN = 4  # stable equilibria
@@ -55,7 +61,7 @@ def bnes(dof: int, unknown: str | None, output: Path | None, as_json: bool) -> N
     written = chain.unknown(unknown) if unknown else chain
     if output is not None:
         lw.write_structure(written, output)
-    text = lw.format_structure(written)
+    text = lw.model.format_structure(written)
     if as_json:
         click.echo(to_json(tomllib.loads(text)))
     elif output is None:
@@ -81,7 +87,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
     """
     subject = lw.read_structure(file)
     if shapes is not None:
-        for path in lw.plot.save(lw.plot.shapes_figure(subject), _without_suffix(shapes)):
+        for path in lw.plot.save(estimates.shapes_figure(subject), _without_suffix(shapes)):
             tell(f"note: {path} is written")
     why = _why_no_rests(subject)
     rests = None
@@ -91,7 +97,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
         except lw.StructureError as error:  # as where the force of a link vanishes without end
             why = str(error)
     if as_json:
-        text = to_json({**tomllib.loads(lw.format_structure(subject)), "equilibria": rests})
+        text = to_json({**tomllib.loads(lw.model.format_structure(subject)), "equilibria": rests})
         click.echo(text)
         return
     click.echo(f"{subject.name or file.stem}: {subject.contents}")
@@ -128,7 +134,11 @@ def laws(name: str | None, as_json: bool) -> None:
       linkwise structure laws
       linkwise structure laws bouc-wen
     """
-    chosen = {name: lw.named_law(name)} if name else {known: lw.named_law(known) for known in lw.NAMED_LAWS}
+    chosen = (
+        {name: lw.model.named_law(name)}
+        if name
+        else {known: lw.model.named_law(known) for known in lw.model.NAMED_LAWS}
+    )
     if as_json:
         click.echo(to_json({key: _law_document(law) for key, law in chosen.items()}))
     elif name:
@@ -142,7 +152,7 @@ def _without_suffix(picture: Path) -> Path:
     return picture.with_suffix("") if picture.suffix.lower() in (".png", ".svg") else picture
 
 
-def _law_document(law: lw.NamedLaw) -> dict[str, Any]:
+def _law_document(law: lw.model.NamedLaw) -> dict[str, Any]:
     parsed = lw.Law.parse(law.law, law.states)
     return {
         "title": law.title,
@@ -157,7 +167,7 @@ def _law_document(law: lw.NamedLaw) -> dict[str, Any]:
     }
 
 
-def _law_lines(name: str, law: lw.NamedLaw) -> str:
+def _law_lines(name: str, law: lw.model.NamedLaw) -> str:
     parsed = lw.Law.parse(law.law, law.states)
     title = f"{name}({law.branches})" if law.branches else name
     lines = [f"{title}: {law.title}", f"  f = {law.law}"]
@@ -173,11 +183,11 @@ def _law_lines(name: str, law: lw.NamedLaw) -> str:
 _ENDS = 'between: two masses or points of hosts, one of them and "ground" or "base", or on a rig "base" and "ground"'
 
 
-def _link_text(name: str, law: lw.NamedLaw) -> str:
+def _link_text(name: str, law: lw.model.NamedLaw) -> str:
     """The `[[link]]` table of a structure file with the law written out."""
     masses = tuple(lw.Mass(end, 1.0) for end in ("m2", "m1"))
     link = law.link(name.partition("(")[0], ("m2", "m1"))
-    text = lw.format_structure(lw.Structure("", masses, (link,)))
+    text = lw.model.format_structure(lw.Structure("", masses, (link,)))
     table = text[text.index("[[link]]") :].rstrip()
     return f"# {law.title}\n# {law.source}\n# {_ENDS}\n{table}"
 
@@ -186,7 +196,7 @@ def _state_lines(link: lw.Link) -> list[str]:
     lines = []
     for rate in link.law.rates:
         unit, state = link.law.state_units[rate.name], link.states[rate.name]
-        initial = state.initial if isinstance(state, lw.LinkState) else 0.0
+        initial = state.initial if isinstance(state, lw.model.LinkState) else 0.0
         start = "unknown at the start" if initial is None else f"{initial:g} at the start"
         lines.append(f"{rate.name}' = {rate.text}; {rate.name}{f' in {unit},' if unit else ''} {start}")
     return lines
@@ -238,7 +248,7 @@ def _why_no_rests(subject: lw.Structure) -> str | None:
 
 def _rests(subject: lw.Structure) -> dict[str, Any]:
     """Stable equilibria and their modes as plain data."""
-    points = lw.equilibria(subject)
+    points = lw.analysis.equilibria(subject)
     stable = [rest for rest in points if rest.stable]
     return {
         "stable": len(stable),
@@ -248,8 +258,8 @@ def _rests(subject: lw.Structure) -> dict[str, Any]:
     }
 
 
-def _rest(subject: lw.Structure, rest: lw.Equilibrium) -> dict[str, Any]:
-    modes = lw.modes(subject, at=rest.x)
+def _rest(subject: lw.Structure, rest: lw.analysis.Equilibrium) -> dict[str, Any]:
+    modes = lw.analysis.modes(subject, at=rest.x)
     return {
         "x": dict(zip(subject.mass_names, map(float, rest.x), strict=True)),
         "energy": float(rest.energy),

@@ -70,12 +70,12 @@ def study(
         _require_stored(definition, output)
     else:
         _run(definition, output, workers, scheduler)
-    summary = lw.study_summary(output)
+    summary = lw.study.study_summary(output)
     if not as_json:  # before the files, which may fail
         click.echo(f"{summary}\n")
-    files = [str(path) for path in lw.export_study(output)]
+    files = [str(path) for path in lw.study.export_study(output)]
     with progress("report") as step:
-        page = lw.write_study_report(output, progress=step)
+        page = lw.report.write_study_report(output, progress=step)
     files.append(str(page))
     click.echo(to_json({**summary.to_dict(), "files": files}) if as_json else f"written: {', '.join(files)}")
     return UNTRUSTED if summary.failed_cells else 0
@@ -83,12 +83,12 @@ def study(
 
 def _require_stored(study: lw.Study, output: Path) -> None:
     """UsageError where what is to be exported is not what the folder holds."""
-    stored = lw.stored_study(output)
+    stored = lw.study.stored_study(output)
     if stored.name != study.name:
         raise click.UsageError(
             f'{output} holds the study "{stored.name}", not "{study.name}"; give that name, or another folder.'
         )
-    if not lw.read_rows(output):
+    if not lw.study.read_rows(output):
         raise lw.LinkwiseError(
             f"{output}: no case of the study has been run yet, so there is nothing to export"
         )
@@ -96,11 +96,11 @@ def _require_stored(study: lw.Study, output: Path) -> None:
 
 def _run(study: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
     """Run what is left of the study; where it is interrupted, say how far it came."""
-    last: list[lw.ProgressReport] = []
+    last: list[lw.estimates.ProgressReport] = []
     try:
         with progress(f"{study.name}: starting workers") as step:
 
-            def show(report: lw.ProgressReport) -> None:
+            def show(report: lw.estimates.ProgressReport) -> None:
                 last[:] = [report]
                 step(report)
 

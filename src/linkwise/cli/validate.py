@@ -76,7 +76,7 @@ def validate(
     if process is not None:
         process.draw(validation, None)
     deliver(
-        to_json(lw.validation_of(validation)) if as_json else str(validation),
+        to_json(lw.report.validation_of(validation)) if as_json else str(validation),
         output,
         lambda folder, step: folders.VALIDATION_FOLDER.write(
             validation, folder, progress=step, process=process

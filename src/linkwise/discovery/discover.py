@@ -361,7 +361,7 @@ def check_discovery(
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.05, rate=1000.0).with_noise(40.0, seed=1)
-    >>> lw.check_discovery(record, {"m1": 1.0, "m2": 0.01})
+    >>> lw.discovery.check_discovery(record, {"m1": 1.0, "m2": 0.01})
     ('102 samples for 12 candidates are few: weak terms will be missed; record for longer.',)
     """
     chosen = DiscoveryOptions.given(options, keywords)

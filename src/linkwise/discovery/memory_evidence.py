@@ -47,10 +47,10 @@ class MemoryEvidence:
     Examples
     --------
     >>> import linkwise as lw
-    >>> evidence = lw.MemoryEvidence(
+    >>> evidence = lw.discovery.MemoryEvidence(
     ...     "m1-ground", ("m1", "ground"), "dahl", True, ("m1-ground.Fc",), 250.0, 3.0, 120.0, True
     ... )
-    >>> evidence.decision is lw.Decision.CERTAIN, evidence.law_certain
+    >>> evidence.decision is lw.discovery.Decision.CERTAIN, evidence.law_certain
     (True, False)
     """
 

@@ -72,7 +72,7 @@ class DiscoveryOptions:
     Examples
     --------
     >>> import linkwise as lw
-    >>> options = lw.DiscoveryOptions(terms="linear, d**3")
+    >>> options = lw.discovery.DiscoveryOptions(terms="linear, d**3")
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01}, options)

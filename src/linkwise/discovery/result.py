@@ -75,7 +75,7 @@ class TermEvidence:
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
     >>> term = discovery.kept[0]
-    >>> term.decision is lw.Decision.CERTAIN, term.z**2 > term.penalty
+    >>> term.decision is lw.discovery.Decision.CERTAIN, term.z**2 > term.penalty
     (True, True)
     """
 

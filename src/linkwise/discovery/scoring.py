@@ -56,7 +56,7 @@ class TermScore:
     >>> chain = lw.bnes_chain(2)
     >>> cubic = lw.Law.parse("k3*d**3")
     >>> link = lw.Link("m2-m1", ("m2", "m1"), cubic, {"k3": 1e6})
-    >>> score = lw.term_score(lw.Structure("discovered", chain.masses, (link,)), chain)
+    >>> score = lw.discovery.term_score(lw.Structure("discovered", chain.masses, (link,)), chain)
     >>> score.right, score.exact, score.missing_links
     (('m2-m1.k3',), False, ('spring1',))
     """
@@ -114,7 +114,7 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> linear = chain.with_values({"nes1.beta": 0.0})
-    >>> lw.term_score(linear, chain).missing
+    >>> lw.discovery.term_score(linear, chain).missing
     ('nes1.beta',)
     """
     _require_comparable(discovered, truth)
@@ -169,7 +169,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     >>> law, number = lw.Law.parse("k*d"), lw.Coefficient.number
     >>> ends = (("m1", "ground"), ("m2", "m1"))
     >>> links = tuple(lw.Link("-".join(pair), pair, law, {"k": number(1.0)}) for pair in ends)
-    >>> lw.align_truth(lw.Structure("found", chain.masses, links), chain).link("m1-ground").law.text
+    >>> lw.discovery.align_truth(lw.Structure("found", chain.masses, links), chain).link("m1-ground").law.text
     'k*d + true1*(v)'
     """
     _require_comparable(discovered, truth)

@@ -44,7 +44,7 @@ class Term:
     Examples
     --------
     >>> import linkwise as lw
-    >>> [term.product for term in lw.parse_terms("d, d**3")]
+    >>> [term.product for term in lw.discovery.parse_terms("d, d**3")]
     ['k*d', 'k3*d**3']
     """
 
@@ -172,7 +172,7 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     Examples
     --------
     >>> import linkwise as lw
-    >>> [term.product for term in lw.parse_terms("linear, d**3, friction(0.01)")]
+    >>> [term.product for term in lw.discovery.parse_terms("linear, d**3, friction(0.01)")]
     ['c*v', 'k*d', 'k3*d**3', 'F*tanh(v/0.01)']
     """
     parts = _parts(text)

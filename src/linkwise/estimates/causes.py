@@ -317,7 +317,7 @@ class UnseenTerm:
     Examples
     --------
     >>> import linkwise as lw
-    >>> term = lw.UnseenTerm("s", "d**5", 0.004, "s.k3", change=-1.2e4, standard_errors=6.1, relative_change=0.03)
+    >>> term = lw.estimates.UnseenTerm("s", "d**5", 0.004, "s.k3", change=-1.2e4, standard_errors=6.1, relative_change=0.03)
     >>> print(term.description)
     a force like d**5 in s of up to 0.4 % of the force there, which would change s.k3 by 3 % or 6.1 of its standard errors
     """
@@ -414,7 +414,7 @@ class SensorErrorEstimate:
     Examples
     --------
     >>> import linkwise as lw
-    >>> error = lw.SensorErrorEstimate("x:m1", "gain", value=1.02, standard_error=0.001, unit="1")
+    >>> error = lw.estimates.SensorErrorEstimate("x:m1", "gain", value=1.02, standard_error=0.001, unit="1")
     >>> error.description
     'x:m1 shows 1.02 of its motion (estimated with the other unknowns, standard error 0.001).'
     """
@@ -511,7 +511,7 @@ class RandomForceEstimate:
     Examples
     --------
     >>> import linkwise as lw
-    >>> force = lw.RandomForceEstimate("m1", True, deviation=2.0, spectral_density=0.4, found=True)
+    >>> force = lw.estimates.RandomForceEstimate("m1", True, deviation=2.0, spectral_density=0.4, found=True)
     >>> force.description
     'An ambient force on m1 of 0.4 N/sqrt(Hz), found with the other unknowns, is allowed for.'
     """

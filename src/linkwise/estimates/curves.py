@@ -308,7 +308,7 @@ class Equivalent:
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
-    >>> lw.equivalent(estimate.link("nes1"), [0.005], 5.0).stiffness_band.shape
+    >>> lw.estimates.equivalent(estimate.link("nes1"), [0.005], 5.0).stiffness_band.shape
     (1, 2)
     """
 
@@ -356,7 +356,7 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
-    >>> lw.equivalent(estimate.link("nes1"), [0.005, 0.01], 5.0).stiffness.round()
+    >>> lw.estimates.equivalent(estimate.link("nes1"), [0.005, 0.01], 5.0).stiffness.round()
     array([-81., -25.])
     """
     refuse_memory([link.link], "equivalent springs and dampers")

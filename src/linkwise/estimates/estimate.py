@@ -39,7 +39,7 @@ from linkwise.estimates.link_estimate import (
     LinkMotion,
     moving_mass,
 )
-from linkwise.inspection.mark_missing import EstimatedError, unanswered_alerts
+from linkwise.inspection.missing_samples import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.host import is_between_modes
 from linkwise.model.link import Link
@@ -537,7 +537,7 @@ class Estimator(ABC):
     Examples
     --------
     >>> import linkwise as lw
-    >>> isinstance(lw.WeakForm(), lw.Estimator), lw.WeakForm.method
+    >>> isinstance(lw.WeakForm(), lw.estimates.Estimator), lw.WeakForm.method
     (True, 'weak')
     """
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.analysis.wells import law_kind, lowest_escape, wells
+from linkwise.analysis.potential_wells import law_kind, lowest_escape, wells
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient

@@ -55,7 +55,7 @@ class Posterior:
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> posterior = lw.Posterior.of(lw.identify(record, chain.unknown("nes"), method="weak"))
+    >>> posterior = lw.estimates.Posterior.of(lw.identify(record, chain.unknown("nes"), method="weak"))
     >>> posterior.names
     ('nes1.alpha', 'nes1.beta', 'nes1.c')
     >>> posterior.draws(100, seed=1).shape
@@ -221,8 +221,8 @@ def read_posterior(folder: str | Path) -> Posterior:
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> estimate = lw.identify(record, chain.unknown("nes"), method="weak")
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = lw.write_result(estimate, f"{folder}/answer")
-    ...     posterior = lw.read_posterior(f"{folder}/answer")
+    ...     path = lw.report.write_result(estimate, f"{folder}/answer")
+    ...     posterior = lw.estimates.read_posterior(f"{folder}/answer")
     >>> posterior.names
     ('nes1.alpha', 'nes1.beta', 'nes1.c')
     """

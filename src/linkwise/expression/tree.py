@@ -148,7 +148,7 @@ class Expression:
     --------
     >>> import linkwise as lw
     >>> first, second = (lw.Law.parse(text).expression for text in ("k*d + c*v", "c*v + k*d"))
-    >>> isinstance(first, lw.Expression), first == second
+    >>> isinstance(first, lw.model.Expression), first == second
     (True, False)
     """
 

@@ -20,8 +20,9 @@ from linkwise.files.table import Table
 from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record
 from linkwise.registry import Registry
+from linkwise.units import to_si
 
-__all__ = ["read_record", "write_record"]
+__all__ = ["RecordMapping", "read_mapping", "read_record", "to_si", "write_record"]
 
 
 @dataclass(frozen=True)

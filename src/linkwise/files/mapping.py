@@ -104,7 +104,7 @@ class RecordMapping:
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "sensors.toml"
     ...     _ = path.write_text('[channel."x:m1"]\\ncolumn = "laser"\\nunit = "mm"\\ncalibration = "1 %"')
-    ...     mapping = lw.read_mapping(path)
+    ...     mapping = lw.files.read_mapping(path)
     ...     run = Path(folder) / "run.csv"
     ...     rows = (f"{k / 100},{k % 7}" for k in range(100))
     ...     _ = run.write_text("\\n".join(["time,laser", *rows]))
@@ -186,7 +186,7 @@ def read_mapping(path: str | Path) -> RecordMapping:
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "sensors.toml"
     ...     _ = path.write_text('rate = "1 kHz"\\n[channel."x:m1"]\\ncolumn = 2\\noffset = "+- 0.1 mm"')
-    ...     mapping = lw.read_mapping(path)
+    ...     mapping = lw.files.read_mapping(path)
     >>> mapping.rate, dict(mapping.channels), mapping.sensors["x:m1"].offset.sigma
     (1000.0, {'x:m1': 2}, 0.0001)
     """

@@ -72,7 +72,7 @@ class HostEstimate(JudgedView):
     --------
     >>> import linkwise as lw
     >>> known = lw.Coefficient.number
-    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> wing = lw.Host("wing", (lw.model.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
     >>> record = lw.simulate(
     ...     lw.Structure("test", (), (), (wing,)),
     ...     forces={"wing.tip": "5*exp(-((t - 0.1)/0.02)**2)"},
@@ -80,7 +80,7 @@ class HostEstimate(JudgedView):
     ...     rate=200.0,
     ...     sensors=["a:wing.tip", "a:wing.joint"],
     ... )
-    >>> found = lw.identify_host(record.with_noise(30.0, seed=1))
+    >>> found = lw.modal.identify_host(record.with_noise(30.0, seed=1))
     >>> found.trusted, len(found.host.modes)
     (True, 1)
     """
@@ -204,7 +204,7 @@ def identify_host(
     --------
     >>> import linkwise as lw
     >>> known = lw.Coefficient.number
-    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> wing = lw.Host("wing", (lw.model.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
     >>> record = lw.simulate(
     ...     lw.Structure("test", (), (), (wing,)),
     ...     forces={"wing.tip": "5*exp(-((t - 0.1)/0.02)**2)"},
@@ -212,7 +212,7 @@ def identify_host(
     ...     rate=200.0,
     ...     sensors=["a:wing.tip", "a:wing.joint"],
     ... )
-    >>> found = lw.identify_host(record.with_noise(30.0, seed=1))
+    >>> found = lw.modal.identify_host(record.with_noise(30.0, seed=1))
     >>> round(found.host.modes[0].frequency.value, 2), found.host.points
     (5.2, ('wing.tip', 'wing.joint'))
     """

@@ -45,7 +45,7 @@ class Alert:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.Alert("dead", "x:m1", "every sample is 0; leave the channel out", float("inf")).kind
+    >>> lw.inspection.Alert("dead", "x:m1", "every sample is 0; leave the channel out", float("inf")).kind
     'dead'
     """
 

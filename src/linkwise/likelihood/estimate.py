@@ -129,7 +129,7 @@ class MaximumLikelihood(Estimator):
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> fit = lw.identify(record, chain.unknown("nes"), method=lw.MaximumLikelihood(loss=lw.Student()))
+    >>> fit = lw.identify(record, chain.unknown("nes"), method=lw.MaximumLikelihood(loss=lw.likelihood.Student()))
     >>> fit.method, fit.trusted
     ('ml', True)
     """

@@ -8,7 +8,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import ErrorKind, SensorErrorEstimate
-from linkwise.inspection.mark_missing import EstimatedError
+from linkwise.inspection.missing_samples import EstimatedError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.low_signal import is_loosened
 from linkwise.model.names import Name

@@ -61,7 +61,7 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> estimate = lw.identify(record, chain.unknown("nes1.alpha"))
-    >>> lower, upper = lw.profile_interval(estimate, "nes1.alpha")
+    >>> lower, upper = lw.likelihood.profile_interval(estimate, "nes1.alpha")
     >>> f"{lower:.1f} to {upper:.1f} N/m"
     '-101.0 to -98.4 N/m'
     """

@@ -1,1 +1,7 @@
 """Modes of linear structures from measured responses to forces."""
+
+from __future__ import annotations
+
+from linkwise.registry import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(__name__, f"{__file__}i")

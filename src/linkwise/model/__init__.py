@@ -1,1 +1,7 @@
 """Structures: laws, coefficients, links, masses, excitations, and the structure file."""
+
+from __future__ import annotations
+
+from linkwise.registry import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(__name__, f"{__file__}i")

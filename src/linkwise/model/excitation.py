@@ -54,7 +54,7 @@ class TimeFunction:
     Examples
     --------
     >>> import linkwise as lw
-    >>> float(lw.TimeFunction("2*sin(30*t)").value(0.0))
+    >>> float(lw.model.TimeFunction("2*sin(30*t)").value(0.0))
     0.0
     """
 
@@ -129,7 +129,7 @@ class PiecewisePolynomial(NamedTuple):
     --------
     >>> import numpy as np
     >>> import linkwise as lw
-    >>> ramp = lw.Sampled(0.0, 10.0, np.arange(5.0), order=1)
+    >>> ramp = lw.model.Sampled(0.0, 10.0, np.arange(5.0), order=1)
     >>> pieces = ramp.pieces
     >>> pieces.edges.tolist(), pieces.coefficients.shape
     ([0.0, 0.1, 0.2, 0.3, 0.4], (4, 2))
@@ -168,7 +168,7 @@ class Sampled:
     >>> import linkwise as lw
     >>> import numpy as np
     >>> time = np.arange(200) / 100.0
-    >>> force = lw.Sampled(0.0, 100.0, np.sin(20.0 * time))
+    >>> force = lw.model.Sampled(0.0, 100.0, np.sin(20.0 * time))
     >>> bool(abs(force.value(0.505) - np.sin(20.0 * 0.505)) < 1e-6)
     True
     """
@@ -387,7 +387,7 @@ class Impulse:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.Impulse("m1", 0.5, time=0.2)
+    >>> lw.model.Impulse("m1", 0.5, time=0.2)
     Impulse(mass='m1', momentum=0.5, time=0.2)
     """
 

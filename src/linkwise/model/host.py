@@ -56,7 +56,7 @@ class HostMode:
     Examples
     --------
     >>> import linkwise as lw
-    >>> mode = lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62})
+    >>> mode = lw.model.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62})
     >>> mode.shape["joint"]
     0.62
     """
@@ -293,7 +293,7 @@ class Host:
     --------
     >>> import linkwise as lw
     >>> known = lw.Coefficient.number
-    >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+    >>> wing = lw.Host("wing", (lw.model.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
     >>> wing.points
     ('wing.tip', 'wing.joint')
     """
@@ -439,7 +439,7 @@ class Host:
         --------
         >>> import linkwise as lw
         >>> known = lw.Coefficient.number
-        >>> wing = lw.Host("wing", (lw.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
+        >>> wing = lw.Host("wing", (lw.model.HostMode(known(5.2), known(0.01), {"tip": 1.0, "joint": 0.62}),))
         >>> wing.known_to_within(frequency=0.01, shape=0.02).modes[0].shape_sigma["joint"]
         0.02
         """
@@ -478,7 +478,7 @@ class Host:
         --------
         >>> import linkwise as lw
         >>> known = lw.Coefficient.number
-        >>> wing = lw.Host("wing", (lw.HostMode(lw.Coefficient.unknown(5.0, sigma=0.01), known(0.01), {"tip": 1.0}),))
+        >>> wing = lw.Host("wing", (lw.model.HostMode(lw.Coefficient.unknown(5.0, sigma=0.01), known(0.01), {"tip": 1.0}),))
         >>> wing.known_to_within_at_least(frequency=0.01).modes[0].frequency.sigma
         0.05
         """

@@ -307,7 +307,7 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "wing.csv"
     ...     _ = path.write_text("frequency[Hz],damping,tip\\n5.2,0.01,1.0\\n")
-    ...     lw.read_modes(path)[0].frequency.value
+    ...     lw.modal.read_modes(path)[0].frequency.value
     5.2
     """
     source = str(path)

@@ -135,7 +135,7 @@ class LinkState:
     Examples
     --------
     >>> import linkwise as lw
-    >>> slip = lw.LinkState("v - abs(v)*z/z0", initial=None)
+    >>> slip = lw.model.LinkState("v - abs(v)*z/z0", initial=None)
     >>> law = lw.Law.parse("k*z", {"z": slip})
     >>> law.units["z0"], law.state_units["z"]
     ('m', 'm')
@@ -176,7 +176,7 @@ class StateRate:
     Examples
     --------
     >>> import linkwise as lw
-    >>> dahl = lw.named_law("dahl")
+    >>> dahl = lw.model.named_law("dahl")
     >>> rate = lw.Law.parse(dahl.law, states=dahl.states).rates[0]
     >>> rate.name, rate.text
     ('q', 'sigma*(v - abs(v)*q/Fc)')

@@ -56,7 +56,7 @@ class HostMatrices:
     --------
     >>> import linkwise as lw
     >>> from scipy.sparse import eye_array
-    >>> matrices = lw.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
+    >>> matrices = lw.modal.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
     >>> round(matrices.reduce("post", {"tip": "7y"}, keep=1).host.modes[0].frequency.value, 3)
     1.592
     """
@@ -130,7 +130,7 @@ class HostMatrices:
         --------
         >>> import linkwise as lw
         >>> from scipy.sparse import eye_array
-        >>> matrices = lw.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
+        >>> matrices = lw.modal.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
         >>> matrices.reduce("post", {"tip": "7y"}, keep=1).kept
         1
         """
@@ -211,7 +211,7 @@ def read_host_matrices(
     >>> with TemporaryDirectory() as folder:
     ...     _ = (Path(folder) / "mass.mtx").write_text("7,1, 7,1, 0.5\\n7,2, 7,2, 0.5\\n")
     ...     _ = (Path(folder) / "stiff.mtx").write_text("7,1, 7,1, 1e36\\n7,2, 7,2, 200.0\\n")
-    ...     lw.read_host_matrices("mass.mtx", "stiff.mtx", folder=folder).names
+    ...     lw.modal.read_host_matrices("mass.mtx", "stiff.mtx", folder=folder).names
     ('7y',)
     """
     sources = {"mass": mass, "stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
@@ -288,7 +288,7 @@ def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
     ...     np.savez(Path(folder) / "beam.npz", M=np.eye(3))
-    ...     lw.read_matrix("beam.npz:M", folder).shape
+    ...     lw.modal.read_matrix("beam.npz:M", folder).shape
     (3, 3)
     """
     return _read(named, folder)[1].matrix

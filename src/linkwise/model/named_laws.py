@@ -35,7 +35,7 @@ class LawText(NamedTuple):
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.named_law("dahl").text.law
+    >>> lw.model.named_law("dahl").text.law
     'q + c*v'
     """
 
@@ -68,7 +68,7 @@ class NamedLaw:
     Examples
     --------
     >>> import linkwise as lw
-    >>> law = lw.named_law("dahl")
+    >>> law = lw.model.named_law("dahl")
     >>> law.law, law.states["q"].rate
     ('q + c*v', 'sigma*(v - abs(v)*q/Fc)')
     """
@@ -170,7 +170,7 @@ class NamedLaw:
         Examples
         --------
         >>> import linkwise as lw
-        >>> link = lw.named_law("jenkins").link("joint", ("m1", "ground"), {"k": 1e4})
+        >>> link = lw.model.named_law("jenkins").link("joint", ("m1", "ground"), {"k": 1e4})
         >>> [name for name, coefficient in link.coefficients.items() if not coefficient.known]
         ['Fs']
         """
@@ -209,7 +209,7 @@ def named_law(name: str) -> NamedLaw:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.named_law("maxwell").law
+    >>> lw.model.named_law("maxwell").law
     'q'
     """
     spelled = _SPELLED.fullmatch(name)

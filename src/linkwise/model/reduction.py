@@ -61,7 +61,7 @@ class HostReduction:
     >>> import numpy as np
     >>> from scipy.sparse import csc_array
     >>> stiffness = csc_array(1e4 * (2.0 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)))
-    >>> reduced = lw.reduce_host("rod", csc_array(0.1 * np.eye(9)), stiffness, {"mid": 5}, keep=2)
+    >>> reduced = lw.modal.reduce_host("rod", csc_array(0.1 * np.eye(9)), stiffness, {"mid": 5}, keep=2)
     >>> round(reduced.band, 1)
     22.8
     """
@@ -169,7 +169,7 @@ def reduce_host(
     >>> import numpy as np
     >>> from scipy.sparse import csc_array, diags_array
     >>> stiffness = csc_array(1e4 * diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(30, 30)))
-    >>> reduced = lw.reduce_host("rod", csc_array(0.1 * np.eye(30)), stiffness, {"mid": 15}, keep=4)
+    >>> reduced = lw.modal.reduce_host("rod", csc_array(0.1 * np.eye(30)), stiffness, {"mid": 15}, keep=4)
     >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
     (4, 5, True)
     """

@@ -102,7 +102,7 @@ class Structure(NotebookView):
     --------
     >>> import linkwise as lw
     >>> coefficients = {"k": 400.0, "c": lw.Coefficient.unknown()}
-    >>> spring = lw.Link("spring", ("m1", lw.GROUND), lw.Law.parse("k*d + c*v"), coefficients)
+    >>> spring = lw.Link("spring", ("m1", lw.model.GROUND), lw.Law.parse("k*d + c*v"), coefficients)
     >>> structure = lw.Structure("oscillator", (lw.Mass("m1", 1.0),), (spring,))
     >>> [parameter.name for parameter in structure.parameters]
     ['spring.c']

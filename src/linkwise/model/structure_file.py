@@ -80,7 +80,7 @@ class PartialStructure:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.PartialStructure((lw.Mass("m1", 1.0),), ()).masses[0].name
+    >>> lw.model.PartialStructure((lw.Mass("m1", 1.0),), ()).masses[0].name
     'm1'
     """
 
@@ -161,7 +161,7 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder) / "masses.toml"
     ...     _ = path.write_text('mass = [{ name = "m1", mass = "10 g" }]')
-    ...     lw.read_partial_structure(path).masses[0].mass.value
+    ...     lw.model.read_partial_structure(path).masses[0].mass.value
     0.01
     """
     source = str(path)
@@ -233,7 +233,7 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
     Examples
     --------
     >>> import linkwise as lw
-    >>> text = lw.format_structure(lw.bnes_chain(2))
+    >>> text = lw.model.format_structure(lw.bnes_chain(2))
     >>> lw.parse_structure(text) == lw.bnes_chain(2)
     True
     """
@@ -281,7 +281,7 @@ def format_structure(structure: Structure) -> str:
     Examples
     --------
     >>> import linkwise as lw
-    >>> print(lw.format_structure(lw.bnes_chain(2)).splitlines()[0])
+    >>> print(lw.model.format_structure(lw.bnes_chain(2)).splitlines()[0])
     name = "bistable chain of 2 masses"
     """
     blocks = [f"name = {_string(structure.name)}\n"]

@@ -30,7 +30,8 @@ from linkwise.paper.tables import (
     PaperStudy,
     start,
 )
-from linkwise.plot import displacements_figure, force_comparison_figure
+from linkwise.plot.links import force_comparison_figure
+from linkwise.plot.records import displacements_figure
 from linkwise.plot.studies import CurveStyle, PublishedValues, curve_styles, draw_curves
 from linkwise.plot.style import IDENTIFIED, MEASURED, SERIES, legend_below, sheet
 from linkwise.simulation.simulate import NEIGHBOURS, OrbitEnvelope, orbit_envelope

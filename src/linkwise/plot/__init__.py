@@ -9,8 +9,4 @@ from __future__ import annotations
 
 from linkwise.registry import lazy_names
 
-__all__, __getattr__ = lazy_names(__name__, f"{__file__}i")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__all__, __getattr__, __dir__ = lazy_names(__name__, f"{__file__}i")

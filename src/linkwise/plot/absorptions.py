@@ -102,25 +102,7 @@ def absorption(
 
 
 def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
-    """The primary masses, each in a strip of its own; of more than 8 the first.
-
-    Parameters
-    ----------
-    result : Absorption or AbsorptionIntervals
-        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
-    >>> len(lw.plot.decay_figure(result).axes)
-    1
-    """
+    """The primary masses, each in a strip of its own; of more than 8 the first."""
     plain = without_intervals(result)
     names = [mass.name for mass in plain.masses[:_MOST]]
     with sheet(len(names), height=1.3 + 1.25 * len(names), share_time=True) as (figure, strips):
@@ -212,7 +194,7 @@ def map(
     Parameters
     ----------
     result : AbsorptionMap
-        An answer of `linkwise.absorption_map`.
+        An answer of `linkwise.absorption.absorption_map`.
     quantity : str, default "settled"
         Name of one of ``result.quantities``, such as ``"sinks_share"``, ``"rms_reduction"`` or ``"crossings"``.
     legend : bool, default True
@@ -235,7 +217,7 @@ def map(
     --------
     >>> import linkwise as lw
     >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
-    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    >>> swept = lw.absorption.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
     >>> lw.plot.map(swept, "sinks_share").get_ylabel()
     '%'
     """
@@ -253,33 +235,7 @@ def map(
 
 
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
-    """One panel a quantity.
-
-    Parameters
-    ----------
-    result : AbsorptionMap
-        What `linkwise.absorption_map` returned.
-    names : sequence of str
-        Names of the quantities, a panel each.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    LinkwiseError
-        If there is no such quantity, or none is named.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
-    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
-    >>> len(lw.plot.map_figure(swept, ["sinks_share", "rms_reduction"]).axes)
-    2
-    """
+    """One panel a quantity."""
     if not names:
         raise LinkwiseError("names must hold at least one quantity, got none")
     rows = -(-len(names) // 2)
@@ -459,25 +415,7 @@ def crossings(
 
 
 def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
-    """The sinks, each in a strip of its own; of more than 8 the first.
-
-    Parameters
-    ----------
-    result : Absorption or AbsorptionIntervals
-        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
-    >>> len(lw.plot.crossings_figure(result).axes)
-    1
-    """
+    """The sinks, each in a strip of its own; of more than 8 the first."""
     names = [entry.sink.link for entry in without_intervals(result).sinks[:_MOST]]
     with sheet(len(names), height=1.2 + 1.3 * len(names), share_time=True) as (figure, strips):
         for axes, name in zip(strips, names, strict=True):
@@ -540,25 +478,7 @@ def energy(
 
 
 def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
-    """Where the energy went with the sinks and, beside it, without them.
-
-    Parameters
-    ----------
-    result : Absorption or AbsorptionIntervals
-        What `linkwise.absorb` or `linkwise.absorption_intervals` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
-    >>> len(lw.plot.energy_figure(result).axes)
-    2
-    """
+    """Where the energy went with the sinks and, beside it, without them."""
     with sheet(columns=2, height=3.4) as (figure, panels):
         energy(result, legend=False, ax=panels[0])
         energy(result, with_sinks=False, legend=False, ax=panels[1])

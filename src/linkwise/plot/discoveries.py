@@ -99,33 +99,7 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
 
 
 def departures_figure(discovery: Discovery, link: str) -> Figure:
-    """The departures of the models that survive on a figure of their own.
-
-    Parameters
-    ----------
-    discovery : Discovery
-        What `linkwise.discover` returned.
-    link : str
-        Name of the link.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    StructureError
-        If there is no such link.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> len(lw.plot.departures_figure(found, "m2-m1").axes)
-    1
-    """
+    """The departures of the models that survive on a figure of their own."""
     with sheet() as (figure, [axes]):
         departures(discovery, link, legend=False, ax=axes)
         legend_below(figure, axes)
@@ -186,26 +160,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
 
 
 def evidence_figure(discovery: Discovery) -> Figure:
-    """The evidence term by term on a figure of its own, as high as there are terms.
-
-    Parameters
-    ----------
-    discovery : Discovery
-        What `linkwise.discover` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> len(lw.plot.evidence_figure(discovery).axes)
-    1
-    """
+    """The evidence term by term on a figure of its own, as high as there are terms."""
     with sheet(height=_height(sum(map(len, _rows(discovery))))) as (figure, [axes]):
         evidence(discovery, legend=False, ax=axes)
         legend_below(figure, axes)
@@ -351,26 +306,7 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
 
 
 def path_figure(discovery: Discovery) -> Figure:
-    """The path and, beside it, the next best models.
-
-    Parameters
-    ----------
-    discovery : Discovery
-        What `linkwise.discover` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> len(lw.plot.path_figure(discovery).axes)
-    2
-    """
+    """The path and, beside it, the next best models."""
     with sheet(columns=2, width=8.0, height=3.6) as (figure, [left, right]):
         path(discovery, legend=False, ax=left)
         runners_up(discovery, ax=right)

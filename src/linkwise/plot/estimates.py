@@ -134,31 +134,7 @@ def _over_motion(axes: Axes, values: Floats, estimate: Estimate, quantity: str) 
 def residuals_figure(estimate: Estimate) -> Figure:
     """What a fit leaves of each channel over time, frequency and the motion of a link; of more than 4 channels the first.
 
-    The link is one at the mass of the channel, the last of them.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        An estimate by maximum likelihood.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    RecordError
-        If the estimate has no residuals.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> len(lw.plot.residuals_figure(lw.identify(record, chain.unknown("nes"))).axes)
-    8
-    """
+    The link is one at the mass of the channel, the last of them."""
     names = list(estimate.motion.residuals or {})[:_MOST]
     if not names:
         raise RecordError("there are no residuals to draw: maximum likelihood alone tells them")
@@ -211,7 +187,7 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     Examples
     --------
     >>> import linkwise as lw
-    >>> wing = lw.Host("wing", (lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62}),))
+    >>> wing = lw.Host("wing", (lw.model.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62}),))
     >>> [text.get_text() for text in lw.plot.shapes(wing).get_xticklabels()]
     ['tip', 'joint']
     """
@@ -243,30 +219,7 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
 
 
 def shapes_figure(structure: Structure) -> Figure:
-    """Shapes of the modes of every host of a structure, one below the other; points that turn in a panel of their own.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    StructureError
-        If the structure has no host.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> wing = lw.Host("wing", (lw.HostMode(5.2, 0.01, {"tip": 1.0, "joint": 0.62}),))
-    >>> len(lw.plot.shapes_figure(lw.Structure("wing", (), (), (wing,))).axes)
-    1
-    """
+    """Shapes of the modes of every host of a structure, one below the other; points that turn in a panel of their own."""
     hosts = [part for host in structure.hosts for part in _by_unit(host)]
     if not hosts:
         raise StructureError("the structure has no host, whose shapes could be drawn")

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, shortest_path
 
-from linkwise.analysis.wells import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
+from linkwise.analysis.potential_wells import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.arrays import Floats
 from linkwise.discovery.result import CERTAIN, Discovery
 from linkwise.discovery.text import headline
@@ -238,26 +238,7 @@ def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) 
 
 
 def graph_figure(discovery: Discovery) -> Figure:
-    """The graph on a figure of its own, as large as the structure asks for.
-
-    Parameters
-    ----------
-    discovery : Discovery
-        What `linkwise.discover` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> len(lw.plot.graph_figure(discovery).axes)
-    1
-    """
+    """The graph on a figure of its own, as large as the structure asks for."""
     width, height = _size(_drawing(discovery))
     with sheet(width=width, height=height) as (figure, [axes]):
         graph(discovery, legend=False, ax=axes)

@@ -39,7 +39,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     Parameters
     ----------
     comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
+        What `linkwise.inspection.compare_levels` returned.
     legend : bool, default True
         Add a legend to the axes.
     ax : matplotlib.axes.Axes, optional
@@ -53,7 +53,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
     >>> [line.get_label() for line in lw.plot.distortion(found).lines]
     ['odd', 'even', 'scatter']
     """
@@ -78,25 +78,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
 
 
 def distortion_figure(comparison: LevelComparison) -> Figure:
-    """Odd and even distortion, and the scatter of periods, over the level on a figure of its own.
-
-    Parameters
-    ----------
-    comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
-    >>> len(lw.plot.distortion_figure(found).axes)
-    1
-    """
+    """Odd and even distortion, and the scatter of periods, over the level on a figure of its own."""
     with sheet() as (figure, [axes]):
         distortion(comparison, legend=False, ax=axes)
         legend_below(figure, axes)
@@ -115,7 +97,7 @@ def level_modes(
     Parameters
     ----------
     comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
+        What `linkwise.inspection.compare_levels` returned.
     quantity : {"frequency", "damping"}, optional
         What is drawn.
     legend : bool, default True
@@ -131,7 +113,7 @@ def level_modes(
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> lw.plot.level_modes(found).get_ylabel()
     'change of frequency, %'
     """
@@ -160,25 +142,7 @@ def level_modes(
 
 
 def levels_figure(comparison: LevelComparison) -> Figure:
-    """Changes of frequencies and damping of modes over the level.
-
-    Parameters
-    ----------
-    comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
-    >>> len(lw.plot.levels_figure(found).axes)
-    2
-    """
+    """Changes of frequencies and damping of modes over the level."""
     with sheet(1, 2, height=3.2) as (figure, panels):
         level_modes(comparison, "frequency", legend=False, ax=panels[0])
         level_modes(comparison, "damping", legend=False, ax=panels[1])
@@ -201,7 +165,7 @@ def level_response(
     Parameters
     ----------
     comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
+        What `linkwise.inspection.compare_levels` returned.
     quantity : {"magnitude", "coherence"}, optional
         What is drawn.
     legend : bool, default True
@@ -217,7 +181,7 @@ def level_response(
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> lw.plot.level_response(found, "coherence").get_ylabel()
     'coherence'
     """
@@ -249,25 +213,7 @@ def level_response(
 
 
 def level_responses_figure(comparison: LevelComparison) -> Figure:
-    """The response function of every level, and its coherence.
-
-    Parameters
-    ----------
-    comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
-    >>> len(lw.plot.level_responses_figure(found).axes)
-    2
-    """
+    """The response function of every level, and its coherence."""
     with sheet(2, height=4.6, share_time=True) as (figure, panels):
         level_response(comparison, "magnitude", legend=False, ax=panels[0])
         level_response(comparison, "coherence", legend=False, ax=panels[1])
@@ -296,7 +242,7 @@ def ring_down(
     Parameters
     ----------
     comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
+        What `linkwise.inspection.compare_levels` returned.
     quantity : {"frequency", "damping"}, optional
         What is drawn.
     number : int, default 0
@@ -314,7 +260,7 @@ def ring_down(
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> lw.plot.ring_down(found).get_ylabel()
     'frequency, Hz'
     """
@@ -340,25 +286,7 @@ def ring_down(
 
 
 def ring_down_figure(comparison: LevelComparison) -> Figure:
-    """Frequency and damping of each mode that rings down over its amplitude, in a row of its own.
-
-    Parameters
-    ----------
-    comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
-    >>> len(lw.plot.ring_down_figure(found).axes)
-    2
-    """
+    """Frequency and damping of each mode that rings down over its amplitude, in a row of its own."""
     rows = len(comparison.ring_downs)
     with sheet(rows, 2, height=0.6 + 1.9 * rows) as (figure, panels):
         for number, ring in enumerate(comparison.ring_downs):
@@ -384,7 +312,7 @@ def acceleration_surface(
     Parameters
     ----------
     comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
+        What `linkwise.inspection.compare_levels` returned.
     number : int, default 0
         Place of the sensor in ``comparison.surfaces``.
     section : bool, default False
@@ -405,7 +333,7 @@ def acceleration_surface(
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> lw.plot.acceleration_surface(found, section=True).get_ylabel()
     'restoring force per mass, m/s^2'
     """
@@ -448,25 +376,7 @@ def acceleration_surface(
 
 
 def acceleration_surfaces_figure(comparison: LevelComparison) -> Figure:
-    """Restoring force per mass at each sensor that moves most, over displacement and velocity and at no velocity.
-
-    Parameters
-    ----------
-    comparison : LevelComparison
-        What `linkwise.compare_levels` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
-    >>> len(lw.plot.acceleration_surfaces_figure(found).axes)  # one for the colours
-    3
-    """
+    """Restoring force per mass at each sensor that moves most, over displacement and velocity and at no velocity."""
     rows = len(comparison.surfaces)
     with sheet(rows, 2, height=0.6 + 2.4 * rows, colorbars=True) as (figure, panels):
         for number in range(rows):

@@ -105,36 +105,7 @@ def force(
 
 
 def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = None) -> Figure:
-    """The force of a link on a figure of its own, with a second panel near the wells where there are two or more.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        What `linkwise.identify` returned.
-    link : str
-        Name of the link.
-    truth : Structure, optional
-        The true structure, to draw its force beside.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    StructureError
-        If there is no such link.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
-    >>> len(lw.plot.force_figure(fit, "nes1").axes)
-    2
-    """
+    """The force of a link on a figure of its own, with a second panel near the wells where there are two or more."""
     near = force_curve(estimate, link, truth).between_wells
     with sheet(columns=1 if near is None else 2) as (figure, panels):
         force(estimate, link, truth=truth, legend=False, ax=panels[0])
@@ -274,36 +245,7 @@ def loop(
 
 
 def loop_figure(estimate: Estimate, link: str) -> Figure:
-    """The force of a link over its elongation and over its rate, on a figure of its own.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        What `linkwise.identify` returned.
-    link : str
-        Name of the link.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    StructureError
-        If there is no such link, or the force in it is not known.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> law = lw.Law.parse("k*d + c*v")
-    >>> damper = lw.Link("damper", ("base", "ground"), law, {"k": 400.0, "c": 20.0})
-    >>> rig = lw.Structure("rig", (), (damper,))
-    >>> record = lw.simulate(rig, duration=4.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
-    >>> fit = lw.identify(record, rig.unknown("damper"))
-    >>> len(lw.plot.loop_figure(fit, "damper").axes)
-    2
-    """
+    """The force of a link over its elongation and over its rate, on a figure of its own."""
     with sheet(columns=2) as (figure, panels):
         loop(estimate, link, legend=False, ax=panels[0])
         loop(estimate, link, over="v", legend=False, ax=panels[1])
@@ -398,40 +340,6 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
         axes.set_ylabel(f"rate v, {unit_v}")
         wrap_title(axes, force_title(link_estimate.link))
     return axes
-
-
-def surface_figure(estimate: Estimate, link: str) -> Figure:
-    """The restoring-force surface of a link on a figure of its own.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        What `linkwise.identify` returned.
-    link : str
-        Name of a link without memory.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    StructureError
-        If there is no such link, or it has memory.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
-    >>> len(lw.plot.surface_figure(fit, "nes1").axes)  # one for the colours
-    2
-    """
-    with sheet(colorbars=True, height=4.2) as (figure, [axes]):
-        surface(estimate, link, ax=axes)
-    return figure
 
 
 LineStyles = Mapping[str, Mapping[str, Any]]
@@ -570,35 +478,7 @@ def force_comparison_figure(
     only_errors: Collection[str] = (),
     title: str = "",
 ) -> Figure:
-    """The true force of a link with those identified in one panel, and their errors in another.
-
-    Parameters
-    ----------
-    true : Link
-        The true link.
-    identified : dict of str to Link
-        Links as they were identified, by what the legend calls them.
-    d_range : tuple of float, shape (2,)
-        The least and the greatest elongation in m.
-    styles : dict of str to dict, optional
-        Properties of the line of a label, as ``Axes.plot`` of matplotlib takes them.
-    only_errors : collection of str, optional
-        Labels whose forces are left out of the first panel.
-    title : str, optional
-        A title above both panels.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> sink, stiffer = lw.bnes_chain(2).link("nes1"), lw.bnes_chain(2, beta=1.1e6).link("nes1")
-    >>> len(lw.plot.force_comparison_figure(sink, {"weak form": stiffer}, (-0.02, 0.02)).axes)
-    2
-    """
+    """The true force of a link with those identified in one panel, and their errors in another."""
     styles = _lines(identified, styles)
     drawn = {name: link for name, link in identified.items() if name not in only_errors}
     with sheet(1, 2, height=3.7) as (figure, (left, right)):

@@ -109,25 +109,7 @@ def histories(
 
 
 def histories_figure(record: Record) -> Figure:
-    """Each channel over time in a strip of its own; of more than 10 channels the first.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    >>> len(lw.plot.histories_figure(record).axes)
-    2
-    """
+    """Each channel over time in a strip of its own; of more than 10 channels the first."""
     names = _shown(record)
     with sheet(len(names), height=0.9 + 0.95 * len(names), share_time=True) as (figure, strips):
         for axes, name in zip(strips, names, strict=True):
@@ -212,27 +194,7 @@ def spectrum(
 
 
 def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
-    """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first.
-
-    Parameters
-    ----------
-    inspection : Inspection
-        What `linkwise.inspect` returned.
-    number : int, default 0
-        Place of the record in ``inspection.records``, from 0.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> len(lw.plot.spectra_figure(lw.inspect(record)).axes)
-    2
-    """
+    """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first."""
     record = inspection.records[number]
     names = (*record.inputs, *record.responses)[:_MOST]
     of = {summary.name: summary.noise for summary in inspection.channels_of(number)}
@@ -333,27 +295,7 @@ def coherence(
 
 
 def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
-    """Each channel of one record over time and frequency, in a strip of its own; of more than 10 channels the first.
-
-    Parameters
-    ----------
-    inspection : Inspection
-        What `linkwise.inspect` returned.
-    number : int, default 0
-        Place of the record in ``inspection.records``, from 0.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> len(lw.plot.spectrograms_figure(lw.inspect(record)).axes)
-    2
-    """
+    """Each channel of one record over time and frequency, in a strip of its own; of more than 10 channels the first."""
     record = inspection.records[number]
     names = (*record.inputs, *record.responses)[:_MOST]
     with sheet(len(names), height=0.9 + 1.3 * len(names), share_time=True) as (figure, strips):
@@ -365,27 +307,7 @@ def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
 
 
 def coherences_figure(inspection: Inspection, number: int = 0) -> Figure:
-    """The coherence of each channel of one record with the next; of more than 10 pairs the first.
-
-    Parameters
-    ----------
-    inspection : Inspection
-        What `linkwise.inspect` returned.
-    number : int, default 0
-        Place of the record in ``inspection.records``, from 0.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> len(lw.plot.coherences_figure(lw.inspect(record)).axes)
-    1
-    """
+    """The coherence of each channel of one record with the next; of more than 10 pairs the first."""
     record = inspection.records[number]
     pairs = list(pairwise((*record.inputs, *record.responses)))[:_MOST]
     with sheet(max(len(pairs), 1), height=0.9 + 1.1 * max(len(pairs), 1), share_time=True) as (
@@ -419,7 +341,7 @@ def displacement(
     Parameters
     ----------
     envelope : OrbitEnvelope
-        What `linkwise.orbit_envelope` returned.
+        What `linkwise.analysis.orbit_envelope` returned.
     mass : str
         Name of the mass.
     without : OrbitEnvelope, optional
@@ -442,7 +364,7 @@ def displacement(
     Examples
     --------
     >>> import linkwise as lw
-    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> motion = lw.analysis.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
     >>> lw.plot.displacement(motion, "m1").get_ylabel()
     'x, mm'
     """
@@ -477,36 +399,7 @@ def displacements_figure(
     columns: int = 1,
     titles: Sequence[str] = (),
 ) -> Figure:
-    """The displacement of every mass after a release in a panel of its own, lettered row by row.
-
-    Parameters
-    ----------
-    envelope : OrbitEnvelope
-        What `linkwise.orbit_envelope` returned.
-    without : OrbitEnvelope, optional
-        The motion without sinks, drawn beside; its masses are those that have a panel.
-    columns : int, default 1
-        Number of panels side by side.
-    titles : sequence of str, optional
-        A title for every panel. By default the names of the masses.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    LinkwiseError
-        If there is no column, or the number of titles is not that of the panels.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    >>> len(lw.plot.displacements_figure(motion).axes)
-    2
-    """
+    """The displacement of every mass after a release in a panel of its own, lettered row by row."""
     masses = (without or envelope).masses
     if columns < 1:
         raise LinkwiseError(f"columns must be at least 1, got {columns}")

@@ -74,7 +74,7 @@ def study(
     Parameters
     ----------
     result : StudySummary or StudyTable or iterable of Row
-        What `linkwise.study_summary`, `linkwise.run_study` or `linkwise.read_rows` returns.
+        What `linkwise.study.study_summary`, `linkwise.run_study` or `linkwise.study.read_rows` returns.
     quantity : {"nmse", "seconds"}, default "nmse"
         The error of the force in % (paper Eq. 8), or the time of one estimate in s.
     snr_db : float, optional
@@ -98,8 +98,8 @@ def study(
     --------
     >>> import linkwise as lw
     >>> rows = [
-    ...     lw.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2}, seconds=0.9),
-    ...     lw.Row("bnes-4", 4, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.3}, seconds=1.8),
+    ...     lw.study.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2}, seconds=0.9),
+    ...     lw.study.Row("bnes-4", 4, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.3}, seconds=1.8),
     ... ]
     >>> lw.plot.study(rows).get_xlabel()
     'degrees of freedom'
@@ -118,24 +118,7 @@ def study(
 
 
 def accuracy_figure(result: StudySummary | StudyTable | Iterable[Row]) -> Figure:
-    """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them.
-
-    Parameters
-    ----------
-    result : StudySummary or StudyTable or iterable of Row
-        What `linkwise.study_summary`, `linkwise.run_study` or `linkwise.read_rows` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> len(lw.plot.accuracy_figure(lw.read_rows("results/mine")).axes)
-    2
-    """
+    """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them."""
     table = _table(result)
     count = len(table.decibels) + 1
     rows = -(-count // 2)
@@ -248,7 +231,7 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     result : SuccessMap
-        One of those of `linkwise.success_maps`.
+        One of those of `linkwise.study.success_maps`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
 
@@ -263,8 +246,8 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
     --------
     >>> import linkwise as lw
     >>> import numpy as np
-    >>> one = np.array([[1]])
-    >>> result = lw.SuccessMap("chain", "discover", np.array([20.0]), np.array([100.0]), 10.0, one, one, 0 * one, 0 * one)
+    >>> one, decibels, rates = np.array([[1]]), np.array([20.0]), np.array([100.0])
+    >>> result = lw.study.SuccessMap("chain", "discover", decibels, rates, 10.0, one, one, 0 * one, 0 * one)
     >>> lw.plot.success_map(result).get_ylabel()
     'samples a period'
     """
@@ -294,32 +277,7 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
 
 
 def success_figure(results: Sequence[SuccessMap]) -> Figure:
-    """A row of panels for each structure and length of the records, a panel for each method.
-
-    Parameters
-    ----------
-    results : sequence of SuccessMap
-        What `linkwise.success_maps` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Raises
-    ------
-    StudyError
-        If there is no map.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> import numpy as np
-    >>> one = np.array([[1]])
-    >>> result = lw.SuccessMap("chain", "discover", np.array([20.0]), np.array([100.0]), 10.0, one, one, 0 * one, 0 * one)
-    >>> len(lw.plot.success_figure([result]).axes)
-    1
-    """
+    """A row of panels for each structure and length of the records, a panel for each method."""
     if not results:
         raise StudyError("nothing to draw: no method of the study looks for terms, or no case of one was run")
     methods = list(dict.fromkeys(result.method for result in results))

@@ -240,9 +240,10 @@ def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
     >>> import tempfile
     >>> from pathlib import Path
     >>> import linkwise as lw
+    >>> from linkwise.plot.records import histories_figure
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     paths = lw.plot.save(lw.plot.histories_figure(record), Path(folder) / "motion")
+    ...     paths = lw.plot.save(histories_figure(record), Path(folder) / "motion")
     >>> [path.name for path in paths]
     ['motion.png', 'motion.svg']
     """

@@ -131,27 +131,7 @@ def prediction_error(
 
 
 def prediction_figure(validation: Validation) -> Figure:
-    """Measured and predicted channels over time, one below the other.
-
-    Parameters
-    ----------
-    validation : Validation
-        What `linkwise.validate` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.validate(record, chain)
-    >>> len(lw.plot.prediction_figure(result).axes)
-    2
-    """
+    """Measured and predicted channels over time, one below the other."""
     with _strips(validation, "measured and predicted") as (figure, strips):
         for name, axes in strips.items():
             prediction(validation, name, legend=False, ax=axes)
@@ -159,27 +139,7 @@ def prediction_figure(validation: Validation) -> Figure:
 
 
 def prediction_error_figure(validation: Validation) -> Figure:
-    """The errors of the channels over time, one below the other.
-
-    Parameters
-    ----------
-    validation : Validation
-        What `linkwise.validate` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.validate(record, chain)
-    >>> len(lw.plot.prediction_error_figure(result).axes)
-    2
-    """
+    """The errors of the channels over time, one below the other."""
     with _strips(validation, "measured less predicted") as (figure, strips):
         for name, axes in strips.items():
             prediction_error(validation, name, legend=False, ax=axes)
@@ -315,27 +275,7 @@ def prediction_spectrum(
 
 
 def prediction_profile_figure(validation: Validation) -> Figure:
-    """The error over elongation and velocity of each link; of more than 4 links the first.
-
-    Parameters
-    ----------
-    validation : Validation
-        What `linkwise.validate` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.validate(record, chain)
-    >>> len(lw.plot.prediction_profile_figure(result).axes)
-    4
-    """
+    """The error over elongation and velocity of each link; of more than 4 links the first."""
     links = [profile.quantity for profile in validation.profiles[1:]][: 2 * _MOST_PROFILES]
     rows = len(links) // 2
     with sheet(rows, 2, height=0.8 + 2.1 * rows) as (figure, panels):
@@ -347,27 +287,7 @@ def prediction_profile_figure(validation: Validation) -> Figure:
 
 
 def prediction_spectrum_figure(validation: Validation) -> Figure:
-    """The spectra of the channels; of more than 4 the first.
-
-    Parameters
-    ----------
-    validation : Validation
-        What `linkwise.validate` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure that no window shows; `save` writes it.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.validate(record, chain)
-    >>> len(lw.plot.prediction_spectrum_figure(result).axes)
-    2
-    """
+    """The spectra of the channels; of more than 4 the first."""
     names = list(validation.spectra)[:_MOST_PROFILES]
     with sheet(len(names), height=0.9 + 1.9 * len(names), share_time=True) as (figure, panels):
         for axes, name in zip(panels, names, strict=True):

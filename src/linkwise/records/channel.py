@@ -78,7 +78,7 @@ class Channel(str):
     Examples
     --------
     >>> import linkwise as lw
-    >>> channel = lw.Channel.parse("v:m1")
+    >>> channel = lw.records.Channel.parse("v:m1")
     >>> channel, channel.kind, channel.place, channel.unit, channel.is_input
     ('v:m1', 'v', 'm1', 'm/s', False)
     """
@@ -254,7 +254,7 @@ class ClippedSamples:
     >>> x = record.channel("x:m1")
     >>> peak = 0.8 * np.abs(x).max()
     >>> overloaded = {"x:m1": np.clip(x, -peak, peak), "x:m2": record.channel("x:m2")}
-    >>> marked = lw.mark_missing(lw.Record.from_arrays(record.time, overloaded))
+    >>> marked = lw.inspection.mark_missing(lw.Record.from_arrays(record.time, overloaded))
     >>> sides = marked.clipped["x:m1"].sides
     >>> int((sides > 0).sum()), int((sides < 0).sum())
     (22, 22)

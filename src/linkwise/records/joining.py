@@ -55,7 +55,7 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
     --------
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
-    >>> lw.without_delays(record, {"x:m1": 0.0025})
+    >>> lw.records.without_delays(record, {"x:m1": 0.0025})
     Record of 498 samples at 1000 Hz, 0 to 0.497 s: x:m1, x:m2
     """
     values, first, last = record.values.copy(), 0, len(record)
@@ -220,7 +220,7 @@ def beside(record: Record, other: Record) -> Record:
     --------
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
-    >>> lw.beside(record.select(["x:m1"]), record.select(["x:m2"]))
+    >>> lw.records.beside(record.select(["x:m1"]), record.select(["x:m2"]))
     Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2
     """
     _require_same_rate(record, other, "records that are set beside each other")
@@ -265,7 +265,7 @@ def joined_by_time(record: Record, other: Record) -> Record:
     --------
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
-    >>> lw.joined_by_time(record.select(["x:m1"]), record.select(["x:m2"])[100:])
+    >>> lw.records.joined_by_time(record.select(["x:m1"]), record.select(["x:m2"])[100:])
     Record of 401 samples at 1000 Hz, 0.1 to 0.5 s: x:m1, x:m2
     """
     _refuse_common(record, other)
@@ -312,7 +312,7 @@ def continued(record: Record, other: Record) -> Record:
     --------
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
-    >>> lw.continued(record[:200], record[210:])
+    >>> lw.records.continued(record[:200], record[210:])
     Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2; 20 samples missing
     """
     if set(record.channels) != set(other.channels):

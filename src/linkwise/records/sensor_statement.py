@@ -39,7 +39,7 @@ class StatedError(NamedTuple):
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.SensorStatement.of({"delay": "2 ms +- 0.5 ms"}, "x:m1").delay
+    >>> lw.records.SensorStatement.of({"delay": "2 ms +- 0.5 ms"}, "x:m1").delay
     StatedError(value=0.002, sigma=0.0005)
     """
 
@@ -67,7 +67,7 @@ class SensorStatement:
     Examples
     --------
     >>> import linkwise as lw
-    >>> stated = lw.SensorStatement.of({"calibration": "1 %", "offset": "0.3 mm"}, "x:m1")
+    >>> stated = lw.records.SensorStatement.of({"calibration": "1 %", "offset": "0.3 mm"}, "x:m1")
     >>> stated.gain.sigma, stated.offset.value
     (0.01, 0.0003)
     """

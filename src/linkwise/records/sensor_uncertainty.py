@@ -39,7 +39,7 @@ class SensorUncertainty:
     >>> import linkwise as lw
     >>> from dataclasses import replace
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> record = replace(record, uncertainty={"x:m1": lw.SensorUncertainty(gain=0.01, offset=1e-4)})
+    >>> record = replace(record, uncertainty={"x:m1": lw.records.SensorUncertainty(gain=0.01, offset=1e-4)})
     >>> fit = lw.identify(record, lw.bnes_chain(2).unknown("nes"))
     >>> [(error.channel, error.kind) for error in fit.sensor_errors]
     [('x:m1', 'offset'), ('x:m1', 'gain')]

@@ -11,12 +11,11 @@ import csv
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 
-from linkwise import plot
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map import AbsorptionMap
 from linkwise.absorption.result import Absorption
@@ -37,8 +36,13 @@ from linkwise.display import csv_cell
 from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION
 from linkwise.progress import Progress, silent
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+
+if TYPE_CHECKING:
+    from linkwise.plot import absorptions as absorption_figures
+else:  # matplotlib loads where a figure is drawn
+    absorption_figures = lazy_module("linkwise.plot.absorptions")
 
 
 def absorption_of(result: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
@@ -58,7 +62,7 @@ def absorption_of(result: Absorption | AbsorptionIntervals | AbsorptionMap) -> d
     --------
     >>> import linkwise as lw
     >>> result = lw.absorb(lw.bnes_chain(2), duration=2.0, release={"v:m1": 1.0})
-    >>> lw.absorption_of(result)["trusted"]
+    >>> lw.report.absorption_of(result)["trusted"]
     True
     """
     return {**result.to_dict(), "version": version("linkwise")}
@@ -87,7 +91,7 @@ def _masses(reported: Reported[Answer]) -> Section:
         primary(plain).capitalize(),
         [text],
         rows=mass_rows(plain),
-        figure=lambda: plot.decay_figure(reported.result),
+        figure=lambda: absorption_figures.decay_figure(reported.result),
     )
 
 
@@ -99,7 +103,10 @@ def _energy(reported: Reported[Answer]) -> Section:
         f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
     return Section(
-        "Energy", [text], rows=energy_rows(plain), figure=lambda: plot.energy_figure(reported.result)
+        "Energy",
+        [text],
+        rows=energy_rows(plain),
+        figure=lambda: absorption_figures.energy_figure(reported.result),
     )
 
 
@@ -107,7 +114,9 @@ def _crossings(reported: Reported[Answer]) -> Section:
     """How the sinks cross from well to well."""
     plain = without_intervals(reported.result)
     return Section(
-        "Wells crossed", rows=crossing_rows(plain), figure=lambda: plot.crossings_figure(reported.result)
+        "Wells crossed",
+        rows=crossing_rows(plain),
+        figure=lambda: absorption_figures.crossings_figure(reported.result),
     )
 
 
@@ -122,7 +131,7 @@ def _harvesters(reported: Reported[Answer]) -> Section | None:
 def _map(reported: Reported[AbsorptionMap]) -> Section:
     """The quantities over the swept parameters."""
     swept = reported.result
-    return Section("Map", rows=map_rows(swept), figure=lambda: plot.map_figure(swept))
+    return Section("Map", rows=map_rows(swept), figure=lambda: absorption_figures.map_figure(swept))
 
 
 SECTIONS: Registry[Build[Answer]] = Registry(
@@ -195,7 +204,7 @@ def write_absorption(result: Answer, folder: str | Path, *, progress: Progress =
     >>> import linkwise as lw
     >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.write_absorption(result, f"{folder}/absorption")
+    ...     written = lw.report.write_absorption(result, f"{folder}/absorption")
     ...     names = [path.name for path in written.iterdir()]
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['absorption.json', 'report.html', 'structure.toml']
@@ -230,9 +239,9 @@ def write_absorption_map(result: AbsorptionMap, folder: str | Path, *, progress:
     >>> import tempfile
     >>> import linkwise as lw
     >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
-    >>> swept = lw.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
+    >>> swept = lw.absorption.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.write_absorption_map(swept, f"{folder}/map")
+    ...     written = lw.report.write_absorption_map(swept, f"{folder}/map")
     ...     names = [path.name for path in written.iterdir()]
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['absorption.json', 'report.html']

@@ -13,11 +13,10 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from linkwise import plot
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth, term_score
@@ -39,7 +38,7 @@ from linkwise.errors import expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 from linkwise.report.estimate import estimate_figures, page_parts, result_of, write_numbers
 from linkwise.report.page import (
     TEMPLATES,
@@ -50,6 +49,13 @@ from linkwise.report.page import (
     figure_section,
     sections_of,
 )
+
+if TYPE_CHECKING:
+    from linkwise.plot import discoveries as result_figures
+    from linkwise.plot import graphs as graph_figures
+else:  # matplotlib loads where a figure is drawn
+    result_figures = lazy_module("linkwise.plot.discoveries")
+    graph_figures = lazy_module("linkwise.plot.graphs")
 
 
 def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[str, Any]:
@@ -78,7 +84,7 @@ def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[s
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> lw.discovery_of(lw.discover(record, {"m1": 1.0, "m2": 0.01}), chain)["truth"]["missing"]
+    >>> lw.report.discovery_of(lw.discover(record, {"m1": 1.0, "m2": 0.01}), chain)["truth"]["missing"]
     []
     """
     result = {**discovery.to_dict(), "version": version("linkwise")}
@@ -141,7 +147,9 @@ def _path(reported: Reported[Discovery]) -> Section:
     """The path over model sizes and the next best models."""
     discovery = reported.result
     return Section(
-        "Why these terms", rows=runner_up_rows(discovery), figure=lambda: plot.path_figure(discovery)
+        "Why these terms",
+        rows=runner_up_rows(discovery),
+        figure=lambda: result_figures.path_figure(discovery),
     )
 
 
@@ -160,7 +168,7 @@ def _average(reported: Reported[Discovery]) -> Section | None:
     return Section(
         "Other models that survive",
         ["Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."],
-        figure=lambda: plot.departures_figure(discovery, link),
+        figure=lambda: result_figures.departures_figure(discovery, link),
         folded=True,
     )
 
@@ -170,7 +178,7 @@ def _evidence(reported: Reported[Discovery]) -> Section:
     return Section(
         "The evidence term by term",
         ["terms.csv lists all candidates that were tested."],
-        figure=lambda: plot.evidence_figure(reported.result),
+        figure=lambda: result_figures.evidence_figure(reported.result),
         folded=True,
     )
 
@@ -178,7 +186,7 @@ def _evidence(reported: Reported[Discovery]) -> Section:
 SECTIONS: Registry[Build[Discovery]] = Registry(
     "section",
     {
-        "graph": figure_section("Discovered links", lambda discovery: plot.graph_figure(discovery)),
+        "graph": figure_section("Discovered links", lambda discovery: graph_figures.graph_figure(discovery)),
         "comparison": _comparison,
         "memory": _memory,
         "certainty": _certainty,
@@ -271,7 +279,7 @@ def write_discovery(
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.write_discovery(discovery, f"{folder}/discovery")
+    ...     written = lw.report.write_discovery(discovery, f"{folder}/discovery")
     ...     names = [path.name for path in written.iterdir()]
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['report.html', 'result.json', 'structure.toml']

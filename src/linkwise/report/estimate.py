@@ -17,7 +17,6 @@ import numpy as np
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from linkwise import plot
 from linkwise.display import format_chi_square, format_error, format_value
 from linkwise.errors import RecordError, expect
 from linkwise.estimates.curves import GRID, has_loop
@@ -28,15 +27,24 @@ from linkwise.identification.force_error import nmse
 from linkwise.likelihood.whiteness import whiteness_text
 from linkwise.model.structure import Link, Structure
 from linkwise.model.structure_file import format_structure
-from linkwise.plot.style import force_title
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import TEMPLATES, Build, Reported, ResultFolder, Section, sections_of
 from linkwise.verdict import Verdict, is_trusted, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from linkwise.plot import estimates as fit_figures
+    from linkwise.plot import links as link_figures
+    from linkwise.plot import records as record_figures
+    from linkwise.plot import style
+else:  # matplotlib loads where a figure is drawn
+    fit_figures = lazy_module("linkwise.plot.estimates")
+    link_figures = lazy_module("linkwise.plot.links")
+    record_figures = lazy_module("linkwise.plot.records")
+    style = lazy_module("linkwise.plot.style")
 
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
 UNSEEN_HEAD = (
@@ -62,7 +70,7 @@ def _record(reported: Reported[Estimate]) -> Section:
         ],
         items=record.notes,
         rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
-        figure=lambda: plot.histories_figure(record),
+        figure=lambda: record_figures.histories_figure(record),
         interactive=True,
     )
 
@@ -98,7 +106,7 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
         "Residuals",
         text=[text],
         items=[whiteness_text(name, values) for name, values in left.items()],
-        figure=lambda: plot.residuals_figure(estimate),
+        figure=lambda: fit_figures.residuals_figure(estimate),
     )
 
 
@@ -110,14 +118,14 @@ SECTIONS: Registry[Build[Estimate]] = Registry(
 
 def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
     """The force law."""
-    return lambda: plot.force_figure(reported.result, link, truth=reported.truth)
+    return lambda: link_figures.force_figure(reported.result, link, truth=reported.truth)
 
 
 def _loop(reported: Reported[Estimate], link: str) -> Callable[[], Figure] | None:
     """The force over one cycle, of a link with memory."""
     if not has_loop(reported.result, link):
         return None
-    return lambda: plot.loop_figure(reported.result, link)
+    return lambda: link_figures.loop_figure(reported.result, link)
 
 
 LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] | None]] = Registry(
@@ -219,7 +227,7 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
     derived = [*estimate.wells, *([estimate.barrier] if estimate.barrier else []), *estimate.frequencies]
     error, (of_d, of_v) = reported.nmse.get(name), estimate.link.law.motion_units
     return LinkSection(
-        title=force_title(estimate.link),
+        title=style.force_title(estimate.link),
         rates=estimate.link.rate_texts,
         name=name,
         rows=tuple(
@@ -287,7 +295,7 @@ def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, A
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> result = lw.result_of(lw.identify(record, chain.unknown("nes"), method="weak"), chain)
+    >>> result = lw.report.result_of(lw.identify(record, chain.unknown("nes"), method="weak"), chain)
     >>> result["status"], result["nmse_percent"]["nes1"] < 1.0
     ('converged', True)
     """
@@ -352,7 +360,7 @@ def write_result(
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.write_result(fit, f"{folder}/answer")
+    ...     written = lw.report.write_result(fit, f"{folder}/answer")
     ...     names = [path.name for path in written.iterdir()]
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['report.html', 'result.json', 'structure.toml']

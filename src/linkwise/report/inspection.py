@@ -7,17 +7,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from linkwise import plot
 from linkwise.errors import expect
 from linkwise.inspection.levels.result import distortion_rows, gaps_text, mode_rows, ring_down_rows
 from linkwise.inspection.levels.result import headline as level_headline
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline, labels
 from linkwise.progress import Progress, silent
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+
+if TYPE_CHECKING:
+    from linkwise.plot import levels as level_figures
+    from linkwise.plot import records as record_figures
+else:  # matplotlib loads where a figure is drawn
+    level_figures = lazy_module("linkwise.plot.levels")
+    record_figures = lazy_module("linkwise.plot.records")
 
 PICTURED = 8  # records with figures; the others have their table
 
@@ -33,7 +40,7 @@ def _levels(reported: Reported[Inspection]) -> Section | None:
         "Modes over level",
         level_headline(levels),
         rows=mode_rows(levels),
-        figure=lambda: plot.levels_figure(levels),
+        figure=lambda: level_figures.levels_figure(levels),
     )
 
 
@@ -43,7 +50,7 @@ def _responses(reported: Reported[Inspection]) -> Section | None:
     if levels is None or not levels.responses:
         return None
     text = "Absolute value of the response per force, and the part of its power that follows from the force linearly."
-    return Section("Response functions", [text], figure=lambda: plot.level_responses_figure(levels))
+    return Section("Response functions", [text], figure=lambda: level_figures.level_responses_figure(levels))
 
 
 def _distortion(reported: Reported[Inspection]) -> Section | None:
@@ -56,7 +63,10 @@ def _distortion(reported: Reported[Inspection]) -> Section | None:
         "what of the start has not died out."
     )
     return Section(
-        "Distortion", [text], rows=distortion_rows(levels), figure=lambda: plot.distortion_figure(levels)
+        "Distortion",
+        [text],
+        rows=distortion_rows(levels),
+        figure=lambda: level_figures.distortion_figure(levels),
     )
 
 
@@ -73,7 +83,7 @@ def _ring_down(reported: Reported[Inspection]) -> Section | None:
         "Ring-down",
         [f"{text} {gaps_text(levels)}".rstrip()],
         rows=ring_down_rows(levels),
-        figure=lambda: plot.ring_down_figure(levels),
+        figure=lambda: level_figures.ring_down_figure(levels),
     )
 
 
@@ -87,7 +97,9 @@ def _surfaces(reported: Reported[Inspection]) -> Section | None:
         "acts: the restoring force per mass, to which other modes add scatter. A linear stiffness gives a straight line "
         "at no velocity."
     )
-    return Section("Restoring force", [text], figure=lambda: plot.acceleration_surfaces_figure(levels))
+    return Section(
+        "Restoring force", [text], figure=lambda: level_figures.acceleration_surfaces_figure(levels)
+    )
 
 
 def _alerts(reported: Reported[Inspection]) -> Section | None:
@@ -106,7 +118,7 @@ def _histories(inspection: Inspection, number: int) -> Section:
         [f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {end:g} s."],
         record.notes,
         [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))],
-        (lambda: plot.histories_figure(record)) if number < PICTURED else None,
+        (lambda: record_figures.histories_figure(record)) if number < PICTURED else None,
         interactive=True,
     )
 
@@ -119,7 +131,7 @@ def _spectra(inspection: Inspection, number: int) -> Section | None:
     return Section(
         _titled("Spectra", inspection, number),
         [text],
-        figure=lambda: plot.spectra_figure(inspection, number),
+        figure=lambda: record_figures.spectra_figure(inspection, number),
         interactive=True,
     )
 
@@ -132,7 +144,7 @@ def _maps(inspection: Inspection, number: int) -> Section | None:
     return Section(
         _titled("Time and frequency", inspection, number),
         [text],
-        figure=lambda: plot.spectrograms_figure(inspection, number),
+        figure=lambda: record_figures.spectrograms_figure(inspection, number),
     )
 
 
@@ -147,7 +159,7 @@ def _coherence(inspection: Inspection, number: int) -> Section | None:
     return Section(
         _titled("Coherence", inspection, number),
         [text],
-        figure=lambda: plot.coherences_figure(inspection, number),
+        figure=lambda: record_figures.coherences_figure(inspection, number),
         interactive=True,
     )
 
@@ -233,7 +245,7 @@ def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Pr
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> inspection = lw.inspect(record)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.write_inspection(inspection, f"{folder}/inspection")
+    ...     written = lw.report.write_inspection(inspection, f"{folder}/inspection")
     ...     names = [path.name for path in written.iterdir()]
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['inspection.json', 'report.html']

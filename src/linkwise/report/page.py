@@ -2,7 +2,7 @@
 
 A new figure is one function and one line in such a list:
 
-    SECTIONS = Registry("section", {..., "forces": figure_section("Forces", lambda fit: plot.forces_figure(fit))})
+    SECTIONS = Registry("section", {..., "forces": figure_section("Forces", lambda fit: links.forces_figure(fit))})
 
 It is then drawn once, saved as forces.png and forces.svg beside the page and shown on it. `linkwise.plot` loads matplotlib
 when the figure is drawn, which another process may do.

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
-from linkwise import plot
 from linkwise.display import csv_cell
 from linkwise.output import atomic_file
 from linkwise.paper.figures import (
@@ -33,7 +33,7 @@ from linkwise.paper.figures import (
 from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, explanation
 from linkwise.plot import save
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import TEMPLATES, embedded
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
@@ -43,6 +43,11 @@ from linkwise.study.store import read_rows, stored_study
 from linkwise.study.success_map import SuccessMap, maps_of
 from linkwise.study.summary import SPREAD, Cell, StudyTable, covered
 from linkwise.verdict import Verdict, is_trusted
+
+if TYPE_CHECKING:
+    from linkwise.plot import studies as study_figures
+else:  # matplotlib loads where a figure is drawn
+    study_figures = lazy_module("linkwise.plot.studies")
 
 _READING = {
     "coefficients": "the force read from the coefficients of the sink's own x and x³",
@@ -338,11 +343,11 @@ def _figure_9(report: StudyReport) -> Figure | None:
 def _accuracy(report: StudyReport) -> Figure | None:
     counts = list(report.table.masses.values())
     readable = len(counts) <= _MOST_NAMED or len(set(counts)) == len(counts)
-    return plot.accuracy_figure(report.table) if report.beyond and readable else None
+    return study_figures.accuracy_figure(report.table) if report.beyond and readable else None
 
 
 def _success(report: StudyReport) -> Figure | None:
-    return plot.success_figure(report.success) if report.success else None
+    return study_figures.success_figure(report.success) if report.success else None
 
 
 def _success_caption(report: StudyReport) -> str:
@@ -422,7 +427,7 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.write_study_report("results/mine").name
+    >>> lw.report.write_study_report("results/mine").name
     'report.html'
     """
     home = Path(folder)

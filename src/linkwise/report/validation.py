@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from linkwise import plot
 from linkwise.errors import expect
 from linkwise.files import write_record
 from linkwise.identification.validation.result import (
@@ -28,8 +27,13 @@ from linkwise.identification.validation.result import (
 from linkwise.model.structure_file import write_structure
 from linkwise.output import VALIDATION
 from linkwise.progress import Progress, silent
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+
+if TYPE_CHECKING:
+    from linkwise.plot import validations as validation_figures
+else:  # matplotlib loads where a figure is drawn
+    validation_figures = lazy_module("linkwise.plot.validations")
 
 
 def validation_of(validation: Validation) -> dict[str, Any]:
@@ -50,7 +54,7 @@ def validation_of(validation: Validation) -> dict[str, Any]:
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.validation_of(lw.validate(record, chain))
+    >>> result = lw.report.validation_of(lw.validate(record, chain))
     >>> result["free_run"], result["channels"]["x:m1"]["unit"]
     (True, 'm')
     """
@@ -72,7 +76,7 @@ def _scores(reported: Reported[Validation]) -> Section:
         ],
         items=record.notes,
         rows=[CHANNEL_HEAD, *channel_rows(validation)],
-        figure=lambda: plot.prediction_figure(validation),
+        figure=lambda: validation_figures.prediction_figure(validation),
         interactive=True,
     )
 
@@ -90,7 +94,7 @@ def _error(reported: Reported[Validation]) -> Section:
         [
             "The band is twice the standard deviation that noise and the errors of the answer give the difference."
         ],
-        figure=lambda: plot.prediction_error_figure(reported.result),
+        figure=lambda: validation_figures.prediction_error_figure(reported.result),
         interactive=True,
     )
 
@@ -103,7 +107,7 @@ def _profiles(reported: Reported[Validation]) -> Section:
             "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
             "of the links along the predicted motion."
         ],
-        figure=lambda: plot.prediction_profile_figure(reported.result),
+        figure=lambda: validation_figures.prediction_profile_figure(reported.result),
     )
 
 
@@ -116,7 +120,7 @@ def _spectra(reported: Reported[Validation]) -> Section | None:
         [
             "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
         ],
-        figure=lambda: plot.prediction_spectrum_figure(reported.result),
+        figure=lambda: validation_figures.prediction_spectrum_figure(reported.result),
     )
 
 
@@ -192,7 +196,7 @@ def write_validation(validation: Validation, folder: str | Path, *, progress: Pr
     >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
     >>> result = lw.validate(record, chain)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.write_validation(result, f"{folder}/validation")
+    ...     written = lw.report.write_validation(result, f"{folder}/validation")
     ...     names = [path.name for path in written.iterdir()]
     >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
     ['report.html', 'structure.toml', 'validation.json']

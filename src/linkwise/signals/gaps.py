@@ -63,7 +63,7 @@ def average_periods(record: Record, period: float) -> Record:
     >>> import numpy as np
     >>> time = np.arange(1000) / 100.0
     >>> force = lw.Record.from_arrays(time, {"force:m1": np.sin(np.pi * time), "x:m1": np.cos(np.pi * time)})
-    >>> lw.average_periods(force, 2.0)
+    >>> lw.records.average_periods(force, 2.0)
     Record of 200 samples at 100 Hz, 8 to 9.99 s: force:m1, x:m1
     """
     size = _samples(record, period)

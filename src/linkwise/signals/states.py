@@ -58,7 +58,7 @@ class States:
     --------
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
-    >>> lw.differentiate(record, "differences").a.shape
+    >>> lw.sindy.differentiate(record, "differences").a.shape
     (501, 2)
     """
 
@@ -103,7 +103,7 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
     --------
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
-    >>> states = lw.differentiate(record.with_noise(40.0, seed=1))
+    >>> states = lw.sindy.differentiate(record.with_noise(40.0, seed=1))
     >>> states.masses
     ('m1', 'm2')
     """

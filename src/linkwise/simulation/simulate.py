@@ -265,7 +265,7 @@ class OrbitEnvelope:
     Examples
     --------
     >>> import linkwise as lw
-    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> motion = lw.analysis.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
     >>> motion.horizon is None, motion.masses
     (True, ('m1', 'm2'))
     """
@@ -318,7 +318,7 @@ def orbit_envelope(
     Examples
     --------
     >>> import linkwise as lw
-    >>> motion = lw.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
+    >>> motion = lw.analysis.orbit_envelope(lw.bnes_chain(2), {"v:m1": 1.0}, duration=1.0, rate=1000.0)
     >>> bool((motion.least == motion.greatest).all())  # predictable throughout
     True
     """

@@ -76,7 +76,7 @@ def noisy_states(
     >>> record = lw.simulate(
     ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a")
     ... )
-    >>> lw.noisy_states(record, "differenced", 30.0, seed=1).a.shape
+    >>> lw.sindy.noisy_states(record, "differenced", 30.0, seed=1).a.shape
     (1001, 2)
     """
     if convention not in CONVENTIONS:

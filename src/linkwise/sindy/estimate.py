@@ -65,7 +65,7 @@ class PhysicsInformedSindy(Estimator):
 
     On states and derivatives without noise, the library of monomials finds the equations of the chain:
 
-    >>> fit = lw.Stlsq().fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    >>> fit = lw.sindy.Stlsq().fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
     >>> print(fit.text(digits=4).splitlines()[3])
     x2'' = -1e+08*x2**3 + 3e+08*x1*x2**2 + 1e+04*x2 - 3e+08*x1**2*x2 - 1e+04*x1 - 2*v2 + 1e+08*x1**3 + 2*v1
     """

@@ -67,8 +67,8 @@ def monomial_force(
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
-    >>> fit = lw.LeastSquares().fit(lw.monomial_equations(lw.differentiate(record), order=3))
-    >>> elongation, force = lw.monomial_force(fit, chain, "nes1", record)
+    >>> fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
+    >>> elongation, force = lw.sindy.monomial_force(fit, chain, "nes1", record)
     >>> force.shape
     (2001,)
     """
@@ -141,8 +141,8 @@ def monomial_nmse(
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
-    >>> fit = lw.LeastSquares().fit(lw.monomial_equations(lw.differentiate(record), order=3))
-    >>> lw.monomial_nmse(fit, chain, "nes1", record) < 1e-12
+    >>> fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
+    >>> lw.sindy.monomial_nmse(fit, chain, "nes1", record) < 1e-12
     True
     """
     d, identified = monomial_force(fit, structure, link, record, reading=reading)

@@ -205,7 +205,7 @@ def monomial_equations(
     >>> record = lw.simulate(
     ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a")
     ... )
-    >>> system = lw.monomial_equations(lw.differentiate(record), order=2)
+    >>> system = lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=2)
     >>> system.targets
     ("x1'", "x1''", "x2'", "x2''")
     >>> len(system.names)
@@ -266,7 +266,7 @@ def local_equations(
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(6)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a"))
-    >>> systems = lw.local_equations(lw.differentiate(record), chain, order=3)
+    >>> systems = lw.sindy.local_equations(lw.sindy.differentiate(record), chain, order=3)
     >>> {mass: len(system.names) for mass, system in systems.items()}
     {'m1': 84, 'm2': 35, 'm3': 165, 'm4': 35, 'm5': 84, 'm6': 35}
     """
@@ -315,10 +315,10 @@ def link_columns(states: States, structure: Structure) -> DenseSystem:
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
-    >>> system = lw.link_columns(lw.differentiate(record), chain.unknown("nes1"))
+    >>> system = lw.sindy.link_columns(lw.sindy.differentiate(record), chain.unknown("nes1"))
     >>> system.names, system.units
     (('nes1.alpha', 'nes1.beta', 'nes1.c'), ('N/m', 'N/m^3', 'N s/m'))
-    >>> {name: f"{value:.6g}" for name, value in lw.Stlsq().fit(system).terms("force").items()}
+    >>> {name: f"{value:.6g}" for name, value in lw.sindy.Stlsq().fit(system).terms("force").items()}
     {'nes1.alpha': '-100', 'nes1.beta': '1e+06', 'nes1.c': '0.02'}
     """
     order = _order(states, structure)

@@ -73,7 +73,7 @@ class StudyMethod(ABC):
     --------
     >>> import linkwise as lw
     >>> method = lw.read_study("paper").method("physics-informed")
-    >>> isinstance(method, lw.StudyMethod), method.document()["kind"]
+    >>> isinstance(method, lw.study.StudyMethod), method.document()["kind"]
     (True, 'physics-informed')
     """
 

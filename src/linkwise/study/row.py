@@ -76,7 +76,7 @@ class Row:
     Examples
     --------
     >>> import linkwise as lw
-    >>> row = lw.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2, "nes2": 0.4})
+    >>> row = lw.study.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2, "nes2": 0.4})
     >>> row.nmse, row.failed
     (0.30000000000000004, False)
     """

@@ -52,7 +52,7 @@ class StudyProgress:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.StudyProgress(done=50, total=200, rate=2.0, left=75.0).report.activity
+    >>> lw.study.StudyProgress(done=50, total=200, rate=2.0, left=75.0).report.activity
     '50 of 200 cases, 2/s, 75 s left'
     """
 

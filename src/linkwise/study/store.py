@@ -133,7 +133,7 @@ def read_rows(folder: str | Path) -> tuple[Row, ...]:
     Examples
     --------
     >>> import linkwise as lw
-    >>> [row.seed for row in lw.read_rows("results/mine")]
+    >>> [row.seed for row in lw.study.read_rows("results/mine")]
     [1000, 1001]
     """
     with _reading(Path(folder)) as database:
@@ -162,7 +162,7 @@ def stored_study(folder: str | Path) -> Study:
     Examples
     --------
     >>> import linkwise as lw
-    >>> len(lw.stored_study("results/mine"))
+    >>> len(lw.study.stored_study("results/mine"))
     2
     """
     with _reading(Path(folder)) as database:

@@ -75,7 +75,7 @@ class Subject:
     Examples
     --------
     >>> import linkwise as lw
-    >>> subject = lw.Subject(
+    >>> subject = lw.study.Subject(
     ...     "chain", lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0}, unknown=("nes",)
     ... )
     >>> subject.judged_links, subject.measured(subject.simulate()).channels

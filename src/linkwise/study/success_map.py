@@ -46,7 +46,7 @@ class SuccessMap:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.success_maps("results/mine")  # its methods are told the terms
+    >>> lw.study.success_maps("results/mine")  # its methods are told the terms
     ()
     """
 
@@ -97,7 +97,7 @@ def success_maps(folder: str | Path) -> tuple[SuccessMap, ...]:
     Examples
     --------
     >>> import linkwise as lw
-    >>> for success in lw.success_maps("results/mine"):
+    >>> for success in lw.study.success_maps("results/mine"):
     ...     print(success.name, success.method, success.exact_share)
     """
     study = stored_study(folder)

@@ -61,7 +61,7 @@ class Cell:
     Examples
     --------
     >>> import linkwise as lw
-    >>> cell = lw.study_summary("results/mine").cells[0]
+    >>> cell = lw.study.study_summary("results/mine").cells[0]
     >>> cell.structure, cell.method, cell.snr_db, cell.done
     ('bnes2', 'weak', 40.0, 2)
     >>> cell.low <= cell.nmse <= cell.high
@@ -331,7 +331,7 @@ class StudySummary(JudgedView):
     Examples
     --------
     >>> import linkwise as lw
-    >>> summary = lw.study_summary("results/mine")
+    >>> summary = lw.study.study_summary("results/mine")
     >>> summary.complete, summary.failed_cells, summary.trusted
     (True, (), True)
     """
@@ -414,7 +414,7 @@ def study_summary(folder: str | Path) -> StudySummary:
     Examples
     --------
     >>> import linkwise as lw
-    >>> summary = lw.study_summary("results/mine")
+    >>> summary = lw.study.study_summary("results/mine")
     >>> print(str(summary).splitlines()[0])
     mine: 2 of 2 cases done, 0 failed
     """
@@ -496,7 +496,7 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
     Examples
     --------
     >>> import linkwise as lw
-    >>> [path.name for path in lw.export_study("results/mine")][:2]
+    >>> [path.name for path in lw.study.export_study("results/mine")][:2]
     ['rows.csv', 'summary.csv']
     """
     folder = Path(folder)

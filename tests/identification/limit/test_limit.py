@@ -32,7 +32,7 @@ def two_springs() -> lw.Structure:
 
 def on_zener() -> lw.Structure:
     """One mass on a spring beside a spring and a damper in series, whose force is a state."""
-    states = {"q": lw.LinkState("s*(v - q/c)", unit="N")}
+    states = {"q": lw.model.LinkState("s*(v - q/c)", unit="N")}
     return structure({"m1": 1.0}, link("mount", "m1-ground", "k*d + q", states, k=900.0, s=600.0, c=30.0))
 
 
@@ -216,14 +216,14 @@ def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> Non
 
 def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
     """A blow at the start is a release: the same motion, the same bound."""
-    blow = (lw.Impulse("m1", 1.0, 0.0),)
+    blow = (lw.model.Impulse("m1", 1.0, 0.0),)
     plan: dict[str, Any] = {"duration": 1.0, "rate": 1000.0, "noise": {"x:m1": 1e-4, "x:m2": 1e-3}}
     struck = lw.limit(chain, impulses=blow, **plan)
     released = lw.limit(chain, release=RELEASE, **plan)
     np.testing.assert_allclose(
         struck.standard_errors, released.standard_errors, rtol=0.02
     )  # one sample of 250
-    again = lw.limit(chain, release=RELEASE, impulses=(lw.Impulse("m1", 1.0, 0.6),), **plan)
+    again = lw.limit(chain, release=RELEASE, impulses=(lw.model.Impulse("m1", 1.0, 0.6),), **plan)
     late = again.record.simulated
     assert late is not None and np.isfinite(again.standard_errors).all()
     errors = [present(bound.coefficient("spring1.k").standard_error) for bound in (again, released)]
@@ -287,7 +287,7 @@ def test_a_link_that_never_moves_leaves_no_trace(chain: lw.Structure) -> None:
 
 def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure) -> None:
     started = lw.parse_structure(
-        lw.format_structure(chain).replace("alpha = -100.0", "alpha = { start = -100.0 }"), "chain.toml"
+        lw.model.format_structure(chain).replace("alpha = -100.0", "alpha = { start = -100.0 }"), "chain.toml"
     )
     limit = lw.limit(started, duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
     assert [p.name for p in limit.parameters] == ["nes1.alpha"]

@@ -13,7 +13,7 @@ SHAPES = {"tip": (1.0, 0.7, -0.8), "mid": (0.5, -0.9, 0.4)}
 BETWEEN = {(1, 2): 0.9, (2, 3): -0.6}  # of 1.4 N s/m at most, with which no motion gains energy
 
 
-def taps(between: dict[tuple[int, int], float], seed: int) -> lw.HostEstimate:
+def taps(between: dict[tuple[int, int], float], seed: int) -> lw.modal.HostEstimate:
     record = lw.simulate(
         structure({}, hosts=[host("wing", FREQUENCIES, DAMPING, SHAPES, between)]),
         forces={"wing.tip": "8*exp(-((t - 0.05)/0.01)**2)", "wing.mid": "6*exp(-((t - 1.5)/0.01)**2)"},
@@ -21,7 +21,7 @@ def taps(between: dict[tuple[int, int], float], seed: int) -> lw.HostEstimate:
         rate=200.0,
         sensors=["a:wing.tip", "a:wing.mid"],
     )
-    return lw.identify_host(record.with_noise(40.0, seed=seed), modes=3)
+    return lw.modal.identify_host(record.with_noise(40.0, seed=seed), modes=3)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -29,7 +29,7 @@ def errors(host: lw.Host) -> np.ndarray:
 
 
 def test_modes_of_a_tapped_beam_are_within_their_intervals() -> None:
-    estimate = lw.identify_host(tapped().with_noise(40.0, seed=1))
+    estimate = lw.modal.identify_host(tapped().with_noise(40.0, seed=1))
     assert estimate.trusted
     assert estimate.host.name == "beam"
     assert estimate.host.points == ("beam.tip", "beam.mid")
@@ -45,32 +45,32 @@ def test_a_structure_that_moves_before_the_tap_is_identified_from_two_records_wi
     records = [tapped(release=0.05).with_noise(40.0, seed=2), tapped("tip").with_noise(35.0, seed=3)]
     values = records[0].values.copy()
     values[100:130, 0] = np.nan
-    estimate = lw.identify_host([replace(records[0], values=values), records[1]], modes=3)
+    estimate = lw.modal.identify_host([replace(records[0], values=values), records[1]], modes=3)
     assert estimate.trusted
     # four standard errors: of twelve values beyond once in 1300
     assert np.abs(errors(estimate.host)).max() < 4.0
 
 
 def test_a_structure_that_is_not_linear_is_not_trusted() -> None:
-    estimate = lw.identify_host(tapped(cubic=1e6, level=2.0).with_noise(40.0, seed=4), modes=4)
+    estimate = lw.modal.identify_host(tapped(cubic=1e6, level=2.0).with_noise(40.0, seed=4), modes=4)
     assert not estimate.trusted
     assert estimate.verdicts[0] in (lw.Verdict.NOISE_MISMATCH, lw.Verdict.COLOURED_RESIDUALS)
 
 
 @pytest.mark.parametrize("seed", [21, 22])
 def test_errors_of_modes_that_are_not_quite_linear_hold_those_at_rest(seed: int) -> None:
-    estimate = lw.identify_host(shaken(seed, cubic=3e2, samples=10000).with_noise(60.0, seed=seed))
+    estimate = lw.modal.identify_host(shaken(seed, cubic=3e2, samples=10000).with_noise(60.0, seed=seed))
     assert estimate.verdicts == (lw.Verdict.NOISE_MISMATCH,)
     assert "not quite linear, they are those of this level" in estimate.remarks[0]
     # the spring at this level moves the first frequency by 8 and 29 of the standard errors that the scatter leaves
     assert np.abs(errors(estimate.host)).max() < 3.0
     assert estimate.host.modes[0].frequency.sigma < 0.01 * CANTILEVER[0]  # and is known
-    exact = lw.identify_host(shaken(seed, samples=10000).with_noise(60.0, seed=seed)).host.modes[0]
+    exact = lw.modal.identify_host(shaken(seed, samples=10000).with_noise(60.0, seed=seed)).host.modes[0]
     assert exact.frequency.sigma < 0.01 * estimate.host.modes[0].frequency.sigma
 
 
 def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:
-    estimate = lw.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
+    estimate = lw.modal.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
     third = estimate.host.modes[2]
     assert estimate.faint == ("beam.mode3",) or any(
         "beam.mode3 hardly moves" in text for text in estimate.remarks
@@ -82,28 +82,28 @@ def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:
 def test_what_a_modal_test_needs_is_told() -> None:
     record = tapped()
     with pytest.raises(lw.IdentificationError, match=r"no response was measured at beam\.tip"):
-        lw.identify_host(record.select(["a:beam.mid", "force:beam.tip"]))
+        lw.modal.identify_host(record.select(["a:beam.mid", "force:beam.tip"]))
     with pytest.raises(lw.IdentificationError, match="needs the applied force and the motion"):
-        lw.identify_host(record.select(["a:beam.mid"]))
+        lw.modal.identify_host(record.select(["a:beam.mid"]))
     with pytest.raises(lw.IdentificationError, match="must be positive, got 0"):
-        lw.identify_host(record, modes=0)
+        lw.modal.identify_host(record, modes=0)
     with pytest.raises(lw.IdentificationError, match="at least one record"):
-        lw.identify_host([])
+        lw.modal.identify_host([])
     with pytest.raises(lw.RecordError, match="hold the same samples; give each record once"):
-        lw.identify_host([record, record])
+        lw.modal.identify_host([record, record])
     with pytest.raises(lw.IdentificationError, match="too few to determine modes"):
-        lw.identify_host(record[:40])
+        lw.modal.identify_host(record[:40])
     values = np.random.default_rng(1).standard_normal((600, 2))
     values[:, 1] = np.where(np.arange(600) == 100, 1.0, 0.0)
     noise = lw.Record(0.0, 400.0, ("a:beam.tip", "force:beam.tip"), values)
     with pytest.raises(lw.IdentificationError, match="does not stand above the noise"):
-        lw.identify_host(noise)
+        lw.modal.identify_host(noise)
 
 
 def test_the_name_of_a_host_is_that_of_its_channels() -> None:
     record = tapped()
     with pytest.raises(lw.IdentificationError, match='is of the host "beam", not of "blade"'):
-        lw.identify_host(record, name="blade")
+        lw.modal.identify_host(record, name="blade")
     own = [channel.replace("beam.", "") for channel in record.channels]
     short = lw.Record(0.0, 400.0, tuple(own), record.values)
     assert ModalMeasurement.of([record], "beam").host == "beam"
@@ -119,12 +119,12 @@ def test_points_whose_channels_are_in_rad_turn() -> None:
         rate=500.0,
         sensors=("a:beam.tip", "a:beam.r"),
     ).with_noise(40.0, seed=5413013)
-    found = lw.identify_host(record, modes=2)
+    found = lw.modal.identify_host(record, modes=2)
     assert found.trusted
     assert found.host.rotations == ("beam.r",)
-    plain = lw.identify_host(replace(record, units={}), modes=2)
+    plain = lw.modal.identify_host(replace(record, units={}), modes=2)
     assert plain.host.rotations == ()
     assert [mode.shape for mode in plain.host.modes] == [mode.shape for mode in found.host.modes]
     moved = replace(record[:-1], units={"a:beam.r": "m/s^2"})
     with pytest.raises(lw.RecordError, match=r"another channel of beam\.r says that it is displaced in rad"):
-        lw.identify_host([record, moved], modes=2)
+        lw.modal.identify_host([record, moved], modes=2)

@@ -23,7 +23,7 @@ def tapped(frequencies: tuple[float, float], *joints: lw.Link) -> lw.Record:
 
 def test_a_mode_that_slips_is_one() -> None:
     joint = link("joint", "beam.left-beam.right", "F*z", {"z": SLIP}, F=0.9, s=0.5, x0=4e-5)
-    found = lw.identify_host(tapped((79.4, 140.0), joint))
+    found = lw.modal.identify_host(tapped((79.4, 140.0), joint))
     assert len(found.host.modes) == 2
     assert not found.trusted
     mode = found.host.modes[0]
@@ -34,14 +34,14 @@ def test_a_mode_that_slips_is_one() -> None:
 
 
 def test_two_modes_within_their_bandwidth_are_two() -> None:
-    found = lw.identify_host(tapped((80.0, 80.05)))
+    found = lw.modal.identify_host(tapped((80.0, 80.05)))
     assert len(found.host.modes) == 2
     assert found.trusted
 
 
 def test_what_a_joint_leaves_is_not_blamed_on_the_force() -> None:
     joint = link("joint", "beam.left-beam.right", "F*z", {"z": SLIP}, F=0.6, s=0.5, x0=1.2e-5)
-    found = lw.identify_host(tapped((79.4, 140.0), joint))
+    found = lw.modal.identify_host(tapped((79.4, 140.0), joint))
     mode = found.host.modes[0]
     assert max(mode.shape_sigma.values()) > 0.2 * max(
         map(abs, mode.shape.values())

@@ -30,7 +30,7 @@ def test_the_true_structure_leaves_the_noise(duffing: lw.Structure, forced: lw.R
     interpolation of the force.
     """
     part = forced.with_noise(40.0, seed=1)[217:]
-    run = lw.free_run(duffing, part)
+    run = lw.analysis.free_run(duffing, part)
     assert run.rmse["x:m1"] == pytest.approx(present(part.simulated).noise["x:m1"], rel=0.06)
     assert run.motion.start == part.start and len(run.motion) == len(run.residual) == len(part)
     assert run.residual.channel("x:m1") == pytest.approx(part.channel("x:m1") - run.motion.channel("x:m1"))
@@ -40,13 +40,13 @@ def test_the_true_structure_leaves_the_noise(duffing: lw.Structure, forced: lw.R
 def test_a_wrong_structure_leaves_more(duffing: lw.Structure, forced: lw.Record) -> None:
     stiff = oscillator("k*d + k3*d**3 + c*v", k=990.0, k3=2e6, c=2.0)
     part = forced.with_noise(40.0, seed=1)[217:]
-    assert lw.free_run(stiff, part).rmse["x:m1"] > 10 * present(part.simulated).noise["x:m1"]
+    assert lw.analysis.free_run(stiff, part).rmse["x:m1"] > 10 * present(part.simulated).noise["x:m1"]
 
 
 def test_without_noise_the_run_is_the_record(duffing: lw.Structure) -> None:
     """A free decay has no input to interpolate: the state is found to the solver's tolerance."""
     record = lw.simulate(duffing, release={"x:m1": 0.02, "v:m1": 0.3}, duration=2.0, rate=500.0)[100:]
-    run = lw.free_run(duffing, record)
+    run = lw.analysis.free_run(duffing, record)
     assert run.rmse["x:m1"] < 1e-8 * np.std(record.channel("x:m1"))
 
 
@@ -58,7 +58,7 @@ def test_base_motion_velocities_and_gaps(duffing: lw.Structure) -> None:
     )
     values = record.values.copy()
     values[[10, 11, 700]] = [[np.nan, base] for base in values[[10, 11, 700], 1]]
-    run = lw.free_run(shaken, replace(record, values=values)[3:], settling=60)
+    run = lw.analysis.free_run(shaken, replace(record, values=values)[3:], settling=60)
     assert run.rmse["v:m1"] < 1e-4 * np.std(record.channel("v:m1"))
     assert np.isnan(run.residual.channel("v:m1")[7])
 
@@ -67,14 +67,14 @@ def test_two_masses_and_a_hidden_one() -> None:
     """The sink has no sensor; its state follows from what it does to the other."""
     chain = lw.bnes_chain(2, alpha=100.0)
     record = lw.simulate(chain, release={"v:m1": 0.3}, duration=1.0, rate=2000.0)
-    run = lw.free_run(chain, record.select(["x:m1"]), settling=400)
+    run = lw.analysis.free_run(chain, record.select(["x:m1"]), settling=400)
     assert run.rmse["x:m1"] < 1e-3 * np.std(record.channel("x:m1"))
 
 
 def test_a_chaotic_run_tells_its_horizon() -> None:
     chain = lw.bnes_chain(10)
     record = chain_record(10, duration=1.5)
-    run = lw.free_run(chain, record, settling=60)
+    run = lw.analysis.free_run(chain, record, settling=60)
     # METHODS section 1: chaos sets in at some tenths of a second; the record ends at 1.5 s
     assert 0.5 < present(run.horizon) < 1.5
     early = run.residual.between(0.06, 0.3)
@@ -84,24 +84,24 @@ def test_a_chaotic_run_tells_its_horizon() -> None:
 
 def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) -> None:
     with pytest.raises(lw.RecordError, match="no response of m1 is in the record, which holds force:m1"):
-        lw.free_run(duffing, forced.select(["force:m1"]))
+        lw.analysis.free_run(duffing, forced.select(["force:m1"]))
     with pytest.raises(
         lw.RecordError, match="settling must be at least 2 and leave samples to compare, got 40 of 40 samples"
     ):
-        lw.free_run(duffing, forced[:40], settling=40)
+        lw.analysis.free_run(duffing, forced[:40], settling=40)
     values = forced.values.copy()
     values[300, 1] = np.nan
     with pytest.raises(
         lw.RecordError, match=r"force:m1.*samples are missing, and an input drives the motion"
     ):
-        lw.free_run(duffing, replace(forced, values=values))
+        lw.analysis.free_run(duffing, replace(forced, values=values))
     values = forced.values.copy()
     values[:50, 0] = np.nan
     with pytest.raises(lw.RecordError, match=r"x:m1.*has no sample among the first 50"):
-        lw.free_run(duffing, replace(forced, values=values))
+        lw.analysis.free_run(duffing, replace(forced, values=values))
     shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
     record = lw.Record(0.0, 500.0, ("x:m1", "a:base"), forced.values)
     with pytest.raises(
         lw.IdentificationError, match=r"a:base gives the displacement of the base only up to drift"
     ):
-        lw.free_run(shaken, record)
+        lw.analysis.free_run(shaken, record)

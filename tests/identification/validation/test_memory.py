@@ -113,4 +113,4 @@ def test_chaotic_motion_is_predicted_in_windows() -> None:
 
 def test_free_runs_refuse_it() -> None:
     with pytest.raises(lw.StructureError, match=r"memory \(state z\), which is not supported in free runs"):
-        lw.free_run(joint(), shaken(joint(), 5))
+        lw.analysis.free_run(joint(), shaken(joint(), 5))

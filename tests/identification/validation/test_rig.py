@@ -42,7 +42,7 @@ def test_a_law_that_lacks_the_state_is_refused(record: lw.Record) -> None:
     wrong = rig("k*d + c*v", {"k": 5000.0, "c": 900.0})
     result = lw.validate(record[1000:], wrong)
     assert not result.trusted
-    exact, motion = run(hysteretic())[1050:], lw.TimeFunction(MOTION)  # after a burn of 50 samples
+    exact, motion = run(hysteretic())[1050:], lw.model.TimeFunction(MOTION)  # after a burn of 50 samples
     force = exact.channel("f:damper")
     missed = force - 5000.0 * motion.value(exact.time) - 900.0 * motion.derivative(exact.time)
     expected = 100.0 * np.mean(missed**2) / np.var(force)

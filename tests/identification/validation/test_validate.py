@@ -81,7 +81,7 @@ def test_an_estimate_predicts_another_record(agreeing: lw.Validation) -> None:
 
 def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
     record = forced(duffing(), 2)
-    wide = lw.Posterior.of(answer)
+    wide = lw.estimates.Posterior.of(answer)
     wide = replace(wide, covariance=100.0 * wide.covariance)
     exact, with_errors = lw.validate(record, answer.structure), lw.validate(record, wide)
     assert with_errors.channels["x:m1"].expected > exact.channels["x:m1"].expected
@@ -91,7 +91,7 @@ def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
 
 def test_what_allows_for_dropped_terms_is_no_part_of_a_prediction(answer: lw.Estimate) -> None:
     """Coefficients that are farther off beside dropped terms are so only together with these."""
-    record, plain = forced(duffing(), 2), lw.Posterior.of(answer)
+    record, plain = forced(duffing(), 2), lw.estimates.Posterior.of(answer)
     more = 99.0 * plain.covariance
     wide = replace(plain, covariance=plain.covariance + more, for_dropped_terms=more)
     validation, expected = lw.validate(record, wide), lw.validate(record, plain)
@@ -248,7 +248,7 @@ def test_an_untrusted_estimate_is_taken_as_exact() -> None:
 
 def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validation, tmp_path: Path) -> None:
     """What was written and read gives the same scores, to the digits of the structure file."""
-    folder = lw.write_result(answer, tmp_path / "answer")
+    folder = lw.report.write_result(answer, tmp_path / "answer")
     validation = lw.validate(forced(duffing(), 2)[300:], folder)
     assert validation.channels["x:m1"].rmse == pytest.approx(agreeing.channels["x:m1"].rmse, rel=1e-8)
     assert len(validation.coefficients) == 3
@@ -260,7 +260,7 @@ def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validati
 
 
 def test_the_folder_holds_numbers_figures_and_page(agreeing: lw.Validation, tmp_path: Path) -> None:
-    folder = lw.write_validation(agreeing, tmp_path / "validation")
+    folder = lw.report.write_validation(agreeing, tmp_path / "validation")
     document = json.loads((folder / "validation.json").read_text())
     assert document["channels"]["x:m1"]["rmse"] == agreeing.channels["x:m1"].rmse
     assert document["free_run"] is True and document["burn"] == agreeing.burn
@@ -412,7 +412,7 @@ def test_damping_between_modes_stays_one_unknown_where_coefficients_are_estimate
         sensors=["a:wing.tip"],
     ).with_noise(40.0, seed=1)
     answer = lw.identify(record, damped(known_to_within, lw.Coefficient.unknown()))
-    again = estimated_again(record, lw.Posterior.of(answer), silent)
+    again = estimated_again(record, lw.estimates.Posterior.of(answer), silent)
     assert [parameter.name for parameter in again.parameters] == ["wing.mode1+mode2.damping", "joint.k3"]
     damping = again.coefficient("wing.mode1+mode2.damping")
     assert abs(damping.value - 0.3) < 4.0 * (damping.standard_error or 0.0)

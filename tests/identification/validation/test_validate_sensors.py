@@ -66,7 +66,7 @@ def test_errors_of_sensors_that_the_answer_found_are_taken_out(
 def test_the_folder_of_an_answer_says_the_same(tmp_path: Path) -> None:
     answer = lw.identify(shown(3, offset=1e-3), duffing().unknown("all"), offsets=["x:m1"])
     folder = tmp_path / "answer"
-    lw.write_result(answer, folder)
+    lw.report.write_result(answer, folder)
     (stated,) = json.loads((folder / "result.json").read_text())["sensor_errors"]
     assert stated["kind"] == "offset" and stated["unit"] == "m"
     record = shown(4, offset=1e-3)
@@ -92,10 +92,10 @@ def test_a_delay_stays_in_where_samples_are_missing() -> None:
 
 @pytest.mark.parametrize("change", [{"kind": "colour"}, {"value": float("nan")}, {"standard_error": -1.0}])
 def test_what_is_no_error_of_a_sensor_is_refused(change: dict[str, object]) -> None:
-    error = lw.SensorErrorEstimate("x:m1", "offset", 1e-3, 1e-5, "m")
-    assert lw.SensorErrorEstimate.from_dict(error.to_dict()) == error
+    error = lw.estimates.SensorErrorEstimate("x:m1", "offset", 1e-3, 1e-5, "m")
+    assert lw.estimates.SensorErrorEstimate.from_dict(error.to_dict()) == error
     with pytest.raises(ValueError, match="not an error of a sensor"):
-        lw.SensorErrorEstimate.from_dict({**error.to_dict(), **change})
+        lw.estimates.SensorErrorEstimate.from_dict({**error.to_dict(), **change})
 
 
 def test_what_the_record_is_without_is_not_taken_out_again() -> None:

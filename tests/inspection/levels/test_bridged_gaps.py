@@ -36,7 +36,7 @@ def test_a_few_missing_samples_are_bridged_and_told() -> None:
         _without(complete[0], a_m1=slice(300, 301)),
         _without(complete[1], a_m1=slice(400, 406), force_m1=slice(500, 502)),
     ]
-    expected, found = (lw.compare_levels(records) for records in (complete, gappy))
+    expected, found = (lw.inspection.compare_levels(records) for records in (complete, gappy))
     assert found.with_gaps == () and found.first_nonlinear == 1
     assert [(gaps.record, gaps.channel, gaps.samples) for gaps in found.bridged] == [
         ("level 1", "a:m1", 1),
@@ -67,7 +67,7 @@ def test_gaps_do_not_make_modes_move() -> None:
         for column in range(2):
             for first in rng.integers(5, len(values) - 10, 22).tolist():
                 values[first : first + int(rng.integers(1, 7)), column] = np.nan
-        found = lw.compare_levels([replace(record, values=values)])
+        found = lw.inspection.compare_levels([replace(record, values=values)])
         assert len(found.ring_downs) == 2 and found.verdicts == (lw.Verdict.LINEAR_IN_RANGE,)
 
 
@@ -75,7 +75,7 @@ def test_gaps_do_not_make_modes_move() -> None:
 def test_a_force_that_acts_or_lacks_more_is_not_guessed(missing: slice) -> None:
     record = _without(_taps(2.0), force_m1=missing)
     with pytest.raises(lw.IdentificationError, match=r"force:m1: .* inputs must be complete"):
-        lw.compare_levels([_taps(0.1), record])
+        lw.inspection.compare_levels([_taps(0.1), record])
 
 
 def test_distortion_is_measured_beside_a_missing_sample() -> None:
@@ -91,7 +91,7 @@ def test_distortion_is_measured_beside_a_missing_sample() -> None:
         for size in (0.05, 0.5)
     ]
     complete, gappy = (
-        lw.compare_levels(runs, modes=1).distortions[1]
+        lw.inspection.compare_levels(runs, modes=1).distortions[1]
         for runs in (records, [records[0], _without(records[1], a_m1=slice(2500, 2501))])
     )
     assert complete is not None and gappy is not None and complete.even is not None

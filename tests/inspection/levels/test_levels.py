@@ -61,7 +61,7 @@ def test_modes_of_a_linear_structure_stay() -> None:
         tap(size, 0.0).with_noise(snr, seed=seed)
         for seed, (size, snr) in enumerate(((0.1, 30.0), (1.0, 40.0), (10.0, 50.0)))
     ]
-    comparison = lw.compare_levels(records)
+    comparison = lw.inspection.compare_levels(records)
     assert comparison.first_nonlinear is None
     assert comparison.frequencies.shape == (3, 1)
     true = np.sqrt(STIFFNESS / MASS) / (2.0 * np.pi)
@@ -79,7 +79,7 @@ def test_modes_of_a_linear_structure_stay() -> None:
 
 def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
     records = [tap(size, 4e9).with_noise(40.0, seed=1) for size in (2.0, 0.1, 0.2)]  # in any order
-    comparison = lw.compare_levels(records)
+    comparison = lw.inspection.compare_levels(records)
     assert np.all(np.diff(comparison.levels) > 0.0)
     assert comparison.first_nonlinear == 2
     assert comparison.moved(2) == (1,)
@@ -94,7 +94,7 @@ def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
 def test_what_is_no_mode_at_a_level_is_lost_and_has_not_moved() -> None:
     """A resonance that bends away is followed to a line of the force: 5.4e-05 Hz, without damping, "moved"."""
     records = [tap(size, 4e9).with_noise(40.0, seed=1) for size in (0.1, 0.2, 2.0)]
-    comparison = lw.compare_levels(records)
+    comparison = lw.inspection.compare_levels(records)
     assert not comparison.lost.any()
     frequencies, damping = comparison.frequencies.copy(), comparison.damping.copy()
     frequencies[2], damping[2] = 5e-5, 1e-5
@@ -110,7 +110,7 @@ def test_what_is_no_mode_at_a_level_is_lost_and_has_not_moved() -> None:
 def test_records_too_short_to_tell_are_not_trusted() -> None:
     # 0.5 s at 10 dB: the cubic spring moves the mode by 1.2 %, and the damping is uncertain by half
     records = [tap(size, 1e9).with_noise(10.0, seed=1)[:101] for size in (0.1, 1.0)]
-    comparison = lw.compare_levels(records)
+    comparison = lw.inspection.compare_levels(records)
     assert comparison.first_nonlinear is None
     assert comparison.verdicts == (lw.Verdict.MODES_NOT_DETERMINED,) and not comparison.trusted
     text = " ".join(str(comparison).split())
@@ -129,7 +129,7 @@ def test_distortion_that_moves_no_mode_is_not_called_linear() -> None:
         ).with_noise(50.0, seed=seed)
         for seed, size in enumerate((0.05, 0.5))
     ]
-    comparison = lw.compare_levels(records, modes=1)
+    comparison = lw.inspection.compare_levels(records, modes=1)
     # the even term leaves 6.7 times the power of the noise at the higher level, and moves the mode by 1 in 10^5
     assert comparison.first_nonlinear is None
     assert comparison.verdicts == (lw.Verdict.RESIDUALS_GROW_WITH_LEVEL,) and not comparison.trusted
@@ -138,7 +138,7 @@ def test_distortion_that_moves_no_mode_is_not_called_linear() -> None:
 def test_a_ring_down_follows_the_backbone() -> None:
     cubic = 4e8
     records = [tap(size, cubic, "x:m1").with_noise(60.0, seed=1) for size in (0.1, 4.0)]
-    [ring] = lw.compare_levels(records, modes=1).ring_downs
+    [ring] = lw.inspection.compare_levels(records, modes=1).ring_downs
     backbone = np.sqrt((STIFFNESS + 0.75 * cubic * ring.amplitude**2) / MASS) / (2.0 * np.pi)
     assert (
         ring.amplitude[0] > np.e * ring.amplitude[-1]
@@ -155,7 +155,7 @@ def test_a_ring_down_follows_the_backbone() -> None:
 
 def test_one_decay_without_a_force_shows_the_backbone_of_each_mode() -> None:
     """Two masses, the second on a hardening spring, released: the modes are those of its small motion, and move."""
-    comparison = lw.compare_levels([released(4e6).with_noise(50.0, seed=1)])
+    comparison = lw.inspection.compare_levels([released(4e6).with_noise(50.0, seed=1)])
     lower, upper = comparison.ring_downs
     for ring, true in zip((lower, upper), linear_frequencies(), strict=True):
         difference, error = ring.ends[0, 1, 0] - true, ring.ends[1, 1, 0]
@@ -173,7 +173,7 @@ def test_one_decay_without_a_force_shows_the_backbone_of_each_mode() -> None:
 def test_modes_of_a_linear_decay_do_not_move() -> None:
     deviations = []
     for seed in range(8):
-        comparison = lw.compare_levels([released(0.0).with_noise(40.0, seed=seed)])
+        comparison = lw.inspection.compare_levels([released(0.0).with_noise(40.0, seed=seed)])
         assert comparison.verdicts == (lw.Verdict.LINEAR_IN_RANGE,)
         assert str(comparison).startswith(f"Linear up to a peak {comparison.channel} of")
         assert len(comparison.ring_downs) == 2
@@ -187,20 +187,20 @@ def test_a_channel_with_gaps_is_left_out_of_ring_downs_and_named() -> None:
     record = released(4e6).with_noise(50.0, seed=1)
     values = record.values.copy()
     values[300:340, 0] = np.nan
-    comparison = lw.compare_levels([replace(record, values=values)])
+    comparison = lw.inspection.compare_levels([replace(record, values=values)])
     assert comparison.with_gaps == ("a:m1",)
     assert {ring.channel for ring in comparison.ring_downs} == {"a:m2"}
     assert "a:m1 lacks samples at the highest level" in " ".join(str(comparison).split())
     assert comparison.to_dict()["without_ring_down"] == ["a:m1"]
     values[300:340] = np.nan
     with pytest.raises(lw.RecordError, match=r"a:m1, a:m2 lack samples\. Cut the record"):
-        lw.compare_levels([replace(record, values=values)])
+        lw.inspection.compare_levels([replace(record, values=values)])
 
 
 @pytest.mark.parametrize("sensor", ["x:m1", "v:m1", "a:m1"])
 def test_acceleration_over_displacement_is_the_restoring_force(sensor: str) -> None:
     cubic = 4e8
-    [surface] = lw.compare_levels([tap(8.0, cubic, sensor).with_noise(60.0, seed=1)]).surfaces
+    [surface] = lw.inspection.compare_levels([tap(8.0, cubic, sensor).with_noise(60.0, seed=1)]).surfaces
     d, v = surface.displacement, surface.velocity
     force = (STIFFNESS * d + cubic * d**3 + DAMPER * v) / MASS
     linear = d * float(surface.acceleration @ d) / float(d @ d)
@@ -211,7 +211,7 @@ def test_acceleration_over_displacement_is_the_restoring_force(sensor: str) -> N
 
 def test_decays_of_several_levels_are_compared() -> None:
     soft, hard = (released(4e6, size).with_noise(50.0, seed=2) for size in (0.02, 1.0))
-    comparison = lw.compare_levels([hard, soft])
+    comparison = lw.inspection.compare_levels([hard, soft])
     assert comparison.first_nonlinear == 1 and comparison.moved(1) == (1, 2)
     assert comparison.responses == () and comparison.distortions == (None, None)
     assert f"peak {comparison.channel}, m/s^2" in str(comparison)
@@ -242,7 +242,7 @@ def test_what_of_the_start_has_not_died_out_is_called_scatter() -> None:
         )
         for size in (1.0, 2.0)
     ]
-    comparison = lw.compare_levels(runs, modes=1)
+    comparison = lw.inspection.compare_levels(runs, modes=1)
     own = comparison.distortions[0]
     # without noise: the motion of the start decays by exp(-c t / (2 m)), to a third from 2 s to 4 s, and alone scatters
     assert own is not None and own.noise > -60.0
@@ -267,27 +267,27 @@ def test_what_a_comparison_needs_is_told() -> None:
         spring(), forces={"m1": "sin(2*pi*4*t)"}, duration=4.0, rate=200.0, sensors=["a:m1"]
     ).with_noise(40.0, seed=1)
     with pytest.raises(lw.RecordError, match="two records or more, and this one alone does not ring down"):
-        lw.compare_levels([driven])
+        lw.inspection.compare_levels([driven])
     unforced = lw.Record(0.0, 200.0, ("a:m1",), driven.channel("a:m1")[-30:, None])
     with pytest.raises(
         lw.IdentificationError, match="no applied force was recorded, and a record does not decay"
     ):
-        lw.compare_levels([unforced])
+        lw.inspection.compare_levels([unforced])
     values = np.random.default_rng(1).standard_normal((600, 2))
     values[:, 1] = np.where(np.arange(600) == 100, 1.0, 0.0)
     noise = lw.Record(0.0, 200.0, ("a:m1", "force:m1"), values)
     with pytest.raises(lw.RecordError, match="no mode stands above the noise"):
-        lw.compare_levels([noise, noise])
+        lw.inspection.compare_levels([noise, noise])
 
 
 def test_records_that_differ_in_their_channels_are_refused() -> None:
     with pytest.raises(lw.IdentificationError, match="x:m1 is missing, and a:m1 is not in the first"):
-        lw.compare_levels([tap(1.0, 0.0, "x:m1"), tap(2.0, 0.0)])
+        lw.inspection.compare_levels([tap(1.0, 0.0, "x:m1"), tap(2.0, 0.0)])
 
 
 def test_the_order_of_levels_does_not_depend_on_the_length_of_records() -> None:
     weak, strong = tap(1.0, 0.0).with_noise(40.0, seed=1), tap(1.5, 0.0).with_noise(40.0, seed=2)
-    comparison = lw.compare_levels(
+    comparison = lw.inspection.compare_levels(
         [weak[:400], strong]
     )  # 2 s and 6 s: the strong one has the lower root mean square
     assert comparison.levels == pytest.approx([1.0, 1.5], rel=1e-9)  # N, the peaks, on samples at 0.1 s
@@ -326,7 +326,7 @@ def test_levels_of_rotations_are_in_newton_metres() -> None:
         ).with_noise(45.0, seed=5413030 + level)
         for level in (2, 20)
     ]
-    compared = lw.compare_levels(records, modes=1)
+    compared = lw.inspection.compare_levels(records, modes=1)
     assert compared.unit == "N m" and "peak force, N m" in str(compared)
     assert {surface.unit for surface in some(compared.surfaces)} == {"rad"}
     assert lw.plot.acceleration_surface(compared).get_xlabel().endswith("rad")

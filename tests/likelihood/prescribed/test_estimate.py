@@ -197,7 +197,11 @@ REFUSED: dict[str, tuple[dict[str, str], dict[str, Any], str]] = {
     "unknown kind": ({}, {"admit": ["bogus"]}, 'unknown error of a sensor "bogus"'),
     "other kind": ({}, {"admit": ["delay"]}, r"to be admitted \(delay\): not supported"),
     "twice": ({}, {"offsets": ["f:damper", "f:damper"]}, "f:damper is named twice"),
-    "robust": ({}, {"loss": lw.Student()}, "a robust loss: not supported for links alone on a rig"),
+    "robust": (
+        {},
+        {"loss": lw.likelihood.Student()},
+        "a robust loss: not supported for links alone on a rig",
+    ),
     "offset": ({}, {"offsets": ["x:m1"]}, "no offset of x:m1 can be found"),
     "weak": ({}, {"method": "weak"}, 'links alone on a rig are not supported in method "weak"'),
     "sindy": ({}, {"method": "sindy"}, 'links alone on a rig are not supported in method "sindy"'),

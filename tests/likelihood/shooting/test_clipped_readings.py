@@ -33,7 +33,9 @@ def problem() -> ShootingProblem:
     """A record clipped at half of its peaks, with an unknown gain of one sensor."""
     record = chain_record(2).with_noise(20.0, seed=7).between(0.0, 1.0)
     peak = 0.5 * np.max(np.abs(record.values), axis=0)
-    record = lw.mark_missing(replace(record, values=np.clip(record.values, -peak, peak), simulated=None))
+    record = lw.inspection.mark_missing(
+        replace(record, values=np.clip(record.values, -peak, peak), simulated=None)
+    )
     asked = CHAIN.unknown("all")
     sensing = SensorModel.of([record], (), (GAINED,))
     return shooting_problem([record], asked, truth(CHAIN, asked), None, sensing)

@@ -25,7 +25,7 @@ WING = host(
     {"tip": (0.1, 0.2, -0.1), "mid": (0.15, -0.1, 0.1)},
     {(1, 2): 0.3, (2, 3): -0.1},
 ).known_to_within(frequency=0.01, damping=0.2, shape=0.02)
-JOINT = lw.named_law("bouc-wen").link(
+JOINT = lw.model.named_law("bouc-wen").link(
     "joint",
     ("store", "wing.mid"),
     {

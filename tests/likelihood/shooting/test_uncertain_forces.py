@@ -33,8 +33,8 @@ def segments_of(delays: tuple[str, ...]) -> Segments:
         [
             np.zeros(COUNT),
             np.zeros(COUNT),
-            lw.TimeFunction("cos(9*t)").value(time),
-            lw.TimeFunction(WAVE).value(time),
+            lw.model.TimeFunction("cos(9*t)").value(time),
+            lw.model.TimeFunction(WAVE).value(time),
         ],
         axis=1,
     )
@@ -52,7 +52,7 @@ def test_a_force_acts_by_what_its_channel_shows_less_gain_and_delay(delays: tupl
     steps = np.arange(segments.count * segments.steps).reshape(segments.count, -1).T
     time = (steps[:, None] + POINTS[None, :, None]) / RATE / REFINE
     inside = (time > 0.35) & (time < 1.65)  # where the windowed sinc has all of its samples
-    expected = lw.TimeFunction(WAVE).value(time + late) / 1.25
+    expected = lw.model.TimeFunction(WAVE).value(time + late) / 1.25
     # 1e-4 of the polynomial in the delay, and as much of the interpolation, of 5 N
     assert np.abs(acting[:, :, 1] - expected)[inside].max() < 2e-3
     np.testing.assert_array_equal(acting[:, :, 0], present(segments.inputs.force)[:, :, 0])

@@ -49,13 +49,13 @@ def test_abaqus_names_nodes_and_directions(tmp_path: Path) -> None:
     mass, stiffness = matrices()
     abaqus(tmp_path / "m.mtx", mass, lambda lines: lines[::-1])
     abaqus(tmp_path / "k.mtx", stiffness)
-    read = lw.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
+    read = lw.modal.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
     assert read.names[:3] == ("10z", "10ry", "13z")
     np.testing.assert_allclose(read.mass.toarray(), mass, rtol=WRITTEN)
     np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=WRITTEN)
     assert read.total_mass == pytest.approx(mass[::2, ::2].sum(), rel=WRITTEN)  # all in z
     by_name = read.reduce("beam", {"tip": "25ry", "root": "10z"}, keep=3)
-    by_row = lw.reduce_host(
+    by_row = lw.modal.reduce_host(
         "beam",
         scipy.sparse.csc_array(mass),
         scipy.sparse.csc_array(stiffness),
@@ -76,7 +76,7 @@ def test_what_abaqus_holds_fixed_is_left_out(tmp_path: Path) -> None:
     abaqus(tmp_path / "m.mtx", mass)
     stiffness[0, 0] += 1e36
     abaqus(tmp_path / "k.mtx", stiffness)
-    read = lw.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
+    read = lw.modal.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
     np.testing.assert_allclose(read.mass.toarray(), mass[1:, 1:], rtol=WRITTEN)
     np.testing.assert_allclose(read.stiffness.toarray(), stiffness[1:, 1:], rtol=WRITTEN)
     with pytest.raises(lw.StructureError, match="not held fixed"):
@@ -91,7 +91,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
             f"{i + 1:6d} {j + 1:6d} {matrix[i, j]:.14e}" for i in range(SIZE) for j in range(SIZE)
         ]  # both triangles
         (tmp_path / f"{name}.mtx").write_text("\n".join(entries) + "\n")
-    read = lw.read_host_matrices("m.mtx", "k.mtx", "m.mtx", folder=tmp_path)
+    read = lw.modal.read_host_matrices("m.mtx", "k.mtx", "m.mtx", folder=tmp_path)
     np.testing.assert_allclose(read.mass.toarray(), np.delete(np.delete(mass, 2, 0), 2, 1), rtol=WRITTEN)
     assert read.damping is not None
     np.testing.assert_array_equal(read.damping.toarray(), read.mass.toarray())
@@ -120,7 +120,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
 def test_a_file_that_abaqus_did_not_write_is_told(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "k.mtx").write_text(text)
     with pytest.raises(lw.StructureError, match=message):
-        lw.read_matrix("k.mtx", tmp_path)
+        lw.modal.read_matrix("k.mtx", tmp_path)
 
 
 def test_matrices_with_and_without_names_are_not_mixed(tmp_path: Path) -> None:
@@ -128,10 +128,10 @@ def test_matrices_with_and_without_names_are_not_mixed(tmp_path: Path) -> None:
     abaqus(tmp_path / "m.mtx", mass)
     np.savez(tmp_path / "k.npz", K=stiffness)
     with pytest.raises(lw.StructureError, match=r"m.mtx names nodes and directions and k.npz:K does not"):
-        lw.read_host_matrices("m.mtx", "k.npz:K", folder=tmp_path)
+        lw.modal.read_host_matrices("m.mtx", "k.npz:K", folder=tmp_path)
     np.savez(tmp_path / "m.npz", M=mass[1:, 1:])
     with pytest.raises(lw.StructureError, match="the mass matrix has 11 rows and the stiffness matrix 12"):
-        lw.read_host_matrices("m.npz:M", "k.npz:K", folder=tmp_path)
+        lw.modal.read_host_matrices("m.npz:M", "k.npz:K", folder=tmp_path)
 
 
 def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
         for name, matrix in (("MAAX", mass), ("KAAX", stiffness))
     }
     nastran.wtdmig(str(tmp_path / "beam.pch"), frames)
-    read = lw.read_host_matrices("beam.pch:MAAX", "beam.pch:KAAX", folder=tmp_path)
+    read = lw.modal.read_host_matrices("beam.pch:MAAX", "beam.pch:KAAX", folder=tmp_path)
     assert read.names[-2:] == ("25z", "25ry")
     np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=1e-8)  # ten digits are written
     op4.write(
@@ -150,7 +150,7 @@ def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
         {"maa": scipy.sparse.csr_array(mass), "kaa": stiffness},
         sparse="auto",
     )
-    read = lw.read_host_matrices("beam.op4:MAA", "beam.op4:KAA", folder=tmp_path)
+    read = lw.modal.read_host_matrices("beam.op4:MAA", "beam.op4:KAA", folder=tmp_path)
     np.testing.assert_allclose(read.mass.toarray(), mass, rtol=WRITTEN)
     np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=WRITTEN)
 
@@ -159,7 +159,7 @@ def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
 def test_a_damaged_file_of_nastran_is_told(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"\x00\x01DMIG* no more\xff" * 40)
     with pytest.raises(lw.StructureError, match=name):
-        lw.read_matrix(f"{name}:KAA", tmp_path)
+        lw.modal.read_matrix(f"{name}:KAA", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -175,11 +175,11 @@ def test_a_damaged_file_of_nastran_is_told(tmp_path: Path, name: str) -> None:
 def test_bulk_data_without_a_whole_matrix_is_told(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "beam.bdf").write_text(text)
     with pytest.raises(lw.StructureError, match=message):
-        lw.read_host_matrices("beam.bdf", "beam.bdf", folder=tmp_path)
+        lw.modal.read_host_matrices("beam.bdf", "beam.bdf", folder=tmp_path)
 
 
 def test_no_argument_of_a_library_is_advised(tmp_path: Path) -> None:
     (tmp_path / "mass.mtx").write_text("1,1,1,1,2.0\n2,1,2,1\n")
     with pytest.raises(lw.StructureError, match="at row 2") as error:
-        lw.read_matrix("mass.mtx", tmp_path)
+        lw.modal.read_matrix("mass.mtx", tmp_path)
     assert "usecols" not in str(error.value)

@@ -56,7 +56,7 @@ class FreeRun:
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
-    >>> run = lw.free_run(chain, record)
+    >>> run = lw.analysis.free_run(chain, record)
     >>> run.motion.channels, run.settling
     (('x:m1', 'x:m2'), 50)
     """
@@ -112,7 +112,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     >>> fit = lw.identify(record[:500], chain.unknown("nes"))
-    >>> run = lw.free_run(fit.structure, record[500:700])
+    >>> run = lw.analysis.free_run(fit.structure, record[500:700])
     >>> sorted(run.rmse)
     ['x:m1', 'x:m2']
     """

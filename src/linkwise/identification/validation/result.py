@@ -22,7 +22,7 @@ from linkwise.display import (
     paragraph,
     remark_lines,
 )
-from linkwise.inspection.mark_missing import unanswered_alerts
+from linkwise.inspection.missing_samples import unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record

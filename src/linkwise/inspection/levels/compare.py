@@ -75,7 +75,7 @@ def compare_levels(
     >>> import linkwise as lw
     >>> number = lw.Coefficient.number
     >>> law, values = lw.Law.parse("k*d + k3*d**3 + c*v"), {"k": number(4e3), "k3": number(4e9), "c": number(1.0)}
-    >>> link = lw.Link("spring", ("m1", lw.GROUND), law, values)
+    >>> link = lw.Link("spring", ("m1", lw.model.GROUND), law, values)
     >>> oscillator = lw.Structure("hardening", (lw.Mass("m1", number(1.0)),), (link,))
     >>> taps = [
     ...     lw.simulate(
@@ -83,7 +83,7 @@ def compare_levels(
     ...     ).with_noise(40.0, seed=1)
     ...     for size in (0.1, 0.2, 2.0)
     ... ]
-    >>> found = lw.compare_levels(taps)
+    >>> found = lw.inspection.compare_levels(taps)
     >>> found.first_nonlinear, found.moved(1), found.moved(2)
     (2, (), (1,))
     """

@@ -86,7 +86,7 @@ class ResponseFunction:
     >>> import numpy as np
     >>> force = np.random.default_rng(1).standard_normal(4000)
     >>> record = lw.Record.from_arrays(np.arange(4000) / 1000.0, {"force:m1": force, "a:m1": 2.0 * force})
-    >>> found = lw.compare_levels([record, record], modes=1).responses[0]
+    >>> found = lw.inspection.compare_levels([record, record], modes=1).responses[0]
     >>> round(float(np.median(found.magnitude)), 6), round(float(np.median(found.coherence)), 6)
     (2.0, 1.0)
     """
@@ -152,7 +152,7 @@ class Distortion:
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_sine.csv"), lw.read_record("hard_sine.csv")], modes=1)
     >>> found.distortions[0].period
     0.0625
     """
@@ -274,7 +274,7 @@ class RingDown:
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> [ring] = found.ring_downs
     >>> bool(abs(ring.frequency[0] - 20.0) < 0.1), bool(abs(ring.damping[0] - 0.005) < 0.001)
     (True, True)
@@ -486,7 +486,7 @@ class AccelerationSurface:
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> [surface] = found.surfaces
     >>> slope = -(surface.acceleration @ surface.displacement) / (surface.displacement @ surface.displacement)
     >>> round(float(slope**0.5 / 6.2832))  # Hz
@@ -545,7 +545,7 @@ class BridgedGaps:
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> found.bridged
     ()
     """

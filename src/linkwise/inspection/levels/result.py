@@ -69,7 +69,7 @@ class LevelComparison(JudgedView):
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
+    >>> found = lw.inspection.compare_levels([lw.read_record("soft_tap.csv"), lw.read_record("hard_tap.csv")])
     >>> found.first_nonlinear is None, found.frequencies.shape
     (True, (2, 1))
     >>> [verdict.name for verdict in found.verdicts]

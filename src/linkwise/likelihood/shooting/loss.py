@@ -23,8 +23,8 @@ class Loss(ABC):
     Examples
     --------
     >>> import linkwise as lw
-    >>> method = lw.MaximumLikelihood(loss=lw.Huber())
-    >>> isinstance(method.loss, lw.Loss)
+    >>> method = lw.MaximumLikelihood(loss=lw.likelihood.Huber())
+    >>> isinstance(method.loss, lw.likelihood.Loss)
     True
     """
 
@@ -88,7 +88,7 @@ class Gaussian(Loss):
     --------
     >>> import numpy as np
     >>> import linkwise as lw
-    >>> lw.Gaussian().weight(np.array([0.0, 10.0]))
+    >>> lw.likelihood.Gaussian().weight(np.array([0.0, 10.0]))
     array([1., 1.])
     """
 
@@ -134,7 +134,7 @@ class Huber(Loss):
     --------
     >>> import numpy as np
     >>> import linkwise as lw
-    >>> lw.Huber().weight(np.array([0.0, 10.0]))
+    >>> lw.likelihood.Huber().weight(np.array([0.0, 10.0]))
     array([1.    , 0.1345])
     """
 
@@ -173,7 +173,7 @@ class Student(Loss):
     --------
     >>> import numpy as np
     >>> import linkwise as lw
-    >>> lw.Student().weight(np.array([0.0, 10.0])).round(3)
+    >>> lw.likelihood.Student().weight(np.array([0.0, 10.0])).round(3)
     array([1.25 , 0.048])
     """
 

@@ -107,7 +107,7 @@ class AnnealingStep:
     >>> estimate = lw.identify(
     ...     record, chain.unknown("nes1.alpha"), progress=lambda report: steps.append(report.detail)
     ... )
-    >>> isinstance(steps[0], lw.AnnealingStep), steps[0].q, steps[-1].q
+    >>> isinstance(steps[0], lw.likelihood.AnnealingStep), steps[0].q, steps[-1].q
     (True, 0.1, 1e-05)
     """
 

@@ -128,8 +128,8 @@ class DenseSystem(LinearSystem):
     >>> import numpy as np
     >>> import linkwise as lw
     >>> matrix = np.column_stack([np.ones(50), np.arange(50.0)])
-    >>> system = lw.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), units=("N", "N/s"), targets=("f",))
-    >>> {name: round(value, 9) for name, value in lw.LeastSquares().fit(system).terms("f").items()}
+    >>> system = lw.sindy.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), units=("N", "N/s"), targets=("f",))
+    >>> {name: round(value, 9) for name, value in lw.sindy.LeastSquares().fit(system).terms("f").items()}
     {'a': 1.0, 'b': 2.0}
     """
 
@@ -198,7 +198,7 @@ class StreamedSystem(LinearSystem):
     >>> record = lw.simulate(
     ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a")
     ... )
-    >>> system = lw.monomial_equations(lw.differentiate(record), order=2)
+    >>> system = lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=2)
     >>> system.rows, system.stored().matrix.shape
     (1001, (1001, 15))
     """

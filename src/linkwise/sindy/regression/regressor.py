@@ -46,7 +46,7 @@ class SupportCandidate:
     >>> import numpy as np
     >>> import linkwise as lw
     >>> matrix = np.column_stack([np.ones(50), np.arange(50.0)])
-    >>> fit = lw.Stlsq().fit(lw.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), targets=("f",)))
+    >>> fit = lw.sindy.Stlsq().fit(lw.sindy.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), targets=("f",)))
     >>> [candidate.terms for candidate in fit.paths[0]]
     [2, 1, 0]
     """
@@ -87,8 +87,8 @@ class RegressionFit:
     >>> import numpy as np
     >>> import linkwise as lw
     >>> matrix = np.column_stack([np.ones(50), np.arange(50.0)])
-    >>> system = lw.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), targets=("f",))
-    >>> print(lw.LeastSquares().fit(system).text(digits=3))
+    >>> system = lw.sindy.DenseSystem(matrix, matrix @ [1.0, 2.0], ("a", "b"), targets=("f",))
+    >>> print(lw.sindy.LeastSquares().fit(system).text(digits=3))
     f = 2*b + 1*a
     """
 
@@ -173,7 +173,7 @@ class Regressor(ABC):
     Examples
     --------
     >>> import linkwise as lw
-    >>> isinstance(lw.Stlsq(), lw.Regressor), lw.Stlsq.title
+    >>> isinstance(lw.sindy.Stlsq(), lw.sindy.Regressor), lw.sindy.Stlsq.title
     (True, 'sequentially thresholded least squares')
     """
 

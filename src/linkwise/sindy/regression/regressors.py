@@ -74,7 +74,7 @@ class Stlsq(Regressor):
     >>> record = lw.simulate(
     ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a")
     ... )
-    >>> fit = lw.Stlsq(0.001).fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    >>> fit = lw.sindy.Stlsq(0.001).fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
     >>> sorted(fit.terms("x1'"))
     ['v1']
     """
@@ -179,8 +179,8 @@ class L1(Regressor):
     >>> import linkwise as lw
     >>> chain = lw.bnes_chain(2)
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
-    >>> system = lw.link_columns(lw.differentiate(record), chain.unknown("nes1"))
-    >>> {name: f"{value:.6g}" for name, value in lw.L1().fit(system).terms("force").items()}
+    >>> system = lw.sindy.link_columns(lw.sindy.differentiate(record), chain.unknown("nes1"))
+    >>> {name: f"{value:.6g}" for name, value in lw.sindy.L1().fit(system).terms("force").items()}
     {'nes1.alpha': '-100', 'nes1.beta': '1e+06', 'nes1.c': '0.02'}
     """
 
@@ -332,7 +332,7 @@ class LeastSquares(Regressor):
     >>> record = lw.simulate(
     ...     lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a")
     ... )
-    >>> fit = lw.LeastSquares().fit(lw.monomial_equations(lw.differentiate(record), order=3))
+    >>> fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
     >>> fit.coefficients.shape
     (35, 4)
     """

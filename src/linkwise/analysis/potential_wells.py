@@ -70,7 +70,7 @@ def wells(link: Link, lo: float | None = None, hi: float | None = None) -> tuple
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.wells(lw.bnes_chain(2).link("nes1"))
+    >>> lw.analysis.wells(lw.bnes_chain(2).link("nes1"))
     (-0.01, 0.01)
     """
     expect("wells(link): link", link, Link)
@@ -100,7 +100,7 @@ def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> flo
     Examples
     --------
     >>> import linkwise as lw
-    >>> round(lw.barrier(lw.bnes_chain(2).link("nes1")), 12)
+    >>> round(lw.analysis.barrier(lw.bnes_chain(2).link("nes1")), 12)
     0.0025
     """
     escape = lowest_escape(link, lo, hi)

@@ -69,7 +69,7 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
     >>> x = record.channel("x:m1")
     >>> peak = 0.8 * np.abs(x).max()
     >>> overloaded = {"x:m1": np.clip(x, -peak, peak), "x:m2": record.channel("x:m2")}
-    >>> lw.mark_missing(lw.Record.from_arrays(record.time, overloaded)).notes
+    >>> lw.inspection.mark_missing(lw.Record.from_arrays(record.time, overloaded)).notes
     ('x:m1: 49 samples were marked as missing (clipped).',)
     """
     names = (faults,) if isinstance(faults, str) else tuple(faults)
@@ -162,7 +162,7 @@ class EstimatedError(NamedTuple):
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.EstimatedError("hum", "a:m1", 50.0).frequency
+    >>> lw.inspection.EstimatedError("hum", "a:m1", 50.0).frequency
     50.0
     """
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from linkwise.analysis.wells import RestPoint, rest_points
+from linkwise.analysis.potential_wells import RestPoint, rest_points
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link, require_rest_at_zero
@@ -51,7 +51,7 @@ class Equilibrium:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.equilibria(lw.bnes_chain(2))[0].x.round(6).tolist()
+    >>> lw.analysis.equilibria(lw.bnes_chain(2))[0].x.round(6).tolist()
     [0.0, -0.01]
     """
 
@@ -77,7 +77,7 @@ class Equilibria(Sequence[Equilibrium]):
     Examples
     --------
     >>> import linkwise as lw
-    >>> found = lw.equilibria(lw.bnes_chain(2))
+    >>> found = lw.analysis.equilibria(lw.bnes_chain(2))
     >>> len(found), len(found.stable), found.complete
     (3, 2, True)
     """
@@ -163,7 +163,7 @@ def equilibria(
     Examples
     --------
     >>> import linkwise as lw
-    >>> points = lw.equilibria(lw.bnes_chain(2))
+    >>> points = lw.analysis.equilibria(lw.bnes_chain(2))
     >>> len(points), len(points.stable)
     (3, 2)
     """

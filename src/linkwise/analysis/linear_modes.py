@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
-from linkwise.analysis.equilibria import equilibria
+from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError, expect
 from linkwise.expression import Program, differentiate
@@ -48,7 +48,7 @@ class Modes:
     Examples
     --------
     >>> import linkwise as lw
-    >>> linear = lw.modes(lw.bnes_chain(2))
+    >>> linear = lw.analysis.modes(lw.bnes_chain(2))
     >>> linear.frequencies.round(2).tolist()
     [22.29, 27.83]
     >>> linear.shapes.shape, linear.note
@@ -87,7 +87,7 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.modes(lw.bnes_chain(2)).frequencies.round(2).tolist()
+    >>> lw.analysis.modes(lw.bnes_chain(2)).frequencies.round(2).tolist()
     [22.29, 27.83]
     """
     expect("modes(structure): structure", structure, Structure)

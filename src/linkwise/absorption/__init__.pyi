@@ -1,0 +1,18 @@
+"""The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
+
+from linkwise.absorption.ensemble import AbsorptionQuantity as AbsorptionQuantity
+from linkwise.absorption.intervals import AbsorptionIntervals as AbsorptionIntervals
+from linkwise.absorption.intervals import QuantityInterval as QuantityInterval
+from linkwise.absorption.intervals import absorption_intervals as absorption_intervals
+from linkwise.absorption.map import AbsorptionMap as AbsorptionMap
+from linkwise.absorption.map import SweepAxis as SweepAxis
+from linkwise.absorption.map import absorption_map as absorption_map
+from linkwise.absorption.options import AbsorptionOptions as AbsorptionOptions
+from linkwise.absorption.result import AbsorptionRun as AbsorptionRun
+from linkwise.absorption.result import Harvest as Harvest
+from linkwise.absorption.result import MassChange as MassChange
+from linkwise.absorption.result import MassDecay as MassDecay
+from linkwise.absorption.result import SinkResult as SinkResult
+from linkwise.absorption.sinks import Sink as Sink
+
+__all__: list[str]

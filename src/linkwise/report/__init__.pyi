@@ -1,0 +1,15 @@
+"""The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
+
+from linkwise.report.absorption import absorption_of as absorption_of
+from linkwise.report.absorption import write_absorption as write_absorption
+from linkwise.report.absorption import write_absorption_map as write_absorption_map
+from linkwise.report.discovery import discovery_of as discovery_of
+from linkwise.report.discovery import write_discovery as write_discovery
+from linkwise.report.estimate import result_of as result_of
+from linkwise.report.estimate import write_result as write_result
+from linkwise.report.inspection import write_inspection as write_inspection
+from linkwise.report.study import write_study_report as write_study_report
+from linkwise.report.validation import validation_of as validation_of
+from linkwise.report.validation import write_validation as write_validation
+
+__all__: list[str]

@@ -1,0 +1,18 @@
+"""The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
+
+from linkwise.study.method import MethodResult as MethodResult
+from linkwise.study.method import StudyMethod as StudyMethod
+from linkwise.study.row import Case as Case
+from linkwise.study.row import Row as Row
+from linkwise.study.runner import StudyProgress as StudyProgress
+from linkwise.study.store import read_rows as read_rows
+from linkwise.study.store import stored_study as stored_study
+from linkwise.study.subject import Subject as Subject
+from linkwise.study.success_map import SuccessMap as SuccessMap
+from linkwise.study.success_map import success_maps as success_maps
+from linkwise.study.summary import Cell as Cell
+from linkwise.study.summary import StudySummary as StudySummary
+from linkwise.study.summary import export_study as export_study
+from linkwise.study.summary import study_summary as study_summary
+
+__all__: list[str]
