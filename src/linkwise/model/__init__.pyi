@@ -9,6 +9,7 @@ from linkwise.model.host import HostMode as HostMode
 from linkwise.model.law import LinkState as LinkState
 from linkwise.model.law import Partials as Partials
 from linkwise.model.law import StateRate as StateRate
+from linkwise.model.names import Name as Name
 from linkwise.model.named_laws import NAMED_LAWS as NAMED_LAWS
 from linkwise.model.named_laws import LawText as LawText
 from linkwise.model.named_laws import NamedLaw as NamedLaw
