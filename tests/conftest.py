@@ -7,11 +7,9 @@ import os
 import shutil
 import signal
 from base64 import b64decode
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from copied_process import processes_are_copies
 from hypothesis import settings
 from judged import masses
 from paper_rows import paper_rows, paper_study, stored
@@ -54,13 +52,6 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(OBJECTS)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _readers_are_copies() -> Iterator[None]:
-    """Files that are read in a process of their own are read in a copy of this one: tests/files/test_isolated.py starts it."""
-    with processes_are_copies("linkwise.files.isolated"):
-        yield
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import pytest
 from sources import FILES, SOURCE, tree
 
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
-    "root", "expression", "model.matrix_files", "model", "records", "files", "signals", "modal", "inspection.levels",
+    "root", "expression", "model", "records", "files", "signals", "modal", "inspection.levels",
     "inspection", "analysis", "simulation.integrator", "simulation", "estimates", "sindy.regression", "sindy", "weak",
     "likelihood.starts", "likelihood.shooting", "likelihood.prescribed", "likelihood",
     "identification.validation", "identification", "discovery", "absorption", "study", "export",

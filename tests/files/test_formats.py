@@ -193,7 +193,7 @@ def test_a_write_that_fails_leaves_the_old_file(
         part.write_bytes(before[:100])
         raise error
 
-    monkeypatch.setattr(mat, "write", broken)
+    monkeypatch.setattr("linkwise.files.mat.write", broken)
     with pytest.raises((RecordError, MemoryError)):
         write_record(record, path)
     assert path.read_bytes() == before
@@ -520,12 +520,10 @@ def test_a_mat_variable_that_runs_past_the_end_is_refused(tmp_path: Path, byte_o
     content = bytearray(path.read_bytes())
     second = 128 + 8 + int.from_bytes(content[132:136], "little")  # after the header and the first variable
     content[second + 7] = 0xFF
-    if byte_order == "big":
-        content[126:128] = b"MI"
-        for start in (128, second):
-            content[start + 4 : start + 8] = content[start + 4 : start + 8][::-1]
+    if byte_order == "big":  # the length of the first reads as another
+        content[126:128], second = b"MI", 128
     path.write_bytes(content)
     with pytest.raises(
         RecordError, match=rf"variable that begins at byte {second} states a length of \d+ bytes"
     ):
-        mat.read_table(path)
+        read_record(path)

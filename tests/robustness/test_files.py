@@ -221,7 +221,7 @@ def test_a_record_is_written_through_a_link_and_a_full_disk_is_no_wrong_usage(
     def full(*_: object, **__: object) -> None:
         raise OSError(ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("linkwise.files.csv.write", full)
+    monkeypatch.setattr("linkwise.files.text.write_csv", full)
     with pytest.raises(lw.RecordError, match=r"run.csv: cannot be written: No space left on device") as error:
         lw.write_record(record, tmp_path / "run.csv")
     assert error.value.exit_code == 1

@@ -1,20 +1,18 @@
-"""Reading and writing records. Each format is one module, imported when a file with its suffix is used."""
+"""Reading and writing records. The module of a format is imported when a file with its suffix is used."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
+from pkgutil import resolve_name
 
 from linkwise.errors import OutputError, RecordError, expect
-from linkwise.files.assemble import ReadOptions, to_record
-from linkwise.files.first_mapping import first_mapping
-from linkwise.files.isolated import read_here, read_isolated
+from linkwise.files.assemble import first_mapping, to_record
 from linkwise.files.mapping import RecordMapping, read_mapping
 from linkwise.files.table import Table
 from linkwise.output import atomic_file, check_file
@@ -24,42 +22,44 @@ from linkwise.units import to_si
 
 __all__ = ["RecordMapping", "read_mapping", "read_record", "to_si", "write_record"]
 
+_LONGEST = 300  # characters of what a library says
+
 
 @dataclass(frozen=True)
 class Format:
-    """A format of record files: the full name of its module, and the library of the extra [files] that it needs.
+    """A format of record files: how it is read and written, and the library of the extra [files] that it needs.
 
-    The module has a `read_table(path)` and, of a `writable` format, a `write(record, path)`. Reading is `isolated` in a
-    process of its own unless the format is text, which crashes no library. Where the format has a line that is the `header`,
-    `read_table` takes it as a keyword.
+    `reader` and `writer` are "module:function" of a `read(path) -> Table` and a `write(record, path)`. Where the format has a
+    line that is the `header`, the reader takes it as a keyword.
     """
 
-    module: str
+    reader: str
+    writer: str | None = None
     library: str | None = None
-    writable: bool = False
-    isolated: bool = True
     header: bool = False
 
 
 FORMATS: Registry[Format] = Registry(
     "suffix",
     {
-        ".csv": Format("linkwise.files.csv", writable=True, isolated=False, header=True),
-        ".txt": Format("linkwise.files.csv", isolated=False, header=True),
-        ".dat": Format("linkwise.files.csv", isolated=False, header=True),
-        ".tsv": Format("linkwise.files.csv", isolated=False, header=True),
-        ".mat": Format("linkwise.files.mat", writable=True),
-        ".h5": Format("linkwise.files.hdf5", writable=True),
-        ".hdf5": Format("linkwise.files.hdf5", writable=True),
-        ".parquet": Format("linkwise.files.parquet", library="pyarrow", writable=True),
-        ".uff": Format("linkwise.files.uff", library="pyuff"),
-        ".unv": Format("linkwise.files.uff", library="pyuff"),
-        ".npy": Format("linkwise.files.numpy_arrays"),
-        ".npz": Format("linkwise.files.numpy_arrays"),
-        ".json": Format("linkwise.files.json", isolated=False),
-        ".lvm": Format("linkwise.files.lvm", isolated=False),
-        ".xlsx": Format("linkwise.files.xlsx", library="openpyxl", header=True),
-        ".tdms": Format("linkwise.files.tdms", library="nptdms"),
+        ".csv": Format("linkwise.files.text:read_text", "linkwise.files.text:write_csv", header=True),
+        ".txt": Format("linkwise.files.text:read_text", header=True),
+        ".dat": Format("linkwise.files.text:read_text", header=True),
+        ".tsv": Format("linkwise.files.text:read_text", header=True),
+        ".mat": Format("linkwise.files.mat:read_table", "linkwise.files.mat:write"),
+        ".h5": Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write"),
+        ".hdf5": Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write"),
+        ".parquet": Format(
+            "linkwise.files.parquet:read_table", "linkwise.files.parquet:write", library="pyarrow"
+        ),
+        ".uff": Format("linkwise.files.uff:read_table", library="pyuff"),
+        ".unv": Format("linkwise.files.uff:read_table", library="pyuff"),
+        ".npy": Format("linkwise.files.arrays:read_numpy"),
+        ".npz": Format("linkwise.files.arrays:read_numpy"),
+        ".json": Format("linkwise.files.arrays:read_json"),
+        ".lvm": Format("linkwise.files.text:read_lvm"),
+        ".xlsx": Format("linkwise.files.xlsx:read_table", library="openpyxl", header=True),
+        ".tdms": Format("linkwise.files.tdms:read_table", library="nptdms"),
     },
 )
 """The formats by the suffix of their files."""
@@ -132,7 +132,7 @@ def read_record(
     stated = read_mapping(mapping) if isinstance(mapping, str | Path) else mapping or RecordMapping()
     chosen = given.over(stated)
     masses = None if known_masses is None else tuple(known_masses)
-    return to_record(_table(Path(path), chosen.header), str(path), ReadOptions(chosen, masses, informative))
+    return to_record(_table(Path(path), chosen.header), str(path), chosen, masses, informative=informative)
 
 
 def write_first_mapping(record: Path, path: Path, header: str | int | None = None) -> tuple[str, ...]:
@@ -159,7 +159,20 @@ def _table(path: Path, header: str | int | None) -> Table:
             path,
             arguments=("header",),
         )
-    return (read_isolated if format_.isolated else read_here)(format_.module, path, header)
+    options = {} if header is None else {"header": header}
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of libraries
+            table: Table = resolve_name(format_.reader)(path, **options)
+    except RecordError:
+        raise
+    except MemoryError as error:
+        raise RecordError(
+            f"cannot be read as a {path.suffix} file: it states more numbers than memory holds", path
+        ) from error
+    except Exception as error:  # format libraries raise all kinds of errors on a damaged file
+        reason = " ".join(str(error).split())[:_LONGEST] or type(error).__name__
+        raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
+    return table
 
 
 def write_record(record: Record, path: str | Path) -> None:
@@ -200,9 +213,9 @@ def write_record(record: Record, path: str | Path) -> None:
     expect("write_record(record, path): record", record, Record)
     expect("write_record(record, path): path", path, str, Path)
     path = Path(path)
-    module = _writer(path)
+    write = resolve_name(_writer(path))
     with _refused(path), atomic_file(path) as partial:
-        module.write(record, partial)
+        write(record, partial)
 
 
 def check_record_file(path: str | Path) -> None:
@@ -212,15 +225,16 @@ def check_record_file(path: str | Path) -> None:
         check_file(Path(path))
 
 
-def _writer(path: Path) -> ModuleType:
-    """The module that writes a file of this suffix; RecordError for one that is not written."""
-    writable = [suffix for suffix, entry in FORMATS.items() if entry.writable]
-    if path.suffix.lower() not in writable:
+def _writer(path: Path) -> str:
+    """Full name of the function that writes a file of this suffix; RecordError for one that is not written."""
+    writers = {suffix: entry.writer for suffix, entry in FORMATS.items() if entry.writer is not None}
+    if path.suffix.lower() not in writers:
         raise RecordError(
-            f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writable)}",
+            f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writers)}",
             path,
         )
-    return import_module(_format(path).module)
+    _format(path)
+    return writers[path.suffix.lower()]
 
 
 @contextmanager

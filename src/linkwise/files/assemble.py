@@ -1,36 +1,251 @@
-"""From a table to a record: conversion of units, and the sampling times."""
+"""From a table to a record: assignment of columns to channels, conversion of units, and the sampling times.
+
+Columns are assigned by the mapping of the user first, and then by their headers; a first mapping file guesses quantities from
+units and names.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from itertools import count
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.errors import RecordError
-from linkwise.files.columns import ColumnChoice, choose, ignored, listing, units_over_headers
-from linkwise.files.header import si_factor
-from linkwise.files.mapping import RecordMapping
-from linkwise.files.sensor_attributes import statement_of
-from linkwise.files.table import Table
-from linkwise.records.channel import check_rate, si_unit
+from linkwise.display import on_one_line
+from linkwise.errors import LinkwiseError, RecordError
+from linkwise.files.mapping import RecordMapping, statement_of
+from linkwise.files.table import Column, ColumnHeader, Table, si_factor
+from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, check_rate, is_angular, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.records.timeline import JITTER, resample_evenly, sampled_columns
+from linkwise.units import factor_to_si
 
-_OVERLOAD, _NO_NUMBER = 9.899e37, 9.911e37
-"""Around 9.9e37, infinity to instruments, and 9.91e37, which is no number to them (SCPI-99, volume 1, numeric data)."""
+_SHOWN = 12  # columns listed in an error or a note
 
 
 @dataclass(frozen=True)
-class ReadOptions:
-    """Arguments of `files.read_record`."""
+class ColumnChoice:
+    """Column number `column` (from 0) holds `name`, which is "time" or a channel, in `unit` ("" for SI)."""
 
-    mapping: RecordMapping
-    known_masses: tuple[str, ...] | None = None
-    informative: bool = True
+    channel: Channel | None
+    column: int
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """The name of the channel, or "time"."""
+        return self.channel or "time"
+
+    @property
+    def kind(self) -> str:
+        """The kind of the channel, or "time"."""
+        return self.channel.kind if self.channel else "time"
+
+
+def choose(
+    table: Table, file: str, channels: Mapping[str, str | int], known_masses: tuple[str, ...] | None
+) -> tuple[ColumnChoice, ...]:
+    """The columns of the record; see `files.read_record` for `channels` and `known_masses`.
+
+    Raises RecordError for an invalid mapping, a channel that occurs twice, an unknown mass, and a table without channels.
+    """
+    mapped = _mapped(table, file, channels)
+    chosen = (*mapped, *_recognised(table, file, mapped, known_masses))
+    if all(choice.name == "time" for choice in chosen):
+        raise _nothing_recognised(table, file)
+    for choice in chosen:
+        _check_mass(table, file, choice, known_masses)
+    return chosen
+
+
+def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
+    """A note on the columns that are not used."""
+    used = {choice.column for choice in chosen}
+    unused = [
+        f"{column.header} ({remark})"
+        if (remark := column.instead or _other_spelling(column))
+        else column.header
+        for i, column in enumerate(table.columns)
+        if i not in used and column.header
+    ]
+    return [f"Columns that are not channels were ignored: {_list(unused)}."] if unused else []
+
+
+def _other_spelling(column: Column) -> str:
+    """A question where a header is a channel but for capital letters, as "Force:m1" is; such a force must not go unseen."""
+    leaf = ColumnHeader.parse(column.header).leaf
+    kind, colon, mass = leaf.name.rpartition(":")
+    meant = ColumnHeader(f"{kind.lower()}{colon}{mass}")
+    return f"did you mean {meant.name}?" if leaf.channel is None and meant.channel is not None else ""
+
+
+def units_over_headers(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
+    """A note for each column whose mapping states another unit than its header does."""
+    notes = []
+    for choice in chosen:
+        header = ColumnHeader.parse(table.headers[choice.column]).unit
+        if choice.unit and header and choice.unit != header:
+            notes.append(
+                f"{choice.name} is taken to be in {choice.unit}, as its mapping states; the header of its column, "
+                f"{table.headers[choice.column]}, states {header}."
+            )
+    return notes
+
+
+def listing(table: Table) -> str:
+    """The columns of the table as a sentence."""
+    if not table.named:
+        return f"the file has no header and {len(table.columns)} columns, numbered from 1"
+    return f"the columns are {_list([header or '(no name)' for header in table.headers])}"
+
+
+def _list(names: list[str]) -> str:
+    more = len(names) - _SHOWN
+    return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple[ColumnChoice, ...]:
+    """The columns that the user mapped."""
+    chosen: dict[str, ColumnChoice] = {}
+    for key, column in channels.items():
+        header = ColumnHeader.parse(key)
+        try:
+            channel = None if header.is_time else Channel.parse(header.name)
+        except RecordError as error:
+            raise RecordError(f"in `channels`: {error.message}", file, arguments=("channels",)) from error
+        name = channel or "time"
+        if name in chosen:
+            raise RecordError("is mapped twice in `channels`", file, channel=name, arguments=("channels",))
+        index = _find(table, file, key, column)
+        unit = header.unit or ColumnHeader.parse(table.headers[index]).unit
+        chosen[name] = ColumnChoice(channel, index, unit)
+    return tuple(chosen.values())
+
+
+def _find(table: Table, file: str, key: str, column: str | int) -> int:
+    """Index of a column given by its header, its header without unit, the last part of its path, or its number from 1."""
+    wanted = str(column).strip()
+    headers = [ColumnHeader.parse(header) for header in table.headers]
+    for names in (
+        list(table.headers),
+        [header.name for header in headers],
+        [header.leaf.name for header in headers],
+    ):
+        if (times := names.count(wanted)) > 1:
+            raise RecordError(
+                f"{key} is mapped to {wanted!r}, the name of {times} columns; give the number of the column instead",
+                file,
+                arguments=("channels",),
+            )
+        if wanted in names:
+            return names.index(wanted)
+    if wanted.isdecimal() and 1 <= int(wanted) <= len(table.columns):
+        return int(wanted) - 1
+    near = get_close_matches(wanted, table.headers, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise RecordError(
+        f"{key} is mapped to column {wanted!r}, which does not exist; {hint}{listing(table)}",
+        file,
+        table.header_line,
+        arguments=("channels", "header") if table.lines is not None else ("channels",),
+    )
+
+
+def _recognised(
+    table: Table, file: str, mapped: tuple[ColumnChoice, ...], known_masses: tuple[str, ...] | None
+) -> tuple[ColumnChoice, ...]:
+    """The columns whose headers name a channel or the time, except what the user has mapped."""
+    mapped_names = {choice.name for choice in mapped}
+    used = {choice.column for choice in mapped}
+    recognised: dict[str, ColumnChoice] = {}
+    for index, column in enumerate(table.columns):
+        header = _meaning(column, known_masses)
+        if header is None or index in used:
+            continue
+        channel = None if header.is_time else header.channel
+        name = channel or "time"
+        if name in mapped_names:
+            continue
+        if name in recognised:
+            first, second = table.columns[recognised[name].column].header, column.header
+            paths = f" ({first} and {second})" if first != second else ""
+            raise RecordError(
+                f"columns {recognised[name].column + 1} and {index + 1} both have this name{paths}; rename one, "
+                "or map the channel to one of them (`channels`)",
+                file,
+                table.header_line,
+                name,
+                arguments=("channels",),
+            )
+        recognised[name] = ColumnChoice(channel, index, header.unit)
+    return tuple(recognised.values())
+
+
+def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHeader | None:
+    """The header that a column stands for; None for a column that names neither a channel nor the time.
+
+    A spelling that only resembles a channel (`a_1` in MATLAB) does not count if it would name an unknown mass.
+    """
+    leaf = ColumnHeader.parse(column.header).leaf
+    if leaf.is_time or leaf.channel is not None:
+        return leaf
+    meant = ColumnHeader(column.meaning, leaf.unit)
+    if meant.channel is None:
+        return None
+    if known_masses is None:
+        return None if column.instead else meant
+    return meant if meant.channel.place in (*known_masses, BASE) else None
+
+
+def _nothing_recognised(table: Table, file: str) -> RecordError:
+    """The error for a table without a single channel."""
+    if not table.named:
+        return RecordError(
+            f"there is no header: the file starts with {table.opening!r}. The first line must name the columns, as in "
+            "`time,x:m1,x:m2`; or map columns by number, as in channels={'time': 1, 'x:m1': 2}",
+            file,
+            1,
+            arguments=("channels",),
+        )
+    return RecordError(
+        f"no channel is recognised; {listing(table)}. Channels are named KIND:MASS, such as x:m1 or a:m2[g]; "
+        "map columns of other names, as in channels={'x:m1': 'laser'}",
+        file,
+        table.header_line,
+        arguments=("channels", "mapping"),
+    )
+
+
+def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tuple[str, ...] | None) -> None:
+    """Raise RecordError for a channel of a mass that the structure does not have."""
+    channel = choice.channel
+    if known_masses is None or channel is None:
+        return
+    mass = channel.place
+    if channel.of_link or mass == BASE or mass in known_masses:
+        return
+    near = get_close_matches(mass, known_masses, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise RecordError(
+        f"the structure has no mass {mass!r}; {hint}it has {_list(list(known_masses)) or 'none'}",
+        file,
+        table.header_line,
+        choice.name,
+        arguments=("known_masses",),
+    )
+
+
+_OVERLOAD, _NO_NUMBER = 9.899e37, 9.911e37
+"""Around 9.9e37, infinity to instruments, and 9.91e37, which is no number to them (SCPI-99, volume 1, numeric data)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +262,16 @@ class _Grid:
         return cls(start + np.arange(count) / rate, start, rate)
 
 
-def to_record(table: Table, file: str, options: ReadOptions) -> Record:
-    """The record in a table; RecordError names file, line and channel."""
-    mapping = options.mapping
-    chosen = choose(table, file, mapping.channels, options.known_masses)
+def to_record(
+    table: Table,
+    file: str,
+    mapping: RecordMapping,
+    known_masses: tuple[str, ...] | None,
+    *,
+    informative: bool,
+) -> Record:
+    """The record in a table, see `files.read_record`; RecordError names file, line and channel."""
+    chosen = choose(table, file, mapping.channels, known_masses)
     columns = {choice.channel: _in_si(table, file, choice) for choice in chosen if choice.channel}
     notes = [*table.notes, *ignored(table, chosen), *units_over_headers(table, chosen)]
     time_column = next((choice for choice in chosen if choice.name == "time"), None)
@@ -65,9 +286,7 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
         columns = even.columns
         notes.append(even.note)
         grid, lines = _Grid.even(even.start, mapping.resample, len(next(iter(columns.values())))), None
-    timeline, values, remarks = sampled_columns(
-        grid.time, columns, file, lines, informative=options.informative
-    )
+    timeline, values, remarks = sampled_columns(grid.time, columns, file, lines, informative=informative)
     stored: dict[str, Any] = {
         kind: {name: value for name, value in of_channels.items() if name in columns}
         for kind, of_channels in table.stored.items()
@@ -89,13 +308,11 @@ def to_record(table: Table, file: str, options: ReadOptions) -> Record:
 
 def _stated_units(chosen: tuple[ColumnChoice, ...]) -> dict[str, str]:
     """Units of states, and in SI those of places, each of which may turn, where the file states them."""
-    units = {}
-    for choice in (choice for choice in chosen if choice.unit and choice.channel):
-        if choice.kind == "state":
-            units[choice.name] = choice.unit
-        else:
-            units[choice.name] = si_unit(choice.unit, choice.kind)
-    return units
+    return {
+        choice.name: choice.unit if choice.kind == "state" else si_unit(choice.unit, choice.kind)
+        for choice in chosen
+        if choice.unit and choice.channel
+    }
 
 
 def _statements(
@@ -187,3 +404,135 @@ def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
     # 12 mm are 12 / 1000, rounded once; 12 * 1e-3 is rounded twice, and a time in ms would not lie on its grid
     divisor = round(1.0 / factor)
     return values / divisor if factor < 1.0 and 1.0 / divisor == factor else values * factor
+
+
+_NAMES = (
+    (re.compile(r"acc|beschl|pcb|imu", re.IGNORECASE), "a"),
+    (re.compile(r"vel|geschw|ldv|vibrometer|geophone", re.IGNORECASE), "v"),
+    (re.compile(r"laser|lvdt|disp|pos|weg|deflection|encoder", re.IGNORECASE), "x"),
+    (re.compile(r"force|load|kraft|shaker|hammer", re.IGNORECASE), "force"),
+)
+_TIMES = re.compile(r"(?:time|zeit|t)\b|time", re.IGNORECASE)
+_HEAD = """# A mapping file of linkwise: what the columns are and what is known of the sensors, for all records of a test.
+# Written from {path}. Check the names of the masses, the quantities and the units.
+
+# rate = "1 kHz"                 # sampling rate of files without a time column
+# decimate = 4                   # keep every 4th sample, behind an anti-alias filter
+# calibration = "1 %"            # to which the gains of all sensors are known
+# Of one channel: calibration = "1 %", offset = "+- 0.1 mm" (or "0.3 mm", "unknown"), delay = "2 ms" (or "2 ms +- 0.1 ms",
+# "unknown"), gain = 1.02, noise = "5 um"; interpolation = "held" of an input.
+"""
+_MASSES = """
+# [mass]                         # for a discovery
+# m1 = "1.0 kg"
+"""
+
+
+def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
+    """The text of a mapping file for the columns of a table, and a sentence on each quantity that was guessed.
+
+    Raises RecordError where no column holds numbers.
+    """
+    known = {choice.column: choice.name for choice in _recognised(table, str(path), (), None)}
+    blocks, guesses = [], []
+    spare: list[str | int] = []
+    names = [ColumnHeader.parse(text).leaf.name for text in table.headers]
+    headers = {
+        number: ColumnHeader.parse(column.header).leaf
+        for number, column in enumerate(table.columns)
+        if column.values is not None
+    }
+    guessed = _guessed_names(headers, known)
+    for number, header in headers.items():
+        label = header.name if table.named and header.name and names.count(header.name) == 1 else number + 1
+        name, unit, remark = known.get(number, ""), header.unit, ""
+        if not name and number not in guessed:
+            spare.append(label)
+            continue
+        if not name:
+            name, why = guessed[number]
+            if not isinstance(name, Channel):
+                unit, remark = unit or "s", f"guessed from its {why}"
+                guesses.append(f"Column {label} was guessed to be the time.")
+            else:
+                remark = f"guessed from its {why}; of which mass?"
+                quantity = _article(KINDS[name.kind].quantity)
+                guesses.append(f"Column {label} was guessed from its {why} to be {quantity}, {name}.")
+        known[number] = name
+        blocks.append(_block(name, label, unit, remark))
+    if not blocks and not spare:
+        raise RecordError("no column holds numbers, so there is nothing to map", path)
+    unused = [f"\n# not used: {', '.join(map(_quoted, spare))}\n"] if spare else []
+    if set(known.values()) <= {"time"} and spare:
+        example = _block(Channel("x", "m1"), spare[0], "mm", "").strip().split("\n")
+        unused += ["\n", *(f"# {line}\n" for line in example)]
+    return _HEAD.format(path=on_one_line(path.name)) + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
+
+
+def _guessed_names(
+    headers: Mapping[int, ColumnHeader], known: Mapping[int, Channel | str]
+) -> dict[int, tuple[Channel | str, str]]:
+    """The channel or "time" that each column not `known` may be, and what says so; forces act on masses that move."""
+    guessed: dict[int, tuple[Channel | str, str]] = {}
+    of_forces = []
+    for number, header in headers.items():
+        if number in known:
+            continue
+        named = [*known.values(), *(name for name, _ in guessed.values())]
+        kind, why = _guessed(header)
+        if "time" not in named and _TIMES.match(header.name):
+            guessed[number] = "time", "name"
+        elif kind == "force":
+            of_forces.append((number, why))
+        elif kind:
+            guessed[number] = Channel(kind, _free_mass(named)), why
+    for number, why in of_forces:
+        named = [*known.values(), *(name for name, _ in guessed.values())]
+        guessed[number] = Channel("force", _driven_mass(named)), why
+    return guessed
+
+
+def _free_mass(named: Iterable[Channel | str]) -> str:
+    """The first of m1, m2, ... that none of the channels has."""
+    masses = {channel.place for channel in named if isinstance(channel, Channel)}
+    return next(f"m{number}" for number in count(1) if f"m{number}" not in masses)
+
+
+def _driven_mass(named: Iterable[Channel | str]) -> str:
+    """The first mass of a sensor among the channels on which none of them acts; without one the first of m1, m2, ..."""
+    channels = [channel for channel in named if isinstance(channel, Channel)]
+    driven = [channel.place for channel in channels if channel.is_force]
+    moving = [channel.place for channel in channels if channel.is_motion and not channel.is_input]
+    return next((mass for mass in sorted(moving) if mass not in driven), _free_mass(named))
+
+
+def _guessed(header: ColumnHeader) -> tuple[str, str]:
+    """The kind of channel that a header may stand for, and what says so; none where nothing does."""
+    for kind in (*MOTIONS, "force"):
+        if is_angular(header.unit, kind):
+            return kind, "unit"
+        try:
+            factor_to_si(header.unit, KINDS[kind].unit)
+        except LinkwiseError:
+            continue
+        return kind, "unit"
+    return next(((kind, "name") for pattern, kind in _NAMES if pattern.search(header.name)), ("", ""))
+
+
+def _block(name: Channel | str, column: str | int, unit: str, remark: str) -> str:
+    title = "[time]" if name == "time" else f"[channel.{_quoted(name)}]"
+    lines = ["", f"{title}{f'  # {remark}' if remark else ''}", f"column = {_quoted(column)}"]
+    if unit:
+        lines.append(f"unit = {_quoted(unit)}")
+    elif isinstance(name, Channel):
+        lines.append(f'# unit = "{name.unit}"')
+    return "\n".join([*lines, ""])
+
+
+def _quoted(text: str | int) -> str:
+    """A number, or a text as TOML writes it, which for all but DEL is as JSON does."""
+    return msgspec.json.encode(text, enc_hook=str).decode().replace("\x7f", "\\u007f")
+
+
+def _article(noun: str) -> str:
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"

@@ -10,7 +10,10 @@ of the sensor.
 from __future__ import annotations
 
 import json
+import re
+import struct
 from collections.abc import Iterator
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +22,14 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.files.arrays import Unread, columns_of
-from linkwise.files.sensor_attributes import as_statements, sensors_of, stated_in, with_attributes
+from linkwise.files.mapping import as_statements, sensors_of, stated_in, with_attributes
 from linkwise.files.table import Table
 from linkwise.records.channel import STORED
 from linkwise.records.record import Record
 
 FORMAT = "linkwise record"
 VERSION = 1
+_ENTRY = struct.Struct("<H6xQ")  # of a global heap: index, and bytes that follow
 _UNITS = ("unit", "units", "Unit", "Units")
 
 
@@ -33,7 +37,7 @@ def read_table(path: Path) -> Table:
     """All numeric data sets of the file; see `files.read_record`."""
     if not h5py.is_hdf5(path):
         raise RecordError("is not an HDF5 file, despite its suffix", path)
-    with h5py.File(path, "r") as file:
+    with open_file(path) as file:
         if file.attrs.get("format") == FORMAT and int(file.attrs.get("version", 0)) > VERSION:
             version = file.attrs["version"]
             raise RecordError(
@@ -64,6 +68,24 @@ def read_table(path: Path) -> Table:
             stored=stored,
             sensors=as_statements(file.attrs.get("sensors"), path),
         )
+
+
+def open_file(path: Path) -> h5py.File:
+    """The file for reading; ValueError for one in which libhdf5, as of 2.0, would go on without end.
+
+    It does where an entry of a global heap, in which texts stand, is free space (index 0) of no bytes.
+    """
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+        for heap in re.finditer(rb"GCOL\x01\0\0\0(.{8})", content, re.DOTALL):
+            position, end = heap.end(), min(heap.start() + int.from_bytes(heap[1], "little"), len(content))
+            while position + _ENTRY.size <= end:
+                index, size = _ENTRY.unpack_from(content, position)
+                if index == size == 0:
+                    raise ValueError(
+                        f"the texts that begin at byte {heap.start()} have no end; the file is damaged"
+                    )
+                position += _ENTRY.size + -(-size // 8) * 8 if index else size
+    return h5py.File(path, "r")
 
 
 def _items(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset | Unread]]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import re
-import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,21 +17,19 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 from scipy.sparse import csc_array, issparse
 
-from linkwise.errors import RecordError
-from linkwise.files.arrays import Unread, columns_of, spelled_as_channel
-from linkwise.files.sensor_attributes import as_statements, sensors_of
+from linkwise.files.arrays import Unread, columns_of, scalar, spelled_as_channel, stated_rate
+from linkwise.files.hdf5 import open_file
+from linkwise.files.mapping import as_statements, sensors_of
 from linkwise.files.table import Column, Table
+from linkwise.mat_file import load_mat, sound_sparse
 from linkwise.records.channel import STORED
 from linkwise.records.record import Record
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable
 _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
-_HEADER = 128  # bytes
-_BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
-_RATES = ("rate", "fs", "Fs")
 _OWN = frozenset({"sensors", "channels", "variables", "notes", "start", "rate", "source", *STORED})
 
 
@@ -43,11 +40,10 @@ def read_table(path: Path) -> Table:
     samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
     samples |= {name: Unread("missing") for name in names if name not in tree}
     columns = tuple(_named(column, names) for column in columns_of(samples))
-    rate = next((_scalar(tree[name]) for name in _RATES if _scalar(tree.get(name)) is not None), None)
     return Table(
         columns,
-        start=_scalar(tree.get("start")) or 0.0,
-        rate=rate,
+        start=scalar(tree.get("start")) or 0.0,
+        rate=stated_rate(tree),
         notes=_texts(tree.get("notes")),
         source=next(iter(_texts(tree.get("source"))), ""),
         stored={kind: _by_channel(tree.get(kind), kind, names.values()) for kind in STORED},
@@ -62,13 +58,6 @@ def _named(column: Column, names: Mapping[str, str]) -> Column:
     return spelled_as_channel(column)
 
 
-def _scalar(value: Any) -> float | None:
-    """The number in an array of size 1; None for anything else."""
-    if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
-        return float(value.flat[0])
-    return float(value) if isinstance(value, (int, float)) else None
-
-
 def _texts(value: Any) -> tuple[str, ...]:
     """The strings in a cell or char array."""
     if value is None:
@@ -80,35 +69,9 @@ def _texts(value: Any) -> tuple[str, ...]:
 
 
 def _read_v5(path: Path) -> dict[str, Any]:
-    _require_whole_elements(path)
-    content = loadmat(path, squeeze_me=True, simplify_cells=True, spmatrix=False)
-    return {name: _dense(value) for name, value in content.items() if not name.startswith("__")}
-
-
-def _require_whole_elements(path: Path) -> None:
-    """RecordError if a variable of a v5 file runs past its end: SciPy stops there, without those that follow it.
-
-    After a header of 128 bytes each variable is a tag of its type and its number of bytes, and these bytes (MathWorks,
-    "MAT-File Format", chapter 1). Files of v4 have no such header.
-    """
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        header = file.read(_HEADER)
-        order = _BYTE_ORDERS.get(header[-2:])
-        if len(header) < _HEADER or order is None or 0 in header[:4]:
-            return
-        position = _HEADER
-        while position + 8 <= size:
-            file.seek(position)
-            _, length = struct.unpack(f"{order}II", file.read(8))
-            if position + 8 + length > size:
-                raise RecordError(
-                    f"cannot be read as a .mat file: the variable that begins at byte {position} states a length of "
-                    f"{length} bytes, more than the {size - position - 8} that follow; the file is cut or damaged, so "
-                    "copy or save it again",
-                    path,
-                )
-            position += 8 + length
+    return {
+        name: _dense(value) for name, value in load_mat(path, squeeze_me=True, simplify_cells=True).items()
+    }
 
 
 def _dense(value: Any) -> Any:
@@ -118,15 +81,13 @@ def _dense(value: Any) -> Any:
     if not issparse(value):
         return value
     rows, columns = value.shape
-    return (
-        np.squeeze(value.toarray())
-        if rows * columns <= _LARGEST
-        else Unread(f"a sparse matrix of {rows} x {columns}")
-    )
+    if rows * columns > _LARGEST:
+        return Unread(f"a sparse matrix of {rows} x {columns}")
+    return np.squeeze(sound_sparse(value).toarray())
 
 
 def _read_v73(path: Path) -> dict[str, Any]:
-    with h5py.File(path, "r") as file:
+    with open_file(path) as file:
         return {name: _from_hdf5(item, file) for name, item in file.items() if not name.startswith("#")}
 
 

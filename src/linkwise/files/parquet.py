@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from linkwise.errors import RecordError
-from linkwise.files.header import headers
-from linkwise.files.sensor_attributes import sensors_of, stated_in
-from linkwise.files.table import Column, Table
+from linkwise.files.mapping import sensors_of, stated_in
+from linkwise.files.table import Column, Table, headers
 from linkwise.records.channel import STORED
 from linkwise.records.record import Record
 

@@ -9,8 +9,8 @@ from typing import Any
 import openpyxl
 
 from linkwise.errors import RecordError
-from linkwise.files.csv import table_of
 from linkwise.files.table import Table
+from linkwise.files.text import table_of
 
 
 def read_table(path: Path, header: str | int | None = None) -> Table:

@@ -17,8 +17,8 @@ import scipy
 from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.link import ANGLE
+from linkwise.model.matrix_files import FileMatrix
 from linkwise.model.matrix_files import read_matrices as matrices_of_file
-from linkwise.model.matrix_files.file_matrix import FileMatrix
 from linkwise.model.reduction import HostReduction, proportional_damping, reduce_matrices
 from linkwise.model.rotations import require_direction, row_weights, turns_throughout, with_units
 
@@ -314,12 +314,13 @@ def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[st
     chosen = matrices[str(name)]
     if chosen.matrix.dtype.kind not in "fiu":
         raise StructureError(f"{name} holds {chosen.matrix.dtype} values, not real numbers", source)
-    matrix = scipy.sparse.csc_array(chosen.matrix).astype(float)
-    if matrix.shape[0] != matrix.shape[1]:
+    rows, columns = chosen.matrix.shape
+    if rows != columns:
         raise StructureError(
-            f"{name} is not a square matrix of finite numbers: it has {matrix.shape[0]} rows and {matrix.shape[1]} columns",
+            f"{name} is not a square matrix of finite numbers: it has {rows} rows and {columns} columns",
             source,
         )
+    matrix = scipy.sparse.csc_array(chosen.matrix).astype(float)
     if not np.isfinite(matrix.data).all():
         entries = scipy.sparse.coo_array(matrix)
         worst = int(np.flatnonzero(~np.isfinite(entries.data))[0])

@@ -426,7 +426,7 @@ OF_CHANNELS = {
     "noise": ChannelAttribute("noise", stored=dict[str, float], absent=math.nan),
     "interpolation": ChannelAttribute("interpolation", stored=dict[str, str], absent=BAND_LIMITED),
     "units": ChannelAttribute("unit"),  # of a column, which holds it in its header
-    "uncertainty": ChannelAttribute("uncertainty"),  # see files/sensor_attributes.py
+    "uncertainty": ChannelAttribute("uncertainty"),  # see files/mapping.py
     "clipped": ChannelAttribute("clipped samples", of_samples=True),
 }
 STORED = {name: attribute for name, attribute in OF_CHANNELS.items() if attribute.stored is not None}

@@ -1,0 +1,282 @@
+"""Matrices in files, each with the degrees of freedom that its rows stand for where the file says them.
+
+MAT files of MATLAB; NPZ files, of one sparse matrix of SciPy or arrays by name; matrices of Nastran as DMIG entries in punch
+and bulk data files, or in OUTPUT4 files, text or binary; and MTX files, those of MatrixMarket and those that Abaqus writes
+with *MATRIX OUTPUT: an entry to a line, as row and column, or as node and direction of each, and of a symmetric matrix one
+triangle.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Floats
+from linkwise.errors import StructureError
+from linkwise.mat_file import load_mat, sound_sparse
+from linkwise.registry import Registry, lazy_module
+
+nastran = lazy_module("pyyeti.nastran")  # of an extra
+_DIRECTIONS = {0: "", 1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
+_OF_COORDINATES, _OF_NODES = 3, 5  # numbers to a line of Abaqus
+_CODE = 1024  # directions of a node, at most, in a number that stands for both
+
+
+@dataclass(frozen=True, eq=False)
+class FileMatrix:
+    """A matrix of any kind of values, dense or sparse, of shape (n, m).
+
+    `names` are those of its rows, by node and direction such as "12z", or empty where the file only counts them.
+    """
+
+    matrix: Any
+    names: tuple[str, ...] = ()
+
+
+def degree_of_freedom(node: int, direction: int) -> str:
+    """Name of a degree of freedom: node and direction, such as "12z" or "12rx"; "12" of a scalar point."""
+    return f"{node}{_DIRECTIONS.get(direction, f'.{direction}')}"
+
+
+def require_last_line(content: bytes) -> None:
+    """Raise ValueError for text that ends within a line, of which an entry may be lost."""
+    if not content.endswith((b"\n", b"\r")):
+        raise ValueError("it ends within a line and may be cut off; write it again, or end the last line")
+
+
+def of_entries(rows: Floats, columns: Floats, values: Floats) -> FileMatrix:
+    """The matrix of entries between degrees of freedom, of one triangle or both.
+
+    Parameters
+    ----------
+    rows, columns : array of shape (n, 2)
+        Node and direction of each entry.
+    values : array of shape (n,)
+        The entries; an entry whose mirror image is not given stands for both.
+
+    Raises ValueError for a node or a direction that is not a whole number, or an entry that is given twice.
+    """
+    places = np.concatenate([rows, columns])
+    if not (places == np.round(places)).all() or not ((places[:, 1] >= 0) & (places[:, 1] < _CODE)).all():
+        raise ValueError("a node or a direction is not a whole number")
+    codes = places[:, 0].astype(np.int64) * _CODE + places[:, 1].astype(np.int64)
+    present, numbers = np.unique(codes, return_inverse=True)
+    row, column = np.split(numbers, 2)
+    names = tuple(degree_of_freedom(*divmod(int(code), _CODE)) for code in present)
+    return FileMatrix(both_triangles(row, column, values, len(names)), names)
+
+
+def both_triangles(
+    rows: np.ndarray[tuple[int], np.dtype[np.int64]],
+    columns: np.ndarray[tuple[int], np.dtype[np.int64]],
+    values: Floats,
+    size: int,
+) -> scipy.sparse.csc_array:
+    """The matrix (size, size) of entries (n,), of which those that lack their mirror image get it.
+
+    Raises ValueError for an entry that is given twice.
+    """
+    places, mirrored = rows * size + columns, columns * size + rows
+    unique, counts = np.unique(places, return_counts=True)
+    if (counts > 1).any():
+        row, column = divmod(int(unique[counts > 1][0]), size)
+        raise ValueError(f"the entry of row {row + 1} and column {column + 1} is given twice")
+    single = ~np.isin(mirrored, unique)
+    return scipy.sparse.csc_array(
+        (
+            np.concatenate([values, values[single]]),
+            (np.concatenate([rows, columns[single]]), np.concatenate([columns, rows[single]])),
+        ),
+        shape=(size, size),
+    )
+
+
+@dataclass(frozen=True)
+class MatrixFormat:
+    """A format of matrices: "module:function" of what gives every `FileMatrix` of a path by name, and the library it needs.
+
+    The library is one of the extra [nastran].
+    """
+
+    reader: str
+    library: str | None = None
+
+
+FORMATS: Registry[MatrixFormat] = Registry(
+    "suffix",
+    {
+        ".mat": MatrixFormat("linkwise.model.matrix_files:read_mat"),
+        ".npz": MatrixFormat("linkwise.model.matrix_files:read_npz"),
+        ".mtx": MatrixFormat("linkwise.model.matrix_files:read_mtx"),
+        ".pch": MatrixFormat("linkwise.model.matrix_files:read_dmig", library="pyyeti"),
+        ".dmig": MatrixFormat("linkwise.model.matrix_files:read_dmig", library="pyyeti"),
+        ".bdf": MatrixFormat("linkwise.model.matrix_files:read_dmig", library="pyyeti"),
+        ".op4": MatrixFormat("linkwise.model.matrix_files:read_op4", library="pyyeti"),
+    },
+)
+"""The formats by the suffix of their files."""
+
+
+def read_matrices(path: Path) -> Mapping[str, FileMatrix]:
+    """Every matrix of a file by its name.
+
+    Raises StructureError for a file that is not there, has another format or cannot be read.
+    """
+    if not path.is_file():
+        raise StructureError("there is no such file", str(path))
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        *most, last = FORMATS
+        raise StructureError(f"matrices are read from {', '.join(most)} and {last} files", str(path))
+    matrix_format = FORMATS[suffix]
+    if matrix_format.library is not None and find_spec(matrix_format.library) is None:
+        raise StructureError(
+            f"reading matrices from {suffix} files needs the library {matrix_format.library}: install linkwise[nastran]",
+            str(path),
+        )
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            matrices: Mapping[str, FileMatrix] = resolve_name(matrix_format.reader)(path)
+    except StructureError:
+        raise
+    except Exception as error:  # format libraries raise all kinds of errors on a damaged file
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise StructureError(f"cannot be read as a {suffix} file: {reason[:200]}", str(path)) from None
+    return matrices
+
+
+def read_dmig(path: Path) -> dict[str, FileMatrix]:
+    """Every square matrix by its name in capitals, such as "KAAX"; entries that are not given are 0.
+
+    Raises ValueError for a file that ends within a line.
+    """
+    content = path.read_bytes()
+    if b"DMIG" not in content.upper():
+        return {}
+    require_last_line(content)
+    matrices = {}
+    for name, frame in nastran.rddmig(str(path), square=True, follow_includes=False).items():
+        rows = [tuple(map(int, row)) for row in frame.index]
+        if rows == [column if isinstance(column, tuple) else () for column in frame.columns]:
+            matrices[name.upper()] = FileMatrix(
+                np.asarray(frame), tuple(degree_of_freedom(node, direction) for node, direction in rows)
+            )
+    return matrices
+
+
+def read_mat(path: Path) -> dict[str, FileMatrix]:
+    """Every matrix of numbers by the name of its variable."""
+    matrices = {}
+    for name, value in load_mat(path).items():
+        if scipy.sparse.issparse(value):
+            matrices[name] = FileMatrix(sound_sparse(value))
+        elif isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiuc":
+            matrices[name] = FileMatrix(value)
+    return matrices
+
+
+def read_mtx(path: Path) -> dict[str, FileMatrix]:
+    """The matrix under the name of the file."""
+    first = _first_line(path)
+    if first.startswith("%%MatrixMarket"):
+        return {path.stem: FileMatrix(_matrix_market(path))}
+    if first.startswith("*"):
+        raise StructureError(
+            f"holds keywords such as {first.split()[0][:30]}, as of a substructure or of elements; let Abaqus write the "
+            "matrices of the whole model with *MATRIX GENERATE and *MATRIX OUTPUT",
+            str(path),
+        )
+    columns = len(first.replace(",", " ").split())
+    if columns not in (_OF_COORDINATES, _OF_NODES):
+        raise StructureError(
+            f"is neither a MatrixMarket file nor a matrix of Abaqus: its first line holds {columns} values, not row, column "
+            "and entry, or node, direction, node, direction and entry",
+            str(path),
+        )
+    with path.open("rb") as content:
+        content.seek(-1, os.SEEK_END)
+        require_last_line(content.read())
+    table = _table(path, "," if "," in first else None)
+    if columns == _OF_NODES:
+        return {path.stem: of_entries(table[:, :2], table[:, 2:4], table[:, 4])}
+    places = table[:, :2]
+    if not (places == np.round(places)).all() or not (places >= 1).all():
+        raise ValueError("a row or a column is not a whole number from 1")
+    rows, columns_of_entries = (places - 1).astype(np.int64).T
+    size = int(places.max())
+    return {path.stem: FileMatrix(both_triangles(rows, columns_of_entries, table[:, 2], size))}
+
+
+def _matrix_market(path: Path) -> scipy.sparse.coo_array:
+    """The matrix of a file of MatrixMarket. SciPy's reader crashes on some of those that are damaged.
+
+    Raises ValueError for one of other than real numbers, or of more or fewer than it states.
+    """
+    with path.open(encoding="utf-8") as file:
+        _, _, layout, field, symmetry = file.readline().lower().split()
+        sizes = next(line for line in file if line.strip() and not line.startswith("%")).split()
+        with warnings.catch_warnings(action="error"):  # for what is no number
+            numbers = np.fromstring(file.read(), sep=" ")
+    if field not in ("real", "double", "integer"):
+        raise ValueError(f"its entries are {field}, not real numbers")
+    size, width = map(int, sizes[:2])
+    mirrored = {"general": 0.0, "symmetric": 1.0, "hermitian": 1.0, "skew-symmetric": -1.0}[symmetry]
+    if layout == "coordinate":
+        if len(numbers) != 3 * int(sizes[2]):
+            raise ValueError(f"it states {sizes[2]} entries and holds {len(numbers) / 3:g}")
+        rows, columns, values = numbers.reshape(-1, 3).T
+        if not (rows == np.round(rows)).all() or not (columns == np.round(columns)).all():
+            raise ValueError("a row or a column is not a whole number")
+        rows, columns = rows.astype(np.int64) - 1, columns.astype(np.int64) - 1
+    elif mirrored:  # the lower triangle, column by column
+        columns, rows = np.triu_indices(size, k=int(mirrored < 0.0))
+        values = numbers.reshape(len(rows))
+    else:
+        columns, rows = map(np.ravel, np.indices((width, size)))
+        values = numbers.reshape(len(rows))
+    off = (rows != columns) & (mirrored != 0.0)
+    return scipy.sparse.coo_array(
+        (
+            np.concatenate([values, mirrored * values[off]]),
+            (np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]])),
+        ),
+        shape=(size, width),
+    )
+
+
+def _table(path: Path, delimiter: str | None) -> Floats:
+    """The entries, a row each; ValueError for a line of another length, or with what is no number."""
+    try:
+        return np.loadtxt(path, delimiter=delimiter, comments="**", ndmin=2)
+    except ValueError as error:  # which goes on to name an argument of the function
+        raise ValueError(str(error).partition("; use `usecols`")[0]) from None
+
+
+def _first_line(path: Path) -> str:
+    """The first line that is neither empty nor a comment of Abaqus."""
+    with path.open(encoding="utf-8") as lines:
+        return next((line.strip() for line in lines if line.strip() and not line.startswith("**")), "")
+
+
+def read_npz(path: Path) -> dict[str, FileMatrix]:
+    """The sparse matrix under the name of the file, or every array of two dimensions."""
+    with np.load(path, allow_pickle=False) as arrays:
+        if {"format", "data", "indices", "indptr", "shape"} <= set(arrays.files):
+            return {path.stem: FileMatrix(scipy.sparse.load_npz(path))}
+        return {name: FileMatrix(arrays[name]) for name in arrays.files if arrays[name].ndim == 2}
+
+
+def read_op4(path: Path) -> dict[str, FileMatrix]:
+    """Every matrix by its name in capitals, such as "KAA"."""
+    return {
+        name.upper(): FileMatrix(matrix) for name, matrix in nastran.op4.read(str(path), sparse=None).items()
+    }
