@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
@@ -132,7 +132,7 @@ def read_record(
     stated = read_mapping(mapping) if isinstance(mapping, str | Path) else mapping or RecordMapping()
     chosen = given.over(stated)
     masses = None if known_masses is None else tuple(known_masses)
-    return to_record(_table(Path(path), chosen.header), str(path), chosen, masses, informative=informative)
+    return to_record(_table(Path(path), chosen.header), chosen, masses, informative=informative)
 
 
 def write_first_mapping(record: Path, path: Path, header: str | int | None = None) -> tuple[str, ...]:
@@ -140,7 +140,7 @@ def write_first_mapping(record: Path, path: Path, header: str | int | None = Non
 
     Raises RecordError where the record cannot be read, or the mapping file is there already or cannot be written.
     """
-    text, guesses = first_mapping(_table(record, header), record)
+    text, guesses = first_mapping(_table(record, header))
     if path.exists():
         raise RecordError(
             "is there already, and what was written into it by hand would be lost; give another name", path
@@ -172,7 +172,7 @@ def _table(path: Path, header: str | int | None) -> Table:
     except Exception as error:  # format libraries raise all kinds of errors on a damaged file
         reason = " ".join(str(error).split())[:_LONGEST] or type(error).__name__
         raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
-    return table
+    return replace(table, file=str(path))
 
 
 def write_record(record: Record, path: str | Path) -> None:

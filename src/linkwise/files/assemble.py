@@ -52,18 +52,18 @@ class ColumnChoice:
 
 
 def choose(
-    table: Table, file: str, channels: Mapping[str, str | int], known_masses: tuple[str, ...] | None
+    table: Table, channels: Mapping[str, str | int], known_masses: tuple[str, ...] | None
 ) -> tuple[ColumnChoice, ...]:
     """The columns of the record; see `files.read_record` for `channels` and `known_masses`.
 
     Raises RecordError for an invalid mapping, a channel that occurs twice, an unknown mass, and a table without channels.
     """
-    mapped = _mapped(table, file, channels)
-    chosen = (*mapped, *_recognised(table, file, mapped, known_masses))
+    mapped = _mapped(table, channels)
+    chosen = (*mapped, *_recognised(table, mapped, known_masses))
     if all(choice.name == "time" for choice in chosen):
-        raise _nothing_recognised(table, file)
+        raise _nothing_recognised(table)
     for choice in chosen:
-        _check_mass(table, file, choice, known_masses)
+        _check_mass(table, choice, known_masses)
     return chosen
 
 
@@ -113,7 +113,7 @@ def _list(names: list[str]) -> str:
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
-def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple[ColumnChoice, ...]:
+def _mapped(table: Table, channels: Mapping[str, str | int]) -> tuple[ColumnChoice, ...]:
     """The columns that the user mapped."""
     chosen: dict[str, ColumnChoice] = {}
     for key, column in channels.items():
@@ -121,17 +121,17 @@ def _mapped(table: Table, file: str, channels: Mapping[str, str | int]) -> tuple
         try:
             channel = None if header.is_time else Channel.parse(header.name)
         except RecordError as error:
-            raise RecordError(f"in `channels`: {error.message}", file, arguments=("channels",)) from error
+            raise table.error(f"in `channels`: {error.message}", "channels") from error
         name = channel or "time"
         if name in chosen:
-            raise RecordError("is mapped twice in `channels`", file, channel=name, arguments=("channels",))
-        index = _find(table, file, key, column)
+            raise table.error("is mapped twice in `channels`", "channels", channel=name)
+        index = _find(table, key, column)
         unit = header.unit or ColumnHeader.parse(table.headers[index]).unit
         chosen[name] = ColumnChoice(channel, index, unit)
     return tuple(chosen.values())
 
 
-def _find(table: Table, file: str, key: str, column: str | int) -> int:
+def _find(table: Table, key: str, column: str | int) -> int:
     """Index of a column given by its header, its header without unit, the last part of its path, or its number from 1."""
     wanted = str(column).strip()
     headers = [ColumnHeader.parse(header) for header in table.headers]
@@ -141,10 +141,9 @@ def _find(table: Table, file: str, key: str, column: str | int) -> int:
         [header.leaf.name for header in headers],
     ):
         if (times := names.count(wanted)) > 1:
-            raise RecordError(
+            raise table.error(
                 f"{key} is mapped to {wanted!r}, the name of {times} columns; give the number of the column instead",
-                file,
-                arguments=("channels",),
+                "channels",
             )
         if wanted in names:
             return names.index(wanted)
@@ -152,16 +151,15 @@ def _find(table: Table, file: str, key: str, column: str | int) -> int:
         return int(wanted) - 1
     near = get_close_matches(wanted, table.headers, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
-    raise RecordError(
+    raise table.error(
         f"{key} is mapped to column {wanted!r}, which does not exist; {hint}{listing(table)}",
-        file,
-        table.header_line,
-        arguments=("channels", "header") if table.lines is not None else ("channels",),
+        *(("channels",) if table.lines is None else ("channels", "header")),
+        line=table.header_line,
     )
 
 
 def _recognised(
-    table: Table, file: str, mapped: tuple[ColumnChoice, ...], known_masses: tuple[str, ...] | None
+    table: Table, mapped: tuple[ColumnChoice, ...], known_masses: tuple[str, ...] | None
 ) -> tuple[ColumnChoice, ...]:
     """The columns whose headers name a channel or the time, except what the user has mapped."""
     mapped_names = {choice.name for choice in mapped}
@@ -178,13 +176,12 @@ def _recognised(
         if name in recognised:
             first, second = table.columns[recognised[name].column].header, column.header
             paths = f" ({first} and {second})" if first != second else ""
-            raise RecordError(
+            raise table.error(
                 f"columns {recognised[name].column + 1} and {index + 1} both have this name{paths}; rename one, "
                 "or map the channel to one of them (`channels`)",
-                file,
-                table.header_line,
-                name,
-                arguments=("channels",),
+                "channels",
+                line=table.header_line,
+                channel=name,
             )
         recognised[name] = ColumnChoice(channel, index, header.unit)
     return tuple(recognised.values())
@@ -206,26 +203,24 @@ def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHead
     return meant if meant.channel.place in (*known_masses, BASE) else None
 
 
-def _nothing_recognised(table: Table, file: str) -> RecordError:
+def _nothing_recognised(table: Table) -> RecordError:
     """The error for a table without a single channel."""
     if not table.named:
-        return RecordError(
+        return table.error(
             f"there is no header: the file starts with {table.opening!r}. The first line must name the columns, as in "
             "`time,x:m1,x:m2`; or map columns by number, as in channels={'time': 1, 'x:m1': 2}",
-            file,
-            1,
-            arguments=("channels",),
+            "channels",
+            line=1,
         )
-    return RecordError(
+    return table.error(
         f"no channel is recognised; {listing(table)}. Channels are named KIND:MASS, such as x:m1 or a:m2[g]; "
         "map columns of other names, as in channels={'x:m1': 'laser'}",
-        file,
-        table.header_line,
-        arguments=("channels", "mapping"),
+        *("channels", "mapping"),
+        line=table.header_line,
     )
 
 
-def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tuple[str, ...] | None) -> None:
+def _check_mass(table: Table, choice: ColumnChoice, known_masses: tuple[str, ...] | None) -> None:
     """Raise RecordError for a channel of a mass that the structure does not have."""
     channel = choice.channel
     if known_masses is None or channel is None:
@@ -235,12 +230,11 @@ def _check_mass(table: Table, file: str, choice: ColumnChoice, known_masses: tup
         return
     near = get_close_matches(mass, known_masses, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}? " if near else ""
-    raise RecordError(
+    raise table.error(
         f"the structure has no mass {mass!r}; {hint}it has {_list(list(known_masses)) or 'none'}",
-        file,
-        table.header_line,
-        choice.name,
-        arguments=("known_masses",),
+        "known_masses",
+        line=table.header_line,
+        channel=choice.name,
     )
 
 
@@ -264,29 +258,30 @@ class _Grid:
 
 def to_record(
     table: Table,
-    file: str,
     mapping: RecordMapping,
     known_masses: tuple[str, ...] | None,
     *,
     informative: bool,
 ) -> Record:
     """The record in a table, see `files.read_record`; RecordError names file, line and channel."""
-    chosen = choose(table, file, mapping.channels, known_masses)
-    columns = {choice.channel: _in_si(table, file, choice) for choice in chosen if choice.channel}
+    chosen = choose(table, mapping.channels, known_masses)
+    columns = {choice.channel: _in_si(table, choice) for choice in chosen if choice.channel}
     notes = [*table.notes, *ignored(table, chosen), *units_over_headers(table, chosen)]
     time_column = next((choice for choice in chosen if choice.name == "time"), None)
     if time_column is not None and mapping.rate is not None:
         notes.append(f"The time column was ignored in favour of the given rate of {mapping.rate:g} Hz.")
         time_column = None
-    time = None if time_column is None else _in_si(table, file, time_column)
+    time = None if time_column is None else _in_si(table, time_column)
     count = len(next(iter(columns.values())))
-    grid, lines = _grid(table, file, time, mapping.rate, count), table.lines
+    grid, lines = _grid(table, time, mapping.rate, count), table.lines
     if mapping.resample is not None:
-        even = resample_evenly(grid.time, columns, mapping.resample, file=file, lines=lines)
+        even = resample_evenly(grid.time, columns, mapping.resample, file=table.file, lines=lines)
         columns = even.columns
         notes.append(even.note)
         grid, lines = _Grid.even(even.start, mapping.resample, len(next(iter(columns.values())))), None
-    timeline, values, remarks = sampled_columns(grid.time, columns, file, lines, informative=informative)
+    timeline, values, remarks = sampled_columns(
+        grid.time, columns, table.file, lines, informative=informative
+    )
     stored: dict[str, Any] = {
         kind: {name: value for name, value in of_channels.items() if name in columns}
         for kind, of_channels in table.stored.items()
@@ -296,13 +291,13 @@ def to_record(
         timeline.rate if grid.rate is None else grid.rate,
         tuple(columns),
         values,
-        source=table.source or file,
+        source=table.source or table.file,
         notes=(*notes, *remarks),
         units=_stated_units(chosen),
         **stored,
     )
-    stated, unread = _statements(table, file, chosen, mapping)
-    record = with_statements(replace(record, notes=(*record.notes, *unread)), stated, file)
+    stated, unread = _statements(table, chosen, mapping)
+    record = with_statements(replace(record, notes=(*record.notes, *unread)), stated, table.file)
     return record if mapping.decimate is None else record.decimate(mapping.decimate)
 
 
@@ -316,7 +311,7 @@ def _stated_units(chosen: tuple[ColumnChoice, ...]) -> dict[str, str]:
 
 
 def _statements(
-    table: Table, file: str, chosen: tuple[ColumnChoice, ...], mapping: RecordMapping
+    table: Table, chosen: tuple[ColumnChoice, ...], mapping: RecordMapping
 ) -> tuple[dict[str, SensorStatement], tuple[str, ...]]:
     """What the mapping states of the sensors, and what the file states beside it, with remarks on that."""
     stated: dict[str, SensorStatement] = {}
@@ -325,10 +320,10 @@ def _statements(
         attributes, of_file = table.columns[choice.column].attributes, table.sensors.get(choice.name)
         if attributes or of_file:
             of_column, more = statement_of(attributes, choice.name)
-            stated[choice.name] = SensorStatement.of(of_file or {}, choice.name, file).over(of_column)
+            stated[choice.name] = SensorStatement.of(of_file or {}, choice.name, table.file).over(of_column)
             unread += more
     if COMMON in table.sensors:
-        stated[COMMON] = SensorStatement.of(table.sensors[COMMON], COMMON, file)
+        stated[COMMON] = SensorStatement.of(table.sensors[COMMON], COMMON, table.file)
     for name, own in mapping.sensors.items():
         stated[name] = own.over(stated.get(name, SensorStatement()))
     if mapping.calibration is not None:
@@ -339,67 +334,61 @@ def _statements(
     return stated, unread
 
 
-def _grid(table: Table, file: str, time: NDArray[Any] | None, rate: float | None, count: int) -> _Grid:
+def _grid(table: Table, time: NDArray[Any] | None, rate: float | None, count: int) -> _Grid:
     """The stated even grid if there is no time column or it agrees; otherwise the times of the column."""
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"rate must be positive, got {rate!r} Hz", file, arguments=("rate",))
+        raise table.error(f"rate must be positive, got {rate!r} Hz", "rate")
     stated = table.rate if rate is None else rate
     if stated is not None and np.isfinite(stated) and stated > 0.0:
-        check_rate(float(stated), file)
+        check_rate(float(stated), table.file)
         even = _Grid.even(table.start if rate is None else 0.0, float(stated), count)
         if time is None or (len(time) == count and np.all(np.abs(time - even.time) <= JITTER / stated)):
             return even
     if time is not None:
         return _Grid(time)
-    raise RecordError(
+    raise table.error(
         f"there is no time column; {listing(table)}. Name it `time` (in s, or `time[ms]`), map a column to it "
         "(`channels`), or give the sampling rate (`rate`)",
-        file,
-        table.header_line,
-        arguments=("channels", "rate"),
+        *("channels", "rate"),
+        line=table.header_line,
     )
 
 
-def _refuse_overloads(table: Table, file: str, name: str, values: NDArray[Any]) -> None:
+def _refuse_overloads(table: Table, name: str, values: NDArray[Any]) -> None:
     """Raise RecordError for numbers that instruments write in place of a reading, in whatever unit."""
     overloads = np.flatnonzero((np.abs(values) > _OVERLOAD) & (np.abs(values) < _NO_NUMBER))
     if len(overloads):
         row = int(overloads[0])
         line = None if table.lines is None else int(table.lines[row])
         where = "" if line else f" (sample {row})"
-        raise RecordError(
+        raise table.error(
             f"the value is {values[row]:.3g}{where}, which instruments write for an overload or no reading; leave such cells "
             "empty",
-            file,
-            line,
-            name,
+            line=line,
+            channel=name,
         )
 
 
-def _in_si(table: Table, file: str, choice: ColumnChoice) -> NDArray[Any]:
+def _in_si(table: Table, choice: ColumnChoice) -> NDArray[Any]:
     """(N,) values of a chosen column in SI units; integers without a unit stay integers, so that a note mentions them."""
     column = table.columns[choice.column]
     if column.instead:
-        raise RecordError(
+        raise table.error(
             f"is {column.instead}, not a row of real numbers; leave the channel out",
-            file,
-            table.header_line,
-            choice.name,
+            line=table.header_line,
+            channel=choice.name,
         )
     if column.values is None:
         advice = "leave the cell of a missing sample empty"
-        arguments: tuple[str, ...] = ()
         if choice.name == "time":
-            advice, arguments = (
-                "times are in seconds; for clock times give the sampling rate instead (`rate`)",
-                ("rate",),
-            )
+            advice = "times are in seconds; for clock times give the sampling rate instead (`rate`)"
+        arguments = ("rate",) if choice.name == "time" else ()
         text, line = (column.bad.text, column.bad.line) if column.bad else ("", None)
-        raise RecordError(f"{text!r} is not a number; {advice}", file, line, choice.name, arguments=arguments)
-    _refuse_overloads(table, file, choice.name, column.values)
+        raise table.error(f"{text!r} is not a number; {advice}", *arguments, line=line, channel=choice.name)
+    _refuse_overloads(table, choice.name, column.values)
     if not choice.unit:
         return column.values
-    factor = si_factor(choice.unit, choice.kind, file=file, line=table.header_line, channel=choice.name)
+    factor = si_factor(choice.unit, choice.kind, file=table.file, line=table.header_line, channel=choice.name)
     values = column.values.astype(np.float64)
     # 12 mm are 12 / 1000, rounded once; 12 * 1e-3 is rounded twice, and a time in ms would not lie on its grid
     divisor = round(1.0 / factor)
@@ -428,12 +417,11 @@ _MASSES = """
 """
 
 
-def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
+def first_mapping(table: Table) -> tuple[str, tuple[str, ...]]:
     """The text of a mapping file for the columns of a table, and a sentence on each quantity that was guessed.
 
     Raises RecordError where no column holds numbers.
     """
-    known = {choice.column: choice.name for choice in _recognised(table, str(path), (), None)}
     blocks, guesses = [], []
     spare: list[str | int] = []
     names = [ColumnHeader.parse(text).leaf.name for text in table.headers]
@@ -442,31 +430,32 @@ def first_mapping(table: Table, path: Path) -> tuple[str, tuple[str, ...]]:
         for number, column in enumerate(table.columns)
         if column.values is not None
     }
-    guessed = _guessed_names(headers, known)
+    recognised = {choice.column: choice.name for choice in _recognised(table, (), None)}
+    known = {number: (name, "") for number, name in recognised.items()} | _guessed_names(headers, recognised)
     for number, header in headers.items():
         label = header.name if table.named and header.name and names.count(header.name) == 1 else number + 1
-        name, unit, remark = known.get(number, ""), header.unit, ""
-        if not name and number not in guessed:
+        if number not in known:
             spare.append(label)
             continue
-        if not name:
-            name, why = guessed[number]
-            if not isinstance(name, Channel):
-                unit, remark = unit or "s", f"guessed from its {why}"
-                guesses.append(f"Column {label} was guessed to be the time.")
-            else:
-                remark = f"guessed from its {why}; of which mass?"
-                quantity = _article(KINDS[name.kind].quantity)
-                guesses.append(f"Column {label} was guessed from its {why} to be {quantity}, {name}.")
-        known[number] = name
+        name, why = known[number]
+        unit, remark = header.unit, f"guessed from its {why}" if why else ""
+        if why and isinstance(name, Channel):
+            remark += "; of which mass?"
+            quantity = KINDS[name.kind].quantity
+            article = "an" if quantity[0] in "aeiou" else "a"
+            guesses.append(f"Column {label} was guessed from its {why} to be {article} {quantity}, {name}.")
+        elif why:
+            unit = unit or "s"
+            guesses.append(f"Column {label} was guessed to be the time.")
         blocks.append(_block(name, label, unit, remark))
     if not blocks and not spare:
-        raise RecordError("no column holds numbers, so there is nothing to map", path)
+        raise table.error("no column holds numbers, so there is nothing to map")
     unused = [f"\n# not used: {', '.join(map(_quoted, spare))}\n"] if spare else []
-    if set(known.values()) <= {"time"} and spare:
+    if {name for name, _ in known.values()} <= {"time"} and spare:
         example = _block(Channel("x", "m1"), spare[0], "mm", "").strip().split("\n")
         unused += ["\n", *(f"# {line}\n" for line in example)]
-    return _HEAD.format(path=on_one_line(path.name)) + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
+    text = _HEAD.format(path=on_one_line(Path(table.file).name))
+    return text + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
 
 
 def _guessed_names(
@@ -532,7 +521,3 @@ def _block(name: Channel | str, column: str | int, unit: str, remark: str) -> st
 def _quoted(text: str | int) -> str:
     """A number, or a text as TOML writes it, which for all but DEL is as JSON does."""
     return msgspec.json.encode(text, enc_hook=str).decode().replace("\x7f", "\\u007f")
-
-
-def _article(noun: str) -> str:
-    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"

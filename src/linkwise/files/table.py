@@ -62,7 +62,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """All columns of a file, in its order.
+    """All columns of a `file`, in its order.
 
     `named` is False where the file has no header and columns have numbers; `opening` is then its first line. `lines` (N,) and
     `header_line` count from 1, None where the format has no lines. `start` in s and `rate` in Hz are set where the file
@@ -72,6 +72,7 @@ class Table:
     """
 
     columns: tuple[Column, ...]
+    file: str = ""
     lines: NDArray[np.int64] | None = None
     header_line: int | None = None
     named: bool = True
@@ -82,6 +83,12 @@ class Table:
     source: str = ""
     stored: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+
+    def error(
+        self, message: str, *arguments: str, line: int | None = None, channel: str | None = None
+    ) -> RecordError:
+        """An error of the file, of which `arguments` of `files.read_record` are the way out."""
+        return RecordError(message, self.file, line, channel, arguments=arguments)
 
     @property
     def headers(self) -> tuple[str, ...]:

@@ -377,7 +377,7 @@ def read_lvm(path: Path) -> Table:
     ]
     body = ["\t".join(row) for row in rows]
     steps = {step for cell in keys.get("delta_x", []) if cell and (step := parse_number(cell))}
-    rate = 1.0 / step if clocks == "no" and len(steps) == 1 and (step := steps.pop()) > 0.0 else None
+    rate = 1.0 / min(steps) if clocks == "no" and len(steps) == 1 and min(steps) > 0.0 else None
     return table_of(["\t".join(headers), *body], path, rate=rate, lines_before=first)
 
 

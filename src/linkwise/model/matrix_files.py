@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
@@ -28,6 +29,7 @@ from linkwise.registry import Registry, lazy_module
 nastran = lazy_module("pyyeti.nastran")  # of an extra
 _DIRECTIONS = {0: "", 1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 _OF_COORDINATES, _OF_NODES = 3, 5  # numbers to a line of Abaqus
+_MIRRORED = {"general": 0, "symmetric": 1, "hermitian": 1, "skew-symmetric": -1}
 _CODE = 1024  # directions of a node, at most, in a number that stands for both
 
 
@@ -65,19 +67,20 @@ def of_entries(rows: Floats, columns: Floats, values: Floats) -> FileMatrix:
 
     Raises ValueError for a node or a direction that is not a whole number, or an entry that is given twice.
     """
-    places = np.concatenate([rows, columns])
-    if not (places == np.round(places)).all() or not ((places[:, 1] >= 0) & (places[:, 1] < _CODE)).all():
+    nodes, directions = _whole(
+        np.concatenate([rows, columns]), "a node or a direction is not a whole number"
+    ).T
+    if directions.min() < 0 or directions.max() >= _CODE:
         raise ValueError("a node or a direction is not a whole number")
-    codes = places[:, 0].astype(np.int64) * _CODE + places[:, 1].astype(np.int64)
-    present, numbers = np.unique(codes, return_inverse=True)
+    present, numbers = np.unique(nodes * _CODE + directions, return_inverse=True)
     row, column = np.split(numbers, 2)
     names = tuple(degree_of_freedom(*divmod(int(code), _CODE)) for code in present)
     return FileMatrix(both_triangles(row, column, values, len(names)), names)
 
 
 def both_triangles(
-    rows: np.ndarray[tuple[int], np.dtype[np.int64]],
-    columns: np.ndarray[tuple[int], np.dtype[np.int64]],
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
     values: Floats,
     size: int,
 ) -> scipy.sparse.csc_array:
@@ -208,12 +211,11 @@ def read_mtx(path: Path) -> dict[str, FileMatrix]:
     table = _table(path, "," if "," in first else None)
     if columns == _OF_NODES:
         return {path.stem: of_entries(table[:, :2], table[:, 2:4], table[:, 4])}
-    places = table[:, :2]
-    if not (places == np.round(places)).all() or not (places >= 1).all():
+    places = _whole(table[:, :2], "a row or a column is not a whole number from 1")
+    if places.min() < 1:
         raise ValueError("a row or a column is not a whole number from 1")
-    rows, columns_of_entries = (places - 1).astype(np.int64).T
-    size = int(places.max())
-    return {path.stem: FileMatrix(both_triangles(rows, columns_of_entries, table[:, 2], size))}
+    rows, columns_of_entries = (places - 1).T
+    return {path.stem: FileMatrix(both_triangles(rows, columns_of_entries, table[:, 2], int(places.max())))}
 
 
 def _matrix_market(path: Path) -> scipy.sparse.coo_array:
@@ -228,22 +230,25 @@ def _matrix_market(path: Path) -> scipy.sparse.coo_array:
             numbers = np.fromstring(file.read(), sep=" ")
     if field not in ("real", "double", "integer"):
         raise ValueError(f"its entries are {field}, not real numbers")
-    size, width = map(int, sizes[:2])
-    mirrored = {"general": 0.0, "symmetric": 1.0, "hermitian": 1.0, "skew-symmetric": -1.0}[symmetry]
+    if symmetry not in _MIRRORED:
+        raise ValueError(f"its symmetry is {symmetry!r}")
+    (size, width), mirrored = map(int, sizes[:2]), _MIRRORED[symmetry]
+    triangle = size * (size + 1) // 2 - size * (mirrored < 0)
+    stated = 3 * int(sizes[2]) if layout == "coordinate" else triangle if mirrored else size * width
+    if len(numbers) != stated:
+        raise ValueError(f"it states {stated} numbers and holds {len(numbers)}")
     if layout == "coordinate":
-        if len(numbers) != 3 * int(sizes[2]):
-            raise ValueError(f"it states {sizes[2]} entries and holds {len(numbers) / 3:g}")
-        rows, columns, values = numbers.reshape(-1, 3).T
-        if not (rows == np.round(rows)).all() or not (columns == np.round(columns)).all():
-            raise ValueError("a row or a column is not a whole number")
-        rows, columns = rows.astype(np.int64) - 1, columns.astype(np.int64) - 1
-    elif mirrored:  # the lower triangle, column by column
-        columns, rows = np.triu_indices(size, k=int(mirrored < 0.0))
-        values = numbers.reshape(len(rows))
-    else:
-        columns, rows = map(np.ravel, np.indices((width, size)))
-        values = numbers.reshape(len(rows))
-    off = (rows != columns) & (mirrored != 0.0)
+        entries = numbers.reshape(-1, 3)
+        rows, columns = _whole(entries[:, :2], "a row or a column is not a whole number").T - 1
+        values = entries[:, 2]
+    else:  # column by column
+        values = numbers
+        columns, rows = (
+            np.triu_indices(size, k=int(mirrored < 0))
+            if mirrored
+            else np.indices((width, size)).reshape(2, -1)
+        )
+    off = (rows != columns) & (mirrored != 0)
     return scipy.sparse.coo_array(
         (
             np.concatenate([values, mirrored * values[off]]),
@@ -251,6 +256,13 @@ def _matrix_market(path: Path) -> scipy.sparse.coo_array:
         ),
         shape=(size, width),
     )
+
+
+def _whole(places: Floats, problem: str) -> NDArray[np.int64]:
+    """The numbers as integers; ValueError with the problem unless they are."""
+    if not (places == np.round(places)).all():
+        raise ValueError(problem)
+    return places.astype(np.int64)
 
 
 def _table(path: Path, delimiter: str | None) -> Floats:
