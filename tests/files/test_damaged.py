@@ -71,7 +71,7 @@ def test_what_a_mat_file_states_is_checked_before_scipy_follows_it(
         "cannot be read as a .mat file: "
     )
     with pytest.raises(lw.StructureError) as refusal:
-        lw.read_matrix(str(path))
+        lw.modal.read_matrix(str(path))
     assert message in str(refusal.value)
     path.write_bytes(HEADER[:-2] + b"MM" + content)
     with pytest.raises(lw.RecordError, match="its header is damaged"):
@@ -103,7 +103,7 @@ def test_the_texts_of_an_hdf5_file_are_checked_before_libhdf5_follows_them(tmp_p
 def test_what_a_matrix_market_file_states_is_what_it_holds(text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "k.mtx").write_text(f"%%MatrixMarket matrix {text}")
     with pytest.raises(lw.StructureError, match=message):
-        lw.read_matrix("k.mtx", tmp_path)
+        lw.modal.read_matrix("k.mtx", tmp_path)
 
 
 FULL = np.arange(9.0).reshape(3, 3) + 1.0
@@ -115,7 +115,7 @@ def test_matrix_market_files_of_scipy_are_read(
     values: np.ndarray, layout: Callable[..., object], tmp_path: Path
 ) -> None:
     scipy.io.mmwrite(tmp_path / "k.mtx", layout(values), comment="of a test")
-    np.testing.assert_array_equal(lw.read_matrix("k.mtx", tmp_path).toarray(), values)
+    np.testing.assert_array_equal(lw.modal.read_matrix("k.mtx", tmp_path).toarray(), values)
 
 
 def _mat(path: Path, compressed: bool) -> None:

@@ -27,11 +27,12 @@ def agrees(path: Path, **keywords: Any) -> None:
     assert record.channel("a:m2") == pytest.approx(A, abs=1e-8)
 
 
-def test_a_numpy_archive_by_name(tmp_path: Path) -> None:
-    np.savez(tmp_path / "run.npz", **{"x:m1": X, "a_m2": A, "fs": RATE})  # type: ignore[arg-type]  # stub takes a flag
+@pytest.mark.parametrize(
+    "arrays", [{"x:m1": X, "a_m2": A, "fs": RATE}, {"x_m1": X, "a_m2": A, "dt": 1.0 / RATE}]
+)
+def test_a_numpy_archive_by_name(tmp_path: Path, arrays: dict[str, Any]) -> None:
+    np.savez(tmp_path / "run.npz", **arrays)
     agrees(tmp_path / "run.npz")
-    np.savez(tmp_path / "step.npz", x_m1=X, a_m2=A, dt=1.0 / RATE)
-    agrees(tmp_path / "step.npz")
 
 
 PERIODS = np.stack([np.sin(2.0 * np.pi * (k + 1) * np.arange(40) / 40) for k in range(6)]).reshape(2, 3, 40)
@@ -155,15 +156,13 @@ CELLS = [(f"{t:.9g}", f"{1e3 * x:.12g}", f"{a / 9.80665:.12g}") for t, x, a in z
 @pytest.mark.parametrize("separator", ["\t", ","])
 def test_lvm_with_one_clock_with_several_and_without(separator: str, tmp_path: Path) -> None:
     path = tmp_path / "run.lvm"
-    single = lvm("One", ["\t".join(row) for row in CELLS], "X_Value\tx:m1\ta:m2\tComment", separator)
-    path.write_text(single)
-    agrees(path)
-    rows = ["\t".join((t, x, t, a)) for t, x, a in CELLS]
-    path.write_text(lvm("Multi", rows, "X_Value\tx:m1\tX_Value\ta:m2\tComment", separator))
-    agrees(path)
-    rows = ["\t".join(("", x, a)) for _, x, a in CELLS]
-    path.write_text(lvm("No", rows, "X_Value\tx:m1\ta:m2\tComment", separator))
-    agrees(path)
+    for clocks, rows, names in (
+        ("One", CELLS, "X_Value\tx:m1\ta:m2"),
+        ("Multi", [(t, x, t, a) for t, x, a in CELLS], "X_Value\tx:m1\tX_Value\ta:m2"),
+        ("No", [("", x, a) for _, x, a in CELLS], "X_Value\tx:m1\ta:m2"),
+    ):
+        path.write_text(lvm(clocks, ["\t".join(row) for row in rows], f"{names}\tComment", separator))
+        agrees(path)
 
 
 def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
@@ -178,14 +177,12 @@ def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
         ("time\tx:m1\n0\t1\n", "is not an LVM file"),
         (whole[: whole.index("X_Value")], "no measurements below the header"),
         (uneven, "clocks of their own"),
-        (whole[:-3], "cells? where the header has|1.4"),
     ):
         path.write_text(text)
-        if text == whole[:-3]:
-            assert len(read_record(path)) == N  # a last number that lost digits cannot be told from another
-            continue
         with pytest.raises(RecordError, match=said):
             read_record(path)
+    path.write_text(whole[:-3])
+    assert len(read_record(path)) == N  # a last number that lost digits cannot be told from another
 
 
 def workbook(path: Path, rows: list[list[Any]], more: bool = False) -> None:
