@@ -173,20 +173,9 @@ class JudgedView(NotebookView):
 
 @singledispatch
 def as_html(result: object) -> str:
-    """`result` as a self-contained piece of HTML that needs neither scripts nor style sheets.
+    """`result` as a self-contained `div` of HTML, which needs neither scripts nor style sheets and escapes every character
+    of the text. A package registers another renderer beside a type whose printed text is not enough.
 
-    Parameters
-    ----------
-    result : object
-        Shown by its printed text; a package registers another renderer beside the type where the text is not enough.
-
-    Returns
-    -------
-    str
-        A `div` in which every character of the text is escaped.
-
-    Examples
-    --------
     >>> import linkwise as lw
     >>> "2 masses, 2 links" in lw.bnes_chain(2)._repr_html_()
     True

@@ -106,13 +106,8 @@ def _refusal(message: str, error: OSError) -> OutputError:
 
 
 def check_result_folder(path: Path, mark: str = RESULT) -> None:
-    """Check, before the work, that a result can be written to `path`.
-
-    Raises
-    ------
-    OutputError
-        Unless `path` does not exist, is an empty folder, or holds an earlier result marked by `mark`; where no folder can be
-        created there; and where its disk is full.
+    """Check, before the work, that a result can be written to `path`: OutputError unless it does not exist, is an empty
+    folder, or holds an earlier result marked by `mark`; where no folder can be created there; and where its disk is full.
     """
     with _own_folder(path, mark) as own:
         free = shutil.disk_usage(own).free
@@ -127,14 +122,10 @@ def check_result_folder(path: Path, mark: str = RESULT) -> None:
 def atomic_folder(path: Path, mark: str = RESULT) -> Iterator[Path]:
     """An empty temporary folder; renamed to `path` when the block ends without an error.
 
-    An earlier result stays untouched until then, and files that its user added are kept. Each of several writers has its own
-    temporary folder, and the last one to finish wins. Where `path` cannot be renamed, for example because it is a mount
-    point, its files are replaced one by one, `mark` last.
-
-    Raises
-    ------
-    OutputError
-        Where `path` exists and is not a result marked by `mark`, and where it cannot be written.
+    An earlier result stays untouched until then, and files that its user added are kept. Each of several writers has its
+    own temporary folder, and the last one to finish wins. Where `path` cannot be renamed, for example because it is a
+    mount point, its files are replaced one by one, `mark` last. OutputError where `path` exists and is not a result marked
+    by `mark`, and where it cannot be written.
     """
     with _own_folder(path, mark) as own:
         yield own

@@ -30,16 +30,8 @@ _BISECTIONS = 200  # at most; bisection stops when the ends are neighbouring flo
 
 @dataclass(frozen=True)
 class RestPoint:
-    """An elongation at which the force at rest vanishes.
-
-    Attributes
-    ----------
-    d : float
-        Elongation in m.
-    stiffness : float
-        Derivative of the force there in N/m.
-    well : bool
-        Whether the potential has a minimum there, rather than a maximum or an inflection point.
+    """An elongation `d` in m at which the force at rest vanishes, its `stiffness` there in N/m, and whether the potential
+    has a minimum there: a `well`, rather than a maximum or an inflection point.
     """
 
     d: float

@@ -32,29 +32,11 @@ BEYOND = 0.08  # of the visited range, shown on both sides of it
 
 @dataclass(frozen=True, eq=False)
 class ForceCurve:
-    """The elastic force f(d, 0) of one link over its elongation d.
-
-    Attributes
-    ----------
-    link : Link
-        The identified link.
-    identified : bool
-        Whether one of its coefficients was unknown.
-    d : array of shape (G,)
-        Elongations in m, from below to above the visited range.
-    force, lower, upper : array of shape (G,)
-        Force in N and its 95 % band; NaN where no interval can be trusted.
-    visited : tuple of float
-        Range of the elongations in the record, in m.
-    wells : tuple of float
-        Stable equilibria in m.
-    true : array of shape (G,) or None
-        The true force in N, where known.
-    sample_d, sample_force : array of shape (P,)
-        Elongations in m and forces in N less the identified damping and memory, at samples of the record; empty where no
-        force is known.
-    samples_are_true : bool
-        Whether these forces are simulated rather than measured.
+    """The elastic force f(d, 0) in N of one link over G elongations `d` in m, from below to above the range `visited` in
+    the record, with its 95 % band from `lower` to `upper`, NaN where no interval can be trusted. `identified` says whether
+    a coefficient was unknown, `wells` are stable equilibria in m, and `true` is the true force where it is known.
+    `sample_d` and `sample_force` (P,) are forces at samples less the identified damping and memory, empty where none is
+    known, and simulated rather than measured if `samples_are_true`.
     """
 
     link: Link
@@ -102,26 +84,8 @@ class ForceCurve:
 
 
 def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -> ForceCurve:
-    """Elastic force of an identified link.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The estimate.
-    name : str
-        Name of the link.
-    truth : Structure, optional
-        The true structure; by default that of a simulated record.
-
-    Returns
-    -------
-    ForceCurve
-        The curve.
-
-    Raises
-    ------
-    StructureError
-        If there is no such link.
+    """Elastic force of an identified link, beside that of `truth`, which is the true structure of a simulated record by
+    default.
     """
     link = estimate.link(name)
     low, high = link.d_range
@@ -191,16 +155,8 @@ def _frame(curves: list[Floats]) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class ForceLoop:
-    """Force of a link at the N samples of the first record.
-
-    Attributes
-    ----------
-    d, v, identified : array of shape (N,)
-        Elongation in m, rate in m/s and identified force in N.
-    measured : array of shape (N,) or None
-        The force in N that a load cell showed, less its offset.
-    step : float
-        Sampling interval in s.
+    """Force of a link at the N samples of the first record, a `step` in s apart: elongations `d` in m, rates `v` in m/s,
+    the `identified` force in N, and the one that a load cell `measured`, less its offset, or None.
     """
 
     d: Floats
@@ -397,16 +353,8 @@ _TWO = 2.0  # standard errors of a mean, between which noise leaves 95 % of them
 
 @dataclass(frozen=True, eq=False)
 class MeanResiduals:
-    """Means in parts of the range with equally many samples.
-
-    Attributes
-    ----------
-    place : array of shape (P,)
-        Mean motion in each part, in its unit.
-    mean : array of shape (P,)
-        Mean residuals, in standard deviations of the noise.
-    by_chance : array of shape (P,)
-        What white noise alone leaves in 95 % of the parts, to both sides of zero.
+    """Mean residuals (P,) in standard deviations of the noise over the mean motion, the `place`, in P parts of its range
+    with equally many samples; white noise alone leaves at most `by_chance` in 95 % of the parts, to both sides of zero.
     """
 
     place: Floats

@@ -52,18 +52,7 @@ from linkwise.verdict import STATUSES, Verdict, is_trusted, status_of
 
 
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
-    """A coefficient as plain data.
-
-    Parameters
-    ----------
-    coefficient : CoefficientEstimate
-        The coefficient.
-
-    Returns
-    -------
-    dict
-        Value, unit and, of unknown ones, standard error and interval.
-    """
+    """A coefficient as plain data: value, unit and, of unknown ones, standard error and interval."""
     document: dict[str, Any] = {
         "value": coefficient.value,
         "unit": coefficient.unit,
@@ -84,18 +73,8 @@ def _derived(quantity: DerivedQuantity) -> dict[str, Any]:
 
 
 def link_document(link: LinkEstimate) -> dict[str, Any]:
-    """A link as plain data.
-
-    Parameters
-    ----------
-    link : LinkEstimate
-        The link.
-
-    Returns
-    -------
-    dict
-        Name, ends, law, the rates and units of its states, coefficients and ranges, and wells, in-well frequencies and barrier
-        where there are any.
+    """A link as plain data: name, ends, law, the rates and units of its states, coefficients and ranges, and wells,
+    in-well frequencies and barrier where there are any.
     """
     document: dict[str, Any] = {
         "name": link.link.name,
@@ -119,19 +98,8 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
 
 
 def mode_document(mode: LinkEstimate, shapes: Sequence[CoefficientEstimate] = ()) -> dict[str, Any]:
-    """A mode of a host as plain data.
-
-    Parameters
-    ----------
-    mode : LinkEstimate
-        The mode.
-    shapes : sequence of CoefficientEstimate, optional
-        Shapes that were estimated, of all modes.
-
-    Returns
-    -------
-    dict
-        Its name, frequency and damping, and where shapes were estimated those of the mode, by point.
+    """A mode of a host as plain data: name, frequency and damping, and where `shapes` of modes were estimated its own, by
+    point.
     """
     coefficients = {c.name.key: coefficient_document(c) for c in mode.coefficients}
     own = {

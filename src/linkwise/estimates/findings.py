@@ -25,21 +25,9 @@ _OF_THE_TIME = 0.01
 
 
 def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[CoefficientEstimate]:
-    """Coefficients that are negative by more than their interval and whose force alone would then supply energy at all times.
-
-    Such are those of dampers and friction: a positive one opposes the motion everywhere.
-
-    Parameters
-    ----------
-    link : LinkEstimate
-        The link.
-    d, v : array of shape (R,)
-        Elongations in m and rates in m/s.
-
-    Yields
-    ------
-    CoefficientEstimate
-        The coefficient.
+    """Coefficients that are negative by more than their interval and whose force alone would then supply energy at all
+    times, at elongations `d` in m and rates `v` in m/s (R,). Such are those of dampers and friction: a positive one
+    opposes the motion everywhere.
     """
     law, values = link.link.law, {**link.link.values, **link.link.zero_states}
     moving, resting = (law.partials(d, rate, values).by_coefficient for rate in (v, np.zeros_like(v)))
@@ -53,19 +41,8 @@ def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[Co
 
 
 def supplying_time(link: LinkEstimate, d: Floats, v: Floats) -> float:
-    """Part of the time that a link as a whole supplies energy to the motion, by more than its intervals.
-
-    Parameters
-    ----------
-    link : LinkEstimate
-        The link.
-    d, v : array of shape (R,)
-        Elongations in m and rates in m/s.
-
-    Returns
-    -------
-    float
-        From 0 to 1; 0 without intervals, with memory, and where it is less than a hundredth of the time.
+    """Part of the time, from 0 to 1, that a link as a whole supplies energy to the motion `d` in m and `v` in m/s (R,), by
+    more than its intervals; 0 without intervals, with memory, and below a hundredth.
     """
     if link.covariance is None or not link.free or link.link.law.states:
         return 0.0
@@ -76,23 +53,8 @@ def supplying_time(link: LinkEstimate, d: Floats, v: Floats) -> float:
 
 
 def supplied_power(link: Link, free: Sequence[str], covariance: Floats, d: Floats, v: Floats) -> float | None:
-    """Mean power that a link supplies to the motion, where that is significant.
-
-    Parameters
-    ----------
-    link : Link
-        The link, all coefficients numbers.
-    free : sequence of str
-        Names of its q unknown coefficients.
-    covariance : array of shape (q, q)
-        Their covariance.
-    d, v : array of shape (R,)
-        Elongations in m and rates in m/s.
-
-    Returns
-    -------
-    float or None
-        Mean power in W; None unless it is above three standard errors.
+    """Mean power in W that a link supplies to the motion `d` in m and `v` in m/s (R,); None unless it is above three
+    standard errors, by the `covariance` (q, q) of its `free` coefficients.
     """
     powers, slopes_in_time = _dissipated(link, free, d, v)
     power, slopes = float(np.mean(powers)), np.mean(slopes_in_time, axis=1)
@@ -116,21 +78,8 @@ _COLLINEAR = 0.995  # correlation from which only a combination of two coefficie
 
 
 def bound_findings(parameters: Sequence[Parameter], free: Bools, structure: Structure) -> Iterator[str]:
-    """Which unknowns were stopped by their bounds.
-
-    Parameters
-    ----------
-    parameters : sequence of Parameter
-        The unknowns.
-    free : array of bool, shape (p,)
-        False for those at a bound.
-    structure : Structure
-        Their structure.
-
-    Yields
-    ------
-    str
-        A sentence, with the named law that has no such bound where there is one.
+    """Sentences on the unknowns that their bounds stopped, where `free` (p,) is False, with the named law that has no such
+    bound where there is one.
     """
     for parameter, is_free in zip(parameters, free, strict=True):
         if not is_free:
@@ -147,22 +96,7 @@ def bound_findings(parameters: Sequence[Parameter], free: Bools, structure: Stru
 def findings_of_links(
     links: Sequence[tuple[int, LinkEstimate]], supplies: Mapping[str, float], motion: LinkMotion
 ) -> Iterator[str]:
-    """What there is to say of links.
-
-    Parameters
-    ----------
-    links : sequence of (int, LinkEstimate)
-        The links, with their numbers.
-    supplies : mapping of str to float
-        Mean power in W that a link supplies to the motion, where that is significant.
-    motion : LinkMotion
-        Their motion.
-
-    Yields
-    ------
-    str
-        A sentence.
-    """
+    """Sentences on links, which are given with their numbers, from the mean power in W that some supply to the motion."""
     for _, link in links:
         yield from link_findings(link, supplies.get(link.link.name))
     for number, link in links:
@@ -170,20 +104,7 @@ def findings_of_links(
 
 
 def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
-    """Findings on one identified link.
-
-    Parameters
-    ----------
-    link : LinkEstimate
-        The link.
-    supply : float or None
-        Mean power in W that it supplies to the motion, where that is significant.
-
-    Yields
-    ------
-    str
-        A sentence.
-    """
+    """Sentences on one identified link, which supplies a significant mean power in W to the motion, or None."""
     for find in FINDINGS.values():
         yield from find(link)
     if supply is not None:
@@ -194,19 +115,8 @@ def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
 
 
 def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
-    """That a link as a whole supplies energy during a part of its motion, and which of its coefficients are negative there.
-
-    Parameters
-    ----------
-    link : LinkEstimate
-        The link.
-    d, v : array of shape (R,)
-        Elongations in m and rates in m/s in the record.
-
-    Yields
-    ------
-    str
-        A sentence for each negative coefficient, or one for the link.
+    """Sentences on a link that supplies energy during a part of its motion `d` in m and `v` in m/s (R,): one for each
+    coefficient that is negative there, or one for the link.
     """
     negative = tuple(active_coefficients(link, d, v))
     part = supplying_time(link, d, v)

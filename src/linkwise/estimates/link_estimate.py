@@ -342,19 +342,8 @@ class LinkMotion:
 
 
 def extremes(d: Floats, deviation: Floats | float = 0.0) -> Floats:
-    """Ranges of elongations, corrected for noise.
-
-    Parameters
-    ----------
-    d : array of shape (N, L)
-        Elongations in m.
-    deviation : array of shape (L,) or float, optional
-        Standard deviations of their noise; the range is narrowed by two of them at both ends.
-
-    Returns
-    -------
-    array of shape (L, 2)
-        Smallest and largest elongation in m.
+    """Smallest and largest elongation (L, 2) in m of `d` (N, L), narrowed at both ends by two standard deviations of the
+    noise (L,).
     """
     low, high = np.nanmin(d, axis=0), np.nanmax(d, axis=0)
     inward = np.minimum(2.0 * np.asarray(deviation), 0.5 * (high - low))

@@ -26,18 +26,7 @@ _HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 @as_text.register
 def text_table(estimate: Estimate) -> str:
-    """The whole estimate as text.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The estimate.
-
-    Returns
-    -------
-    str
-        Trust, noise, coefficients and findings, for `print`.
-    """
+    """The whole estimate as `print` shows it: trust, noise, coefficients and findings."""
     blocks = [_verdict(estimate), _noise(estimate)]
     unknown = [mass for mass in estimate.masses if not mass.known]
     if unknown:

@@ -95,19 +95,10 @@ class Program:
         )
 
     def into(self, arrays: Sequence[Floats], out: Sequence[Floats]) -> list[Operation]:
-        """The operations that evaluate the program again and again: on what `arrays` hold by then, into `out`.
-
-        Parameters
-        ----------
-        arrays : sequence of arrays
-            One per name of `inputs`. Those that are not `wide` are read now, the others whenever the operations are done.
-        out : sequence of arrays
-            One per output, of the broadcast shape of `arrays`, overwritten; none shares memory with an input or with another.
-
-        Returns
-        -------
-        list of callables
-            To be called in this order, where floating-point warnings are ignored.
+        """The operations that evaluate the program again and again, to be called in this order where floating-point
+        warnings are ignored: on what `arrays` hold by then, into `out`. One array per name of `inputs`: those that are not
+        `wide` are read now, the others whenever the operations are done. One per output in `out`, of the broadcast shape
+        of `arrays`, overwritten; none shares memory with an input or with another.
         """
         slots: list[Any] = [*arrays, *self._slots]
         copied = []

@@ -43,16 +43,8 @@ SHARED_BLOCKS = 1.0 + 2.0 / 36.0
 
 @dataclass(frozen=True, eq=False)
 class Spectrogram:
-    """One-sided spectral densities of blocks that overlap by half.
-
-    Attributes
-    ----------
-    frequency : array of shape (F,)
-        Frequencies in Hz.
-    time : array of shape (B,)
-        Middles of the blocks in s from the first sample.
-    power : array of shape (B, F)
-        Spectral densities in the squared unit of the samples per Hz.
+    """One-sided spectral densities (B, F) in the squared unit of the samples per Hz, of B blocks that overlap by half,
+    with their middles `time` in s from the first sample, at F frequencies in Hz.
     """
 
     frequency: Floats
@@ -78,21 +70,9 @@ class Spectrogram:
 
 @dataclass(frozen=True, eq=False)
 class Coherence:
-    """The part of the power of one channel that follows linearly from another.
-
-    Attributes
-    ----------
-    frequency : array of shape (F,)
-        Frequencies in Hz.
-    values : array of shape (F,)
-        From 0 to 1; 0 where a channel has no power.
-    by_chance : float
-        What independent noise exceeds in one of 20 frequencies; 1 where there is only one block.
-
-    References
-    ----------
-    G. C. Carter, C. H. Knapp, A. H. Nuttall, "Estimation of the magnitude-squared coherence function via overlapped fast
-    Fourier transform processing", IEEE Transactions on Audio and Electroacoustics 21 (1973), 337-344.
+    """The part (F,) of the power of one channel that follows linearly from another, 0 where a channel has no power, and
+    what independent noise exceeds in one of 20 frequencies `by_chance`; 1 where there is only one block. G. C. Carter, C.
+    H. Knapp, A. H. Nuttall, IEEE Transactions on Audio and Electroacoustics 21 (1973), 337-344.
     """
 
     frequency: Floats

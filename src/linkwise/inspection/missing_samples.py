@@ -122,18 +122,7 @@ def _clipped(
 
 
 def marked_samples(record: Record) -> dict[str, int]:
-    """How many samples of each channel `mark_missing` marked, by the notes of the record.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    dict of str to int
-        By the names of the channels of which it marked any.
-    """
+    """How many samples `mark_missing` marked, by the channels of which it marked any, as the notes of the record say."""
     counts: dict[str, int] = {}
     for note in record.notes:
         channel, _, rest = note.rpartition(": ")
@@ -174,19 +163,8 @@ class EstimatedError(NamedTuple):
 def unanswered_alerts(
     records: Sequence[Record], estimated: Collection[EstimatedError] = ()
 ) -> tuple[Alert, ...]:
-    """Alerts of records that an answer does not allow for, worst first.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The records.
-    estimated : collection of EstimatedError, optional
-        Errors that are estimated with the coefficients. Samples that were marked as missing are left out in any answer.
-
-    Returns
-    -------
-    tuple of Alert
-        As of `inspect`.
+    """Alerts of records, as of `inspect`, that an answer does not allow for, worst first: neither those of errors that are
+    `estimated` with the coefficients, nor of samples marked as missing.
     """
     names = labels(tuple(records))
     marked = {name: _marked_alone(record) for name, record in zip(names, records, strict=True)}

@@ -41,27 +41,9 @@ def least_squares(
     steps: int,
     least_gain: float,
 ) -> SearchEnd:
-    """The point of the least sum of squares near a start.
-
-    Parameters
-    ----------
-    start : array of shape (p,)
-        The first point.
-    equations : callable
-        The linearised problem about a point.
-    cost : callable
-        The sum of squares at a point.
-    within : callable
-        The nearest point within the bounds.
-    steps : int
-        Largest number of steps.
-    least_gain : float
-        Part of the cost: a step that lowers it by less ends the search.
-
-    Returns
-    -------
-    SearchEnd
-        Where no step lowers the cost, the search converged if the first step promised to lower it by less than `least_gain`.
+    """The point of the least sum of squares near `start` (p,), where no step lowers the cost or one lowers it by less than
+    a part `least_gain`. It converged if the first step there promised no more than that. `equations` linearises the
+    problem about a point, `cost` is the sum of squares there, `within` the nearest point within the bounds.
     """
     point, linear, damping = start, equations(start), _FIRST_DAMPING
     for _ in range(steps):

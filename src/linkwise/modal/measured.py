@@ -53,20 +53,10 @@ class MeasuredRun:
 
 @dataclass(frozen=True, eq=False)
 class ModalMeasurement:
-    """All records of a test.
+    """All records of a test of a `host` at m points.
 
-    Attributes
-    ----------
-    host : str
-        Name of the structure that was tested.
-    points : tuple of str
-        Names of its m points, without that of the host.
-    kinds, sensed : array of int, shape (C,)
-        Of each response: 0, 1 or 2 for displacement, velocity or acceleration, and the number of its point.
-    forced : array of int, shape (P,)
-        The numbers of the points at which forces act.
-    runs : tuple of MeasuredRun
-        The records.
+    Of each response `kinds` (C,) is 0, 1 or 2 for displacement, velocity or acceleration, and `sensed` (C,) the number of
+    its point; forces act at the points `forced` (P,).
     """
 
     host: str

@@ -33,15 +33,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)  # for half a period in a
 
 
 class SampledForce:
-    """A force between its samples.
-
-    Parameters
-    ----------
-    samples : array of shape (N,)
-        The force in N.
-    step : float
-        Time between samples in s.
-    """
+    """A force in N between its samples (N,), a `step` in s apart."""
 
     def __init__(self, samples: Floats, step: float) -> None:
         self.samples, self.step = samples, step
@@ -59,19 +51,8 @@ class SampledForce:
         return bool(self.samples.any())
 
     def motion(self, frequency: float, damping: float) -> Floats:
-        """Displacement, velocity and acceleration of a mode that starts at rest.
-
-        Parameters
-        ----------
-        frequency : float
-            Its frequency in Hz.
-        damping : float
-            Its damping as a part of the critical one, below 1.
-
-        Returns
-        -------
-        array of shape (3, N)
-            The motion of its coordinate, in sqrt(kg) m, m/s and m/s2.
+        """Displacement, velocity and acceleration (3, N), in sqrt(kg) m, m/s and m/s2, of a mode that starts at rest, by
+        its frequency in Hz and its damping as a part of the critical one, below 1.
         """
         if not self._acts:
             return np.zeros((3, len(self.samples)))
@@ -82,20 +63,7 @@ class SampledForce:
         return motion
 
     def derivatives(self, frequency: float, damping: float) -> Floats:
-        """Derivatives of the motion by the logarithms of frequency and damping.
-
-        Parameters
-        ----------
-        frequency : float
-            Frequency of the mode in Hz.
-        damping : float
-            Its damping as a part of the critical one, below 1.
-
-        Returns
-        -------
-        array of shape (2, 3, N)
-            Those of displacement, velocity and acceleration.
-        """
+        """Derivatives (2, 3, N) of the `motion` by the logarithms of frequency and damping."""
         if not self._acts:
             return np.zeros((2, 3, len(self.samples)))
         s = _pole(frequency, damping)
@@ -111,37 +79,13 @@ class SampledForce:
         )
 
     def recursion(self, s: complex) -> NDArray[np.complex128]:
-        """A complex mode from rest.
-
-        Parameters
-        ----------
-        s : complex
-            Its pole in 1/s.
-
-        Returns
-        -------
-        array of complex, shape (N,)
-            z, with z' = s z + the force.
-        """
+        """The complex mode z (N,) from rest with z' = s z + the force, by its pole s in 1/s."""
         if not self._acts:
             return np.zeros(len(self.samples), dtype=complex)
         return self._filtered(s, self._gained(s, np.ones_like(_NODES)))
 
     def derivative_by_pole(self, s: complex, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Derivative of a complex mode by its pole.
-
-        Parameters
-        ----------
-        s : complex
-            The pole in 1/s.
-        z : array of complex, shape (N,)
-            The mode, as `recursion` gives it.
-
-        Returns
-        -------
-        array of complex, shape (N,)
-            The derivative.
-        """
+        """Derivative (N,) of a complex mode z, as `recursion` gives it, by its pole."""
         if not self._acts:
             return np.zeros(len(self.samples), dtype=complex)
         late = self._gained(s, 0.5 * self.step * (1.0 - _NODES))
@@ -160,23 +104,9 @@ class SampledForce:
 
 
 def free_motion(frequency: float, damping: float, step: float, count: int) -> Floats:
-    """Two free decays of a mode, a quarter of a period apart.
-
-    Parameters
-    ----------
-    frequency : float
-        Its frequency in Hz.
-    damping : float
-        Its damping as a part of the critical one, below 1.
-    step : float
-        Time between samples in s.
-    count : int
-        Number N of samples.
-
-    Returns
-    -------
-    array of shape (2, 3, N)
-        Displacement, velocity and acceleration of each, the acceleration starting at 1 m/s2 or a quarter of a period earlier.
+    """Two free decays of a mode, a quarter of a period apart, at `count` samples: displacement, velocity and acceleration
+    (2, 3, N), the acceleration starting at 1 m/s2 or a quarter of a period earlier. Frequency in Hz, damping as a part of
+    the critical one below 1, `step` in s.
     """
     s = _pole(frequency, damping)
     decay = np.exp(s * step * np.arange(count))
@@ -185,24 +115,7 @@ def free_motion(frequency: float, damping: float, step: float, count: int) -> Fl
 
 
 def free_motion_derivatives(frequency: float, damping: float, step: float, count: int) -> Floats:
-    """Derivatives of the two free decays by the logarithms of frequency and damping.
-
-    Parameters
-    ----------
-    frequency : float
-        Frequency of the mode in Hz.
-    damping : float
-        Its damping as a part of the critical one, below 1.
-    step : float
-        Time between samples in s.
-    count : int
-        Number N of samples.
-
-    Returns
-    -------
-    array of shape (2, 2, 3, N)
-        By each logarithm, of each decay, those of displacement, velocity and acceleration.
-    """
+    """Derivatives (2, 2, 3, N) of `free_motion` by the logarithms of frequency and damping."""
     s = _pole(frequency, damping)
     time = step * np.arange(count)
     decay = np.exp(s * time)
@@ -228,16 +141,8 @@ _SAME = 1e-9  # of a pole: two that lie closer are one, whose vectors do not tur
 
 @dataclass(frozen=True, eq=False)
 class ComplexModes:
-    """Complex modes of n coordinates.
-
-    Parameters
-    ----------
-    frequencies, ratios : array of shape (n,)
-        Frequencies of the coordinates in Hz and their damping as a part of the critical one.
-    pairs : sequence of (int, int)
-        Pairs of coordinates, counted from 0, that damping couples.
-    between : array
-        The entries of the damping matrix of these pairs in N s/m.
+    """Complex modes of n coordinates, from their frequencies in Hz and damping ratios (n,), and the entries in N s/m of
+    the damping matrix `between` pairs of them.
     """
 
     frequencies: Floats

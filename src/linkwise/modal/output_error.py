@@ -46,30 +46,12 @@ _SINGULAR = 1e-13  # of the scaled curvature: rounding
 
 @dataclass(frozen=True, eq=False)
 class ModalFit:
-    """The most likely modes.
-
-    Attributes
-    ----------
-    frequencies, damping : array of shape (n,)
-        In Hz, and as parts of the critical damping.
-    shapes : array of shape (n, m)
-        Mass-normalised, at the points.
-    pairs : tuple of (int, int)
-        Pairs of modes, counted from 0, whose damping matrix is not diagonal; none or all that are looked at.
-    between, sizes : array of shape (k,)
-        The entries of the damping matrix of these pairs in N s/m, and about the largest with which it dissipates.
-    covariance : array of shape (n (2 + m) + k, n (2 + m) + k)
-        Of frequency, damping and shape, mode by mode, and of `between`, where noise explains the residuals.
-    block_ratios : array of shape (n (2 + m) + k,)
-        Standard errors by the scatter between blocks of the records over those of `covariance`, at least 1.
-    sensitivities : array of shape (n (2 + m) + k,)
-        By how much the response changes with each, the others held: the root of the sum of squares in units of `noise`.
-    noise : array of shape (C,)
-        Root mean squares of the residuals.
-    residuals : tuple of array of shape (C, N)
-        Of each record, NaN where a sample is missing.
-    converged : bool
-        Whether the search converged.
+    """The most likely n modes: frequencies in Hz and damping ratios (n,), mass-normalised shapes (n, m) at the points, and
+    for `pairs` of modes whose damping matrix is not diagonal its entries `between` (k,) in N s/m, with about the largest
+    `sizes` with which it dissipates. `covariance` is of frequency, damping and shape, mode by mode, then of `between`,
+    where noise explains the residuals; `block_ratios` are standard errors by the scatter between blocks of the records
+    over those, at least 1; `sensitivities` by how much the response changes with each, the others held, in units of
+    `noise` (C,), the root mean squares of the `residuals` (C, N) of each record, NaN where a sample is missing.
     """
 
     frequencies: Floats

@@ -62,15 +62,7 @@ class _ChannelFit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Modes fitted to a test.
-
-    Parameters
-    ----------
-    measured : ModalMeasurement
-        The test.
-    logs : array of shape (n, 2)
-        Logarithms of frequencies in Hz and of damping as a part of the critical one.
-    """
+    """Modes fitted to a test at given `logs` (n, 2) of frequencies in Hz and of damping ratios."""
 
     measured: ModalMeasurement
     logs: Floats

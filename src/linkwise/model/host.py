@@ -582,25 +582,8 @@ def _refuse_clashes(
 def with_modes(
     masses: tuple[Mass, ...], links: tuple[Link, ...], hosts: tuple[Host, ...]
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
-    """Masses and links with those of the modes of hosts before them, unless they are there already.
-
-    Parameters
-    ----------
-    masses : tuple of Mass
-        The masses.
-    links : tuple of Link
-        The links.
-    hosts : tuple of Host
-        The hosts.
-
-    Returns
-    -------
-    masses : tuple of Mass
-        Modal coordinates and masses.
-    links : tuple of Link
-        Links of modes and between points.
-
-    Raises StructureError if a mass or a link has the name of a mode or a point of a host.
+    """Masses and links, with those of the modes of hosts before them unless they are there already; StructureError if one
+    has the name of a mode or a point of a host.
     """
     present = {mass.name for mass in masses}
     of_modes = {link.name for link in links if link.between == (link.name, GROUND)}

@@ -228,18 +228,7 @@ def named_law(name: str) -> NamedLaw:
 
 @lru_cache(maxsize=256)
 def named_law_of(law: Law) -> NamedLaw | None:
-    """The named law of which a law has the text and the states.
-
-    Parameters
-    ----------
-    law : Law
-        The law of a link.
-
-    Returns
-    -------
-    NamedLaw or None
-        The named law; None where the law is of one's own.
-    """
+    """The named law of which a law has the text and the states; None where the law is of one's own."""
     rates = {rate.name: rate.text for rate in law.rates}
     for named in map(NAMED_LAWS.lookup, NAMED_LAWS):
         for branches in range(1, _MOST_BRANCHES + 1) if named.branches and rates else (named.branches,):

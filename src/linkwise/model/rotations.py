@@ -28,17 +28,8 @@ _TERM = re.compile(rf"\s*([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?([^\s*+-]+)\s*")
 
 
 def row_weights(text: str) -> dict[str, float]:
-    """Factors of degrees of freedom by their names.
-
-    Parameters
-    ----------
-    text : str
-        A name, or a sum of names with factors.
-
-    Returns
-    -------
-    dict of str to float
-        The factors; the text itself with 1 where it is no such sum.
+    """Factors of degrees of freedom by name, of a name or a sum of names with factors; the text itself with 1 where it is
+    no such sum.
     """
     weights: dict[str, float] = {}
     place = 0
@@ -65,19 +56,8 @@ def unit_of_direction(name: str) -> str | None:
 
 
 def require_direction(point: str, weights: Mapping[str, float]) -> None:
-    """Check that a point moves, and that a direction of one node has the length 1.
-
-    Parameters
-    ----------
-    point : str
-        Name of the point.
-    weights : mapping of str to float
-        Factors of degrees of freedom by their names.
-
-    Raises
-    ------
-    StructureError
-        If it does not: forces and stiffnesses there would be wrong by the length and its square.
+    """Check that a point moves, and that a direction of one node has the length 1: else StructureError, as forces and
+    stiffnesses there would be wrong by the length and its square.
     """
     length = math.hypot(*weights.values())
     if length == 0.0:
@@ -94,26 +74,10 @@ def require_direction(point: str, weights: Mapping[str, float]) -> None:
 def with_units(
     host: Host, units: Mapping[str, str], directions: Mapping[str, int | str] = MappingProxyType({})
 ) -> Host:
-    """A host with the units of the displacement of some points.
+    """A host with the units "rad" or "m" of the displacement of some points.
 
-    Parameters
-    ----------
-    host : Host
-        The host.
-    units : mapping of str to str
-        ``"rad"`` or ``"m"`` by the name of the point.
-    directions : mapping of str to int or str, optional
-        What points are in a finite-element model; that of a node, such as ``"21ry"``, has one unit. By default their names.
-
-    Returns
-    -------
-    Host
-        The host.
-
-    Raises
-    ------
-    StructureError
-        If there is no such point, or another unit, or one that is not of the direction.
+    `directions` are what points are in a finite-element model, by default their names: that of a node, such as "21ry", has
+    one unit. StructureError if there is no such point, or another unit, or one that is not of the direction.
     """
     shape, rotations = host.modes[0].shape, set(host.modes[0].rotations)
     for point, unit in units.items():
@@ -172,40 +136,13 @@ def rotations_of(hosts: Iterable[Host], masses: Iterable[Mass]) -> tuple[str, ..
 
 
 def mass_in_si(given: float | str) -> tuple[float, str]:
-    """A mass in kg, or in kg m^2 where its text is a moment of inertia, and the unit of its displacement.
-
-    Parameters
-    ----------
-    given : float or str
-        A number, which is in kg, or a text with a unit.
-
-    Returns
-    -------
-    tuple of float and str
-        The mass, and ``"m"`` or ``"rad"``.
-
-    Raises
-    ------
-    LinkwiseError
-        If it is neither a number nor a quantity with a unit of mass or of inertia.
-    """
+    """A mass in kg and "m", or where its text is a moment of inertia in kg m^2 and "rad"; a number is in kg."""
     unit = ANGLE if is_inertia(given) else LENGTH
     return to_si(given, MASS_UNITS[unit]), unit
 
 
 def is_inertia(given: object) -> bool:
-    """Whether a mass is a moment of inertia: a text such as "20 g m^2", or a table with one.
-
-    Parameters
-    ----------
-    given : object
-        A number, a text or a table of these.
-
-    Returns
-    -------
-    bool
-        Whether it is.
-    """
+    """Whether a mass is a moment of inertia: a text such as "20 g m^2", or a table with one."""
     if isinstance(given, Mapping):
         return any(is_inertia(value) for value in given.values())
     if not isinstance(given, str) or not any(character.isdigit() for character in given):

@@ -41,17 +41,7 @@ _ONE = Number(1.0)
 def smooth_rates(law: Law, lag: float = 0.0) -> tuple[Expression, ...]:
     """The rates of the states of a law for an estimator; those without a slider as they are.
 
-    Parameters
-    ----------
-    law : Law
-        The law.
-    lag : float, optional
-        Time in s by which a force that slides fast may lag behind its corner: explicit steps not much longer follow it.
-
-    Returns
-    -------
-    tuple of Expression
-        The rate of each state.
+    A force that slides fast may lag by `lag` in s behind its corner: explicit steps not much longer follow it.
     """
     moving = frozenset(law.variables)
     rounded = []
@@ -64,17 +54,8 @@ def smooth_rates(law: Law, lag: float = 0.0) -> tuple[Expression, ...]:
 
 @lru_cache(maxsize=512)
 def slider_parts(law: Law) -> Program | None:
-    """What sets the states of a law, all of which are sliders: each is a stiffness times d, held within a largest size.
-
-    Parameters
-    ----------
-    law : Law
-        The law.
-
-    Returns
-    -------
-    Program or None
-        The stiffness of each state, then the largest size of each, from the coefficients; None for other laws.
+    """What sets the states of a law, all of which are sliders, each a stiffness times d held within a largest size: from
+    the coefficients all stiffnesses, then all sizes; None for other laws.
     """
     moving = frozenset(law.variables)
     stiffness, largest = [], []

@@ -360,20 +360,7 @@ _NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
 
 
 def is_angular(unit: str, kind: str) -> bool:
-    """Whether a channel of a kind in a unit is that of a rotation: an angle, its rate, or a moment.
-
-    Parameters
-    ----------
-    unit : str
-        The unit, as written.
-    kind : str
-        The kind of channel, such as ``"x"``.
-
-    Returns
-    -------
-    bool
-        Whether it is.
-    """
+    """Whether a channel of a kind such as "x" in a unit is that of a rotation: an angle, its rate, or a moment."""
     row = KINDS.get(kind)
     if row is None or not row.angular_unit:
         return False

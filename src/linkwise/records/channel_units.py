@@ -22,20 +22,7 @@ def places_of(kind: str, structure: Structure) -> tuple[str, ...]:
 
 
 def unit_in(structure: Structure, name: str) -> str:
-    """The SI unit of a channel of a structure; empty for a state without unit.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure, whose link a channel such as "state:piezo.V" belongs to, and whose point may turn.
-    name : str
-        The channel.
-
-    Returns
-    -------
-    str
-        The unit, such as "V" or "rad/s".
-    """
+    """The SI unit of a channel of a structure, such as "V" or "rad/s"; empty for a state without unit."""
     channel = Channel.parse(name)
     if channel.kind == "state":
         return structure.link(channel.link).law.state_units[channel.state].replace("?", "")
@@ -49,45 +36,16 @@ def unit_in(structure: Structure, name: str) -> str:
 
 
 def channel_unit(record: Record, name: str, structure: Structure) -> str:
-    """The SI unit of a channel of a record; empty for a state without unit.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    name : str
-        One of its channels.
-    structure : Structure
-        The structure, whose link a channel such as "state:piezo.V" belongs to.
-
-    Returns
-    -------
-    str
-        The unit, such as "V".
+    """The SI unit of a channel of a record, by the link or point of the structure that it belongs to; empty for a state
+    without unit.
     """
     record.unit(name)  # refuses a channel that the record lacks
     return unit_in(structure, name)
 
 
 def in_units_of(record: Record, structure: Structure) -> Record:
-    """A record with the units of places of a structure that turn, whose channels it may have without a unit.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure.
-
-    Returns
-    -------
-    Record
-        The record, itself where nothing turns.
-
-    Raises
-    ------
-    RecordError
-        If a channel is stated in units of a rotation and its place moves in m, or the other way round.
+    """A record with the units of places of a structure that turn, whose channels it may have without a unit; RecordError
+    if a channel is stated in units of a rotation and its place moves in m, or the other way round.
     """
     if not structure.rotations and ANGULAR_UNITS.isdisjoint(record.units.values()):
         return record

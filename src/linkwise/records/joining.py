@@ -147,18 +147,8 @@ _REGULAR = (
 
 
 def common_samples(record: Record) -> Record | None:
-    """A record at the lowest of the rates at which the motion of its masses was sampled.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    Record or None
-        The record at every so-manyth of its samples, without a filter; None where most samples that all displacements,
-        velocities and accelerations have follow one another.
+    """A record at the lowest of the rates at which the motion of its masses was sampled: every so-manyth of its samples,
+    without a filter; None where most samples that all displacements, velocities and accelerations have follow one another.
     """
     complete = np.asarray(np.isfinite(record.select(record.motions).values).all(axis=1))
     every = sampled_every(complete)

@@ -163,21 +163,11 @@ TEMPLATES.filters |= {"duration": format_duration, "two_digits": format_error}
 class ResultFolder(Generic[R]):
     """One kind of result folder, for results of one type.
 
-    Parameters
-    ----------
-    document
-        What the JSON file says of a result, with the key "method", and beside the true structure "nmse_percent" where one is
-        given. The names of the files are added to it.
-    data
-        Writes the files beside it, figures and page aside, into an empty folder.
-    figures
-        The sections with figures, by the name of their files.
-    page
-        The page as text, from the figures as `write_figures` returns them.
-    mark
-        The name of the JSON file, which marks the folder as one of this kind.
-    shown
-        What is written of a result; by default the result as it is.
+    `document` is what the JSON file `mark`, which marks the folder as one of this kind, says of a result: the key
+    "method", and beside the true structure "nmse_percent" where one is given; the names of the files are added to it.
+    `data` writes the files beside it, figures and page aside, into an empty folder. `figures` are the sections with
+    figures, by the name of their files, and `page` the page as text, from the figures as `write_figures` returns them.
+    `shown` is what is written of a result.
     """
 
     document: Callable[[R, Structure | None], dict[str, Any]]

@@ -40,23 +40,11 @@ class RelativeRecord(Record):
 
 @dataclass(frozen=True, eq=False)
 class FramedRecord:
-    """A record with responses in the coordinates of the equations.
-
-    Attributes
-    ----------
-    record : Record
-        Responses in these coordinates, named as those of masses, in the order of the original. Where the coordinates are
-        relative to the base, with forces of inertia of masses that have a value in the structure, x:base at rest, and the
-        acceleration of the coordinates as a:base.
-    names : mapping of str to Channel
-        For each response of the original its name in `record`.
-    carried : mapping of str to array of shape (2, N)
-        By name in `record` what the sensor shows beside the motion in these coordinates, and its rate; without an entry
-        where that is nothing.
-    acceleration : array of shape (N,) or None
-        Acceleration in m/s^2 of the coordinates; None for those at rest.
-    drifting : tuple of Channel
-        Responses in `record` from which an integral was taken, so that they drift.
+    """A record with responses in the coordinates of the equations, named as those of masses, in the order of the original;
+    `names` are theirs in `record`. Where the coordinates are relative to the base, it has forces of inertia of masses that
+    have a value, x:base at rest, and the acceleration of the coordinates in m/s^2 (N,), else None, as a:base. `carried`
+    (2, N) is what a sensor shows beside the motion in these coordinates, and its rate, without an entry where that is
+    nothing. From responses that are `drifting` an integral was taken.
     """
 
     record: Record
@@ -73,26 +61,10 @@ class FramedRecord:
 
 
 def framed(record: Record, structure: Structure, *, integrated: bool = False) -> FramedRecord:
-    """A record in coordinates at rest, or relative to a base of which only a velocity or an acceleration is known.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure.
-    integrated : bool
-        Whether sensors may be left with a drift, by integrals of the motion of the base.
-
-    Returns
-    -------
-    FramedRecord
-        The record itself where no channel is relative to the base and its displacement is known or not needed.
-
-    Raises
-    ------
-    IdentificationError
-        If the motion of the base is not known well enough for a channel or a link.
+    """A record in coordinates at rest, or relative to a base of which only a velocity or an acceleration is known; the
+    record itself where no channel is relative to the base and its displacement is known or not needed. Where `integrated`,
+    sensors may be left with a drift, by integrals of the motion of the base. IdentificationError if that motion is not
+    known well enough for a channel or a link.
     """
     relative = [channel for channel in record.responses if channel.relative]
     displaced = f"x:{BASE}" in record.channels
@@ -206,17 +178,8 @@ def _changed(
 
 
 def frame_acceleration(record: Record) -> Floats | None:
-    """Acceleration of the coordinates of a record.
-
-    Parameters
-    ----------
-    record : Record
-        The record, in the coordinates of `framed`.
-
-    Returns
-    -------
-    array of shape (N,) or None
-        The acceleration in m/s^2; None where they are at rest, and not in those of a base that accelerates.
+    """Acceleration (N,) in m/s^2 of the coordinates of a record that `framed` gave; None where they are at rest, and not
+    in those of a base that accelerates.
     """
     return record.channel(f"a:{BASE}") if isinstance(record, RelativeRecord) else None
 
@@ -303,20 +266,5 @@ class _BaseMotion:
 def framed_records(
     records: Sequence[Record], structure: Structure, *, integrated: bool = False
 ) -> list[Record]:
-    """The records in the coordinates of `framed`.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The records.
-    structure : Structure
-        The structure.
-    integrated : bool
-        As in `framed`.
-
-    Returns
-    -------
-    list of Record
-        The records, in their order.
-    """
+    """The records in the coordinates of `framed`."""
     return [framed(record, structure, integrated=integrated).record for record in records]

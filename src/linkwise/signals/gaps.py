@@ -167,18 +167,7 @@ _FEWEST = 4  # samples that a cubic needs
 
 
 def short_gaps_bridged(record: Record) -> Record | None:
-    """A record whose responses have their short gaps interpolated.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    Record or None
-        The record with a cubic spline in each gap of at most six samples; None where there is no such gap.
-    """
+    """A record with a cubic spline in each gap of at most six samples of its responses; None where there is no such gap."""
     values = record.values.copy()
     for name in record.responses:
         values[:, record.channels.index(name)] = _bridged(record.channel(name))
@@ -209,17 +198,8 @@ _REFLECTED = 48  # samples reflected at each end, from which a band-limited moti
 
 
 def highest_frequency(record: Record) -> float:
-    """The highest frequency in Hz at which the motion in a channel of a response exceeds its noise.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    float
-        The frequency; NaN where gaps leave no channel a complete block.
+    """The highest frequency in Hz at which the motion in a channel of a response exceeds its noise; NaN where gaps leave
+    no channel a complete block.
     """
     stated = [record.noise.get(name, np.nan) for name in record.responses]
     highest = noise_and_bandwidth(record.select(record.responses).values, record.rate, stated)[1]
@@ -227,17 +207,8 @@ def highest_frequency(record: Record) -> float:
 
 
 def is_sparse(records: Sequence[Record]) -> bool:
-    """Whether records are short, and a part of the motion in a channel has fewer than six samples a period.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        The records.
-
-    Returns
-    -------
-    bool
-        Whether 3 % of the power of a response is clearly above a sixth of the sampling rate; False for long records.
+    """Whether records are short, and 3 % of the power of a response is clearly above a sixth of the sampling rate: fewer
+    than six samples a period.
     """
     if sum(len(record) for record in records) > _MOST:
         return False
@@ -262,20 +233,9 @@ def _moves_fast(record: Record) -> bool:
 
 
 def denser(record: Record) -> tuple[Record, int]:
-    """A record with samples between those that were measured, twelve a period of the fastest motion, where it has few.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    record : Record
-        The denser record, which states the noise of its responses; the given one where it is dense or long, where samples are
-        missing, or an input does not run band-limited between its samples.
-    factor : int
-        How many times as dense it is.
+    """A record with samples between those that were measured, twelve a period of the fastest motion, and how many times as
+    dense it is; it states the noise of its responses. The given one where it is dense or long, where samples are missing,
+    or an input does not run band-limited between its samples.
     """
     if np.isnan(record.values).any() or not is_sparse([record]):
         return record, 1

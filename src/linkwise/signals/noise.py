@@ -43,19 +43,8 @@ _LOWER = 0.35  # of the power of the noise found otherwise: more may be chance
 
 
 def noise_beside_motion(samples: Floats, level: float) -> float:
-    """The power of the noise of a channel, no more than the `level` found where motion leaves cells to noise.
-
-    Parameters
-    ----------
-    samples : array of shape (N,)
-        The channel, without gaps.
-    level : float
-        The power of the noise that other cells tell.
-
-    Returns
-    -------
-    float
-        An upper bound of the power; `level` where motion does not seem to fill the band.
+    """An upper bound of the power of the noise of a channel (N,) without gaps, at most the `level` that cells without
+    motion tell, which it is where motion does not seem to fill the band.
     """
     if not _FEWEST_FOR_BANDS <= len(samples) < _MOST:
         return level
@@ -82,21 +71,9 @@ _FEWEST_FOR_KURTOSIS = 500  # differences needed to estimate a kurtosis
 
 
 def has_outliers(samples: Floats, sigma: Floats) -> bool:
-    """Whether the noise of a channel has outliers, by the kurtosis of fourth differences.
-
-    Channels without noise, and those whose differences contain as much motion as noise, are not tested.
-
-    Parameters
-    ----------
-    samples : array of shape (N, C)
-        The channels; NaN where a sample is missing.
-    sigma : array of shape (C,)
-        Standard deviations of the noise.
-
-    Returns
-    -------
-    bool
-        Whether any channel has.
+    """Whether the noise `sigma` (C,) of a channel (N, C), NaN where a sample is missing, has outliers, by the kurtosis of
+    fourth differences. Channels without noise, and those whose differences contain as much motion as noise, are not
+    tested.
     """
     differences = np.diff(samples, _ORDER, axis=0)
     squares = differences[:, sigma > 0.0] ** 2 / (_POWER * sigma[sigma > 0.0] ** 2)
@@ -112,17 +89,9 @@ def has_outliers(samples: Floats, sigma: Floats) -> bool:
 
 
 def outliers_exceed_noise(residuals: Floats) -> bool:
-    """Whether nothing but outliers makes residuals larger than the noise.
-
-    Parameters
-    ----------
-    residuals : array of shape (N, C)
-        Residuals over the standard deviations of the noise; 0 or NaN where a sample is missing.
-
-    Returns
-    -------
-    bool
-        Whether the residuals of a channel have outliers, and typical ones are no larger than the noise in any channel.
+    """Whether nothing but outliers makes residuals (N, C), over the standard deviations of the noise, larger than it:
+    those of a channel have outliers, and typical ones are no larger than the noise in any. 0 or NaN where a sample is
+    missing.
     """
     heavy_tailed = False
     for column in residuals.T:
@@ -167,19 +136,10 @@ _CHUNK = 64  # blocks transformed at once, so that they stay in the cache
 
 @dataclass(frozen=True, eq=False)
 class BlockSpectra:
-    """Power spectra of C channels in B blocks that overlap by half, 1 for white noise of variance 1.
-
-    Attributes
-    ----------
-    block : int
-        Samples in a block.
-    mean : array of shape (C, K)
-        Mean over the complete blocks, in all bins between 0 Hz and half the sampling rate.
-    counts : array of int, shape (C,)
-        Number of complete blocks.
-    cells : array of shape (C, B, G)
-        Power of each block in G groups of high bins; NaN where a sample is missing, and where the channel does not change,
-        as a display or an encoder at rest: that says nothing of its noise.
+    """Power spectra of C channels in B blocks of so many samples that overlap by half, 1 for white noise of variance 1:
+    the `mean` (C, K) over complete blocks, of which there are `counts` (C,), in all bins up to half the sampling rate, and
+    the power of each block in G groups of high bins, `cells` (C, B, G). NaN where a sample is missing, and where the
+    channel does not change, as a display or an encoder at rest: that says nothing of its noise.
     """
 
     block: int
@@ -189,51 +149,21 @@ class BlockSpectra:
 
 
 def noise_sigma(samples: ArrayLike) -> Floats:
-    """Standard deviation of the white measurement noise of channels.
-
-    Parameters
-    ----------
-    samples : array_like of shape (N, C) or (N,)
-        The channels; NaN where a sample is missing.
-
-    Returns
-    -------
-    array of shape (C,)
-        Standard deviations in the unit of the samples; NaN for a channel with fewer than two complete blocks of 20 samples
-        and, with gaps, fewer than 40 samples.
-
-    Notes
-    -----
-    Incomplete blocks, and those in which a channel does not change at all, are left out; a channel that was sampled at a lower
-    rate is judged by its own samples, and one with frequent gaps by divided differences. The standard
-    error is about 1.2 % at N = 6001, with frequent gaps 2 %, and decreases with sqrt(N). For noise that is not white, the
-    quarter of the cells with the least power determines the result.
+    """Standard deviation (C,) of the white measurement noise of channels (N, C), NaN where a sample is missing; NaN for a
+    channel with fewer than two complete blocks of 20 samples and, with gaps, fewer than 40 samples. Incomplete blocks, and
+    those in which a channel does not change at all, are left out; a channel that was sampled at a lower rate is judged by
+    its own samples, and one with frequent gaps by divided differences. The standard error is about 1.2 % at N = 6001, with
+    frequent gaps 2 %, and decreases with sqrt(N). For noise that is not white, the quarter of the cells with the least
+    power determines the result.
     """
     return _sigma(_channels(samples), None)
 
 
 def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Floats:
-    """Highest frequency at which the motion of each channel exceeds its noise.
-
-    Parameters
-    ----------
-    samples : array_like of shape (N, C) or (N,)
-        The channels; NaN where a sample is missing.
-    rate : float
-        Sampling rate in Hz.
-    sigma : array_like of shape (C,), optional
-        Standard deviations of the noise; estimated by `noise_sigma` by default.
-
-    Returns
-    -------
-    array of shape (C,)
-        Frequencies in Hz: the highest bin of the averaged spectrum with more than twice the power of the white noise; half the
-        sampling rate where motion fills the whole band, one bin where nothing exceeds the noise.
-
-    Raises
-    ------
-    RecordError
-        If a channel has no complete block of 256 samples (fewer in a short record).
+    """Highest frequency in Hz (C,) at which the motion of each channel (N, C) exceeds its noise `sigma` (C,), by default
+    that of `noise_sigma`: the highest bin of the averaged spectrum with more than twice the power of the white noise, half
+    the sampling rate where motion fills the whole band, one bin where nothing exceeds the noise. RecordError if a channel
+    has no complete block of 256 samples, fewer in a short record.
     """
     highest = noise_and_bandwidth(samples, rate, sigma)[1]
     incomplete = np.flatnonzero(np.isnan(highest))
@@ -248,23 +178,8 @@ def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -
 def noise_and_bandwidth(
     samples: ArrayLike, rate: float, stated: ArrayLike | None = None
 ) -> tuple[Floats, Floats]:
-    """Noise and bandwidth of channels from the same spectra.
-
-    Parameters
-    ----------
-    samples : array_like of shape (N, C) or (N,)
-        The channels; NaN where a sample is missing.
-    rate : float
-        Sampling rate in Hz.
-    stated : array_like of shape (C,), optional
-        Standard deviations of the noise; NaN for those to estimate.
-
-    Returns
-    -------
-    sigma : array of shape (C,)
-        As from `noise_sigma`.
-    highest : array of shape (C,)
-        As from `bandwidth`; NaN without a complete block.
+    """Noise and bandwidth (C,) of channels (N, C) from the same spectra, as from `noise_sigma`, where it is not `stated`
+    (NaN), and from `bandwidth`, NaN without a complete block.
     """
     channels = _channels(samples)
     spectra = _spectra(channels, _block(channels))
@@ -410,17 +325,8 @@ _ROUNDING = 1e-12  # of the largest sample
 
 
 def channel_noise(record: Record) -> dict[str, float]:
-    """Standard deviation of the noise of every response.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    dict of str to float
-        Standard deviations by channel in its SI unit, at least the `noise_floor` where the record does not state them.
+    """Standard deviation of the noise of every response in its SI unit, at least the `noise_floor` where the record does
+    not state it.
     """
     names = record.responses
     sigma = _deviations(record, names, record.select(names).values.T)
@@ -429,17 +335,8 @@ def channel_noise(record: Record) -> dict[str, float]:
 
 
 def noise_floor(record: Record) -> dict[str, float]:
-    """Standard deviations by response that stand for no noise, as records of simulations have none.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-
-    Returns
-    -------
-    dict of str to float
-        Standard deviations by channel in its SI unit; 0 for one whose noise the record states.
+    """Standard deviations by response, in its SI unit, that stand for no noise, as records of simulations have none; 0 for
+    one whose noise the record states.
     """
     floor: dict[str, float] = dict.fromkeys(record.responses, 0.0)
     for name in floor.keys() - record.noise.keys():
@@ -450,21 +347,8 @@ def noise_floor(record: Record) -> dict[str, float]:
 
 
 def noise_variance(record: Record, names: Sequence[str], values: Floats) -> Floats:
-    """Variance of the noise of channels.
-
-    Parameters
-    ----------
-    record : Record
-        The record, whose stated noise is used.
-    names : sequence of str
-        Names of the C channels.
-    values : array of shape (C, N)
-        Their samples.
-
-    Returns
-    -------
-    array of shape (C,)
-        Variances; 0 for a channel with too many gaps for an estimate.
+    """Variance (C,) of the noise of the named channels, whose samples are `values` (C, N), stated or estimated; 0 for one
+    with too many gaps.
     """
     return _deviations(record, names, values) ** 2
 

@@ -26,34 +26,10 @@ _SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/20
 def savitzky_golay(
     samples: ArrayLike, rate: float, *, half: int, degree: int = 5
 ) -> tuple[Floats, Floats, Floats]:
-    """Savitzky-Golay filter with derivatives.
-
-    Closer than half a window to an end, the polynomial of the first or last complete window is evaluated off its centre.
-
-    Parameters
-    ----------
-    samples : array_like of shape (N, C) or (N,)
-        The channels, without gaps.
-    rate : float
-        Sampling rate in Hz.
-    half : int
-        Samples on each side of the centre of a window.
-    degree : int, optional
-        Degree of the polynomial.
-
-    Returns
-    -------
-    value, first, second : array of shape (N, C)
-        The smoothed channels and their first and second time derivative.
-
-    Raises
-    ------
-    RecordError
-        If samples are missing, or the window is longer than the record or too short for the degree.
-
-    References
-    ----------
-    A. Savitzky and M. J. E. Golay, Anal. Chem. 36, 1627 (1964).
+    """Smoothed channels (N, C) and their first and second time derivative, by polynomials over `half` samples on each side
+    of the centre (A. Savitzky and M. J. E. Golay, Anal. Chem. 36, 1627 (1964)). Closer than half a window to an end, the
+    polynomial of the first or last complete window is evaluated off its centre. RecordError if samples are missing, or the
+    window is longer than the record or too short for the degree.
     """
     values = _columns(samples)
     length = 2 * half + 1
@@ -81,28 +57,9 @@ def savitzky_golay(
 
 
 def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> int:
-    """Half width of a Savitzky-Golay window for motion of given bandwidth.
-
-    The -3 dB cut-off is at 1.4 times the bandwidth, since the second derivative is attenuated well before the value.
-
-    Parameters
-    ----------
-    bandwidth : float
-        Highest frequency of the motion in Hz.
-    rate : float
-        Sampling rate in Hz.
-    degree : int, optional
-        Degree of the polynomial.
-
-    Returns
-    -------
-    int
-        Samples on each side of the centre.
-
-    References
-    ----------
-    R. W. Schafer, IEEE Signal Process. Mag. 28 (4), 111 (2011), Eq. (12): f_c = (degree + 1) / (3.2 half - 4.6) in half
-    sampling rates.
+    """Half width in samples of a Savitzky-Golay window for motion of given bandwidth in Hz: f_c = (degree + 1) / (3.2 half
+    - 4.6) in half sampling rates (R. W. Schafer, IEEE Signal Process. Mag. 28 (4), 111 (2011), Eq. (12)). The -3 dB
+    cut-off is at 1.4 times the bandwidth, since the second derivative is attenuated well before the value.
     """
     cut = 2 * _MARGIN * bandwidth / rate
     even = degree // 2 * 2  # by symmetry the value is smoothed as with the even degree below
@@ -111,16 +68,9 @@ def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> in
 
 @dataclass(frozen=True, eq=False)
 class SmoothingSpline:
-    """Smoothing splines of C channels: quintic B-splines with a knot at every sample.
-
-    Attributes
-    ----------
-    coefficients : array of shape (N + 4, C)
-        Coefficients of the B-splines.
-    rate : float
-        Sampling rate in Hz.
-    smoothing : array of shape (C,)
-        Weights of the penalty, from 1e-8, which interpolates, to 1e12, which passes 1/200 of the sampling rate.
+    """Smoothing splines of C channels: quintic B-splines with a knot at every sample, by their coefficients (N + 4, C),
+    and the weights of the penalty (C,), from 1e-8, which interpolates, to 1e12, which passes 1/200 of the sampling rate in
+    Hz.
     """
 
     coefficients: Floats
@@ -128,62 +78,24 @@ class SmoothingSpline:
     smoothing: Floats
 
     def value(self) -> Floats:
-        """Smoothed samples.
-
-        Returns
-        -------
-        array of shape (N, C)
-            The samples.
-        """
+        """Smoothed samples (N, C)."""
         return _stencil(self.coefficients, _VALUE)
 
     def first(self) -> Floats:
-        """First time derivative.
-
-        Returns
-        -------
-        array of shape (N, C)
-            The derivative, in units per s.
-        """
+        """First time derivative (N, C), in units per s."""
         return _stencil(self.coefficients, _SLOPE) * self.rate
 
     def second(self) -> Floats:
-        """Second time derivative.
-
-        Returns
-        -------
-        array of shape (N, C)
-            The derivative, in units per s^2.
-        """
+        """Second time derivative (N, C), in units per s^2."""
         return _stencil(self.coefficients, _CURVATURE) * self.rate**2
 
     def smoothed(self, samples: Floats) -> SmoothingSpline:
-        """Splines of other samples with the smoothing of the first channel.
-
-        Parameters
-        ----------
-        samples : array of shape (N, C)
-            The samples.
-
-        Returns
-        -------
-        SmoothingSpline
-            Their splines.
-        """
+        """Splines of other samples (N, C) with the smoothing of the first channel."""
         return smoothing_spline(samples, self.rate, smoothing=float(self.smoothing[0]))
 
     def transposed(self, by_coefficient: Floats) -> Floats:
-        """How sums over the spline of the first channel change with its samples.
-
-        Parameters
-        ----------
-        by_coefficient : array of shape (N + 4, q)
-            Derivatives of the sums by the coefficients of the B-splines.
-
-        Returns
-        -------
-        array of shape (N, q)
-            Their derivatives by the samples.
+        """How q sums over the spline of the first channel change with its samples (N, q), from their derivatives by the
+        coefficients of the B-splines (N + 4, q).
         """
         rows = len(self.coefficients)
         bands = _normal_bands(_VALUE, rows - 4) + self.smoothing[0] * _normal_bands(
@@ -203,33 +115,11 @@ class SmoothingSpline:
 
 
 def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None = None) -> SmoothingSpline:
-    """Smoothing spline, channel by channel.
-
-    It minimises sum (y - s)^2 + smoothing * sum (fourth difference of the coefficients)^2.
-
-    Parameters
-    ----------
-    samples : array_like of shape (N, C) or (N,)
-        The channels, without gaps.
-    rate : float
-        Sampling rate in Hz.
-    smoothing : float, optional
-        Weight of the penalty, from 1e-8 to 1e12. By default the one of 41 in that range that minimises the generalised
-        cross-validation score N rss / (N - trace)^2, with the trace of the smoother from its spectrum, exact up to the ends.
-
-    Returns
-    -------
-    SmoothingSpline
-        The splines.
-
-    Raises
-    ------
-    RecordError
-        If there are fewer than 16 samples, samples are missing, or the weight is out of range.
-
-    References
-    ----------
-    P. H. C. Eilers and B. D. Marx, Stat. Sci. 11, 89 (1996).
+    """Splines of channels (N, C) without gaps that minimise sum (y - s)^2 + smoothing * sum (fourth difference of the
+    coefficients)^2 (P. H. C. Eilers and B. D. Marx, Stat. Sci. 11, 89 (1996)). By default `smoothing` is the one of 41
+    from 1e-8 to 1e12 that minimises the generalised cross-validation score N rss / (N - trace)^2, with the trace of the
+    smoother from its spectrum, exact up to the ends. RecordError if there are fewer than 16 samples, samples are missing,
+    or the weight is out of range.
     """
     values = _columns(samples)
     if len(values) < 16:

@@ -141,28 +141,8 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
 
 
 def finite_differences(samples: Floats, rate: float, derivative: int, *, order: int = 4) -> Floats:
-    """Finite differences of given order, up to both ends.
-
-    Parameters
-    ----------
-    samples : array of shape (N, ...)
-        The samples.
-    rate : float
-        Sampling rate in Hz.
-    derivative : {1, 2}
-        Order of the derivative.
-    order : {2, 4, 6}, optional
-        Order of accuracy.
-
-    Returns
-    -------
-    array of shape (N, ...)
-        The derivative, in units per s or s^2.
-
-    Raises
-    ------
-    RecordError
-        If an order is not available or there are too few samples.
+    """First or second derivative, of the shape of `samples` (N, ...), in units per s or s^2, by finite differences of
+    `order` 2, 4 or 6 up to both ends; RecordError for another order or too few samples.
     """
     if order not in (2, 4, 6) or derivative not in (1, 2):
         raise RecordError(
@@ -280,20 +260,7 @@ _DEGREE = 5
 
 
 def bridged(record: Record, channel: str) -> Floats:
-    """Samples of a channel with gaps interpolated linearly, for starting values.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    channel : str
-        Name of the channel.
-
-    Returns
-    -------
-    array of shape (N,)
-        The samples.
-    """
+    """Samples (N,) of a channel with gaps interpolated linearly, for starting values."""
     values = record.channel(channel)
     missing = np.isnan(values)
     if missing.any():
@@ -303,21 +270,8 @@ def bridged(record: Record, channel: str) -> Floats:
 
 
 def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats, Floats]:
-    """Smoothed channel and its derivatives, by a Savitzky-Golay filter.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    channel : str
-        Name of the channel.
-    sigma : float
-        Standard deviation of its noise.
-
-    Returns
-    -------
-    value, first, second : array of shape (N,)
-        The channel and its first and second time derivative.
+    """A channel with noise `sigma`, smoothed, and its first and second time derivative, each (N,), by a Savitzky-Golay
+    filter.
     """
     values = bridged(record, channel)
     highest = float(bandwidth(values, record.rate, [sigma])[0])
@@ -327,24 +281,11 @@ def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats
 
 
 def integral(values: Floats, step: float) -> Floats:
-    """Cumulative integral by Simpson's rule, from the first sample.
+    """Cumulative integral (N,) by Simpson's rule, 0 at the first sample; `step` in s.
 
-    Parameters
-    ----------
-    values : array of shape (N,)
-        The samples.
-    step : float
-        Sampling interval in s.
-
-    Returns
-    -------
-    array of shape (N,)
-        The integral, 0 at the first sample.
-
-    Notes
-    -----
-    The result is that of `scipy.integrate.cumulative_simpson`, to the last digit; importing that takes longer than a fit. Each
-    interval belongs to the parabola through its ends and the sample after or before it; two samples give the trapezoidal rule.
+    It is that of `scipy.integrate.cumulative_simpson` to the last digit; importing that takes longer than a fit. Each
+    interval belongs to the parabola through its ends and the sample after or before it; two samples give the trapezoidal
+    rule.
     """
     result = np.zeros(len(values))
     if len(values) < 3:
@@ -363,20 +304,9 @@ def _first_interval(values: Floats, step: float) -> Floats:
 
 
 def drift_frequency(acceleration: Floats, rate: float) -> float:
-    """Frequency below which the integral of an acceleration is taken for drift.
-
-    Parameters
-    ----------
-    acceleration : array of shape (N,)
-        The samples.
-    rate : float
-        Sampling rate in Hz.
-
-    Returns
-    -------
-    float
-        Frequency in Hz: a part of that below which half of the power lies, so that slow structures keep their motion and a
-        weaker drift of the sensor does not count, and at most `DRIFT_FREQUENCY`.
+    """Frequency in Hz below which the integral of an acceleration (N,) is taken for drift: a part of that below which half
+    of the power lies, so that slow structures keep their motion and a weaker drift of the sensor does not count, and at
+    most `DRIFT_FREQUENCY`.
     """
     power = np.cumsum(np.abs(np.fft.rfft(acceleration - acceleration.mean())) ** 2)
     if not power[-1] > _ROUNDING * len(acceleration) * float(acceleration @ acceleration):
@@ -386,22 +316,7 @@ def drift_frequency(acceleration: Floats, rate: float) -> float:
 
 
 def highpass(values: Floats, rate: float, cutoff: float) -> Floats:
-    """High-pass filter: a Gaussian in frequency, with mirrored ends.
-
-    Parameters
-    ----------
-    values : array of shape (N,)
-        The samples.
-    rate : float
-        Sampling rate in Hz.
-    cutoff : float
-        Cut-off frequency in Hz.
-
-    Returns
-    -------
-    array of shape (N,)
-        The filtered samples.
-    """
+    """Samples (N,) without what is slower than a cut-off in Hz: a Gaussian in frequency, with mirrored ends."""
     mirrored = np.concatenate([values, values[::-1]])
     frequency = np.fft.rfftfreq(len(mirrored), 1.0 / rate)
     gain = 1.0 - np.exp(-0.5 * (frequency / cutoff) ** 2)
@@ -409,21 +324,8 @@ def highpass(values: Floats, rate: float, cutoff: float) -> Floats:
 
 
 def channel_motion(record: Record, channel: Channel, sigma: float) -> Floats:
-    """Displacement, velocity and acceleration from one channel of any of the three.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    channel : Channel
-        The channel.
-    sigma : float
-        Standard deviation of its noise.
-
-    Returns
-    -------
-    array of shape (3, N)
-        Displacement in m, velocity in m/s and acceleration in m/s^2; integrals start at 0.
+    """Displacement in m, velocity in m/s and acceleration in m/s^2 (3, N) from one channel of any of the three with noise
+    `sigma`; integrals start at 0.
     """
     kind = channel.kind
     if kind == "x":

@@ -35,22 +35,10 @@ _NEVER = 1e9  # m: an elongation that is never crossed
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
-    """The motion of W runs.
-
-    Attributes
-    ----------
-    time : array of shape (N,)
-        Times in s.
-    x, v : array of shape (N, n, W)
-        Displacements in m and velocities in m/s.
-    dissipated : array of shape (N, L, W)
-        Energy in J that each link has dissipated since the start.
-    work : array of shape (N, W)
-        Work in J of the excitation since the start.
-    crossings : tuple of tuple of array
-        For each run and link, the times in s at which it crossed one of its levels.
-    completed : array of shape (W,)
-        False for a run that diverged or took too many steps; its numbers are NaN.
+    """The motion of W runs at N times in s: displacements in m and velocities in m/s (N, n, W), the energy in J that links
+    have `dissipated` (N, L, W), the `work` (N, W) of the excitation since the start, for each run and link the times in s
+    at which it crossed one of its levels, and whether a run was `completed` (W,): one that diverged or took too many steps
+    has NaN.
     """
 
     time: Floats

@@ -26,24 +26,10 @@ from linkwise.sindy.regression.linear_system import DenseSystem, Rows, StreamedS
 
 @dataclass(frozen=True)
 class Monomials:
-    """All monomials in some variables up to an order, the constant "1" included, degree by degree.
-
-    ``len`` counts them without forming any: sum over k of C(q, k) C(order, k), k up to `mixing`, which is C(q + order, order)
-    without a limit.
-
-    Parameters
-    ----------
-    variables : tuple of str
-        Names of the q variables.
-    order : int
-        Highest degree.
-    mixing : int, optional
-        Largest number of different variables in a monomial: 1 keeps powers such as x1**3, 2 adds x1**2*v1 but not x1*v1*x2.
-
-    Raises
-    ------
-    IdentificationError
-        If `order` is negative, `mixing` is not positive or a name is listed twice.
+    """All monomials in q variables up to an order, the constant "1" included, degree by degree, with at most `mixing`
+    different variables: 1 keeps powers such as x1**3, 2 adds x1**2*v1 but not x1*v1*x2. ``len`` counts them without
+    forming any: sum over k of C(q, k) C(order, k), k up to `mixing`, which is C(q + order, order) without a limit.
+    IdentificationError if `order` is negative, `mixing` is not positive or a name is listed twice.
     """
 
     variables: tuple[str, ...]
@@ -74,17 +60,8 @@ class Monomials:
         return tuple(_product(self.variables, chosen) for degree in self._degrees for chosen in degree)
 
     def evaluate(self, values: Floats) -> Floats:
-        """Evaluate all monomials, each as one product of a variable and a monomial of lower degree.
-
-        Parameters
-        ----------
-        values : array of shape (B, q)
-            Values of the variables.
-
-        Returns
-        -------
-        array of shape (B, p)
-            The columns, in Fortran order.
+        """All p monomials (B, p) at values of the variables (B, q), in Fortran order, each as one product of a variable
+        and a monomial of lower degree.
         """
         columns = np.empty((len(self), len(values)))
         columns[0] = 1.0
@@ -136,17 +113,8 @@ class Monomials:
 
 
 def tags(masses: tuple[str, ...]) -> tuple[str, ...]:
-    """Suffixes of x and v in the names of states.
-
-    Parameters
-    ----------
-    masses : tuple of str
-        Names of the masses.
-
-    Returns
-    -------
-    tuple of str
-        The numbers of m1, m2, ... where all names have this form, else "_" and the whole name.
+    """Suffixes of x and v in the names of states: the numbers of m1, m2, ... where all names have this form, else "_" and
+    the whole name.
     """
     numbered = all(mass[:1] == "m" and mass[1:].isdecimal() for mass in masses)
     return tuple(mass[1:] if numbered else f"_{mass}" for mass in masses)

@@ -235,22 +235,8 @@ _ROUNDING = 1e-9  # of the largest coefficient of an equation: what cancels but 
 
 
 def true_monomials(structure: Structure) -> set[tuple[str, str]]:
-    """The monomials with a coefficient that is not 0, each beside its equation: ("x1''", "x1**2*v2").
-
-    Parameters
-    ----------
-    structure : Structure
-        Masses on links without memory, every coefficient a number.
-
-    Returns
-    -------
-    set of (str, str)
-        Equations and columns by the names that `monomial_equations` gives them. Applied forces are none of them.
-
-    Raises
-    ------
-    IdentificationError
-        If a law is not a polynomial.
+    """The monomials with a coefficient that is not 0, each beside its equation, as ("x1''", "x1**2*v2"), by the names of
+    `monomial_equations`; applied forces are none of them. IdentificationError if a law is not a polynomial.
     """
     names = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
     ends = {**names, BASE: "b"}

@@ -288,22 +288,12 @@ _MOST_STEPS = 4000  # predictions one step ahead
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """N samples of C responses as a structure predicts them.
+    """N samples of C responses as a structure predicts them, (N, C) in SI units, NaN where nothing is predicted.
 
-    Attributes
-    ----------
-    predicted : array of shape (N, C)
-        In SI units; NaN where nothing is predicted.
-    by_state, by_coefficients, by_laws : array of shape (N, C)
-        Variances of it: from the state at the start, the coefficients, and the stated error of the laws.
-    d, v : array of shape (N, L)
-        Elongations in m and their rates in m/s along the predicted motion.
-    starts : int
-        Number of independent states from which it runs.
-    window : float or None
-        Time in s that each window predicts; None for one free run.
-    horizon : float or None
-        Time in s after the burn at which one run is lost in the growth of the error of its state; None if it is not.
+    `by_state`, `by_coefficients` and `by_laws` (N, C) are variances of it from the state at the start, the coefficients
+    and the stated error of the laws; `d` in m and `v` in m/s (N, L) the motion of the links. It runs from `starts`
+    independent states, each for a `window` in s, or None for one free run, which the growth of the error of its state
+    hides a `horizon` in s after the burn, or never.
     """
 
     predicted: Floats

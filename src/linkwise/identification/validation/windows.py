@@ -36,24 +36,11 @@ _NUMBERS = 8_000_000  # in the sensitivities of one batch of windows
 
 @dataclass(frozen=True, eq=False)
 class WindowPrediction:
-    """K windows of M samples and C channels.
-
-    Attributes
-    ----------
-    predicted : array of shape (M, C, K)
-        What the sensors would show, in SI units.
-    by_state, by_coefficients : array of shape (M, C, K)
-        Variance of it from the fitted state and from the coefficients.
-    by_laws : array of shape (M, C, K)
-        Variance of it from the stated error of the laws.
-    motion : array of shape (M, 2, n, K)
-        Displacements in m and velocities in m/s of the masses.
-    state : array of shape (2 n + S, K)
-        State at the first sample: in m and m/s, then the states of links in their SI units.
-    state_root : array of shape (K, 2 n + S, 2 n + S)
-        Root R of the covariance R R' of the state.
-    state_by_coefficients : array of shape (K, 2 n + S, p)
-        How the fitted state follows a change of the coefficients.
+    """K windows of M samples and C channels: what the sensors would show (M, C, K) in SI units, and variances of it from
+    the fitted state, the coefficients and the stated error of the laws. `motion` (M, 2, n, K) are displacements in m and
+    velocities in m/s, `state` (2 n + S, K) is that at the first sample, the states of links last, `state_root` (K, 2 n +
+    S, 2 n + S) the root R of its covariance R R', and `state_by_coefficients` (K, 2 n + S, p) how it follows the
+    coefficients.
     """
 
     predicted: Floats
@@ -68,22 +55,9 @@ class WindowPrediction:
 
 @dataclass(frozen=True, eq=False)
 class WindowPredictor:
-    """Predicts windows of one record by one structure.
-
-    Parameters
-    ----------
-    record : Record
-        The record; responses of masses of the structure, and its inputs.
-    structure : Structure
-        The structure: numbers, and the p uncertain coefficients as unknowns.
-    values : array of shape (p,)
-        Their values.
-    root : array of shape (p, r)
-        Root of their covariance.
-    sigma : array of shape (C,)
-        Noise of the responses.
-    law_error : float
-        Part of the forces of the links that the laws leave, by root mean squares.
+    """Predicts windows of one record by a structure whose p uncertain coefficients are unknowns with `values` (p,) and a
+    `root` (p, r) of their covariance. `sigma` (C,) is the noise of the responses, `law_error` the part of the forces of
+    the links that the laws leave, by root mean squares.
     """
 
     record: Record

@@ -14,18 +14,7 @@ _RIDGE = 1e-14  # added to the unit diagonal of dependent columns
 
 
 def cholesky(block: Floats) -> CholeskyFactor | None:
-    """Cholesky factor of a Gram matrix of unit columns.
-
-    Parameters
-    ----------
-    block : array of shape (p, p)
-        The matrix.
-
-    Returns
-    -------
-    CholeskyFactor or None
-        The factor; None where the columns are dependent.
-    """
+    """Cholesky factor of a Gram matrix (p, p) of unit columns; None where the columns are dependent."""
     try:
         factor: CholeskyFactor = cho_factor(block, lower=True, check_finite=False)
     except LinAlgError:
@@ -34,17 +23,8 @@ def cholesky(block: Floats) -> CholeskyFactor | None:
 
 
 def ridged(block: Floats) -> CholeskyFactor:
-    """Cholesky factor of a Gram matrix with the smallest ridge that makes it definite.
-
-    Parameters
-    ----------
-    block : array of shape (p, p)
-        The matrix, of unit columns.
-
-    Returns
-    -------
-    CholeskyFactor
-        The factor; without a ridge where the columns are independent.
+    """Cholesky factor of a Gram matrix (p, p) of unit columns with the smallest ridge that makes it definite, none where
+    the columns are independent.
     """
     factor, ridge = cholesky(block), _RIDGE
     while factor is None:
@@ -53,17 +33,8 @@ def ridged(block: Floats) -> CholeskyFactor:
 
 
 def vanishing(block: Floats) -> Floats:
-    """Null vector of the Gram matrix of dependent columns, by inverse iteration.
-
-    Parameters
-    ----------
-    block : array of shape (p, p)
-        The matrix, of unit columns.
-
-    Returns
-    -------
-    array of shape (p,)
-        The combination of columns that vanishes up to rounding, its largest entry 1.
+    """The combination (p,) of dependent columns that vanishes up to rounding, its largest entry 1, by inverse iteration on
+    their Gram matrix (p, p), of unit columns.
     """
     combination = np.random.default_rng(0).normal(size=len(block))
     for _ in range(3):

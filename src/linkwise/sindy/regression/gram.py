@@ -35,20 +35,8 @@ from linkwise.sindy.regression.linear_system import LinearSystem
 
 @dataclass(frozen=True, eq=False)
 class AnchoredSums:
-    """Sums over R rows about an anchor, for scaled columns.
-
-    Attributes
-    ----------
-    rows : int
-        Number of rows R.
-    matrix : array of shape (p, p)
-        A'A.
-    slope : array of shape (p, T)
-        A'(b - A anchor).
-    squares : array of shape (T,)
-        ||b - A anchor||^2.
-    norms : array of shape (T,)
-        ||b||.
+    """Sums over R rows about an anchor, for scaled columns: `matrix` A'A (p, p), `slope` A'(b - A anchor) (p, T),
+    `squares` ||b - A anchor||^2 and `norms` ||b|| (T,).
     """
 
     rows: int
@@ -58,56 +46,19 @@ class AnchoredSums:
     norms: Floats
 
     def shifted(self, change: Floats) -> AnchoredSums:
-        """The same sums about another anchor.
-
-        Parameters
-        ----------
-        change : array of shape (p, T)
-            Change of the anchor.
-
-        Returns
-        -------
-        AnchoredSums
-            The sums about the new anchor.
-        """
+        """The same sums about an anchor that differs by `change` (p, T)."""
         product = dsymm(1.0, self.matrix, change, lower=1)
         squares = np.maximum(self.squares + np.sum(change * (product - 2 * self.slope), axis=0), 0.0)
         return AnchoredSums(self.rows, self.matrix, self.slope - product, squares, self.norms)
 
     def squares_at(self, change: Floats, target: int) -> float:
-        """Sum of squared residuals away from the anchor.
-
-        Parameters
-        ----------
-        change : array of shape (p,)
-            Difference from the anchor.
-        target : int
-            Index of the target.
-
-        Returns
-        -------
-        float
-            ||b - A (anchor + change)||^2 of the target.
-        """
+        """Sum of squared residuals ||b - A (anchor + change)||^2 of a target, at a `change` (p,) of the anchor."""
         product = dsymv(1.0, self.matrix, change, lower=1)
         return max(float(self.squares[target] + change @ (product - 2 * self.slope[:, target])), 0.0)
 
     def restricted(self, retained: Indices, change: Floats, target: int) -> AnchoredSums:
-        """Sums of some columns and one target about an anchor that is zero in the other columns.
-
-        Parameters
-        ----------
-        retained : array of shape (k,)
-            Indices of the columns.
-        change : array of shape (p,)
-            Change of the anchor.
-        target : int
-            Index of the target.
-
-        Returns
-        -------
-        AnchoredSums
-            The sums of k columns and one target.
+        """Sums of k `retained` columns and one target about an anchor, changed by `change` (p,), that is zero in the other
+        columns.
         """
         product = dsymv(1.0, self.matrix, change, lower=1)
         slope = self.slope[:, target]
@@ -128,17 +79,7 @@ _FEWEST = 25  # rows below which none are held out: validation needs five
 
 
 class Products(NamedTuple):
-    """Products over some rows.
-
-    Attributes
-    ----------
-    matrix : array of shape (p, p)
-        A'A.
-    moments : array of shape (p, T)
-        A'b.
-    squares : array of shape (T,)
-        ||b||^2.
-    """
+    """Products over some rows: `matrix` A'A (p, p), `moments` A'b (p, T) and `squares` ||b||^2 (T,)."""
 
     matrix: Floats
     moments: Floats
@@ -146,33 +87,14 @@ class Products(NamedTuple):
 
 
 class ResidualProducts(NamedTuple):
-    """Products of residuals over some rows.
-
-    Attributes
-    ----------
-    squares : array of shape (T,)
-        ||b - A c||^2.
-    slope : array of shape (p, T)
-        A'(b - A c).
-    """
+    """Products of residuals over some rows: `squares` ||b - A c||^2 (T,) and `slope` A'(b - A c) (p, T)."""
 
     squares: Floats
     slope: Floats
 
 
 def held_out_rows(rows: int) -> Bools:
-    """Rows that are held out for validation.
-
-    Parameters
-    ----------
-    rows : int
-        Number of rows R.
-
-    Returns
-    -------
-    array of bool, shape (R,)
-        True in the middle one of every five runs; nowhere for fewer than 25 rows.
-    """
+    """True (R,) for rows that are held out for validation: the middle one of every five runs; none of fewer than 25 rows."""
     if rows < _FEWEST:
         return np.zeros(rows, dtype=bool)
     run = np.arange(rows) * min(_RUNS, rows - rows % _ONE_IN) // rows
@@ -180,17 +102,8 @@ def held_out_rows(rows: int) -> Bools:
 
 
 def products(system: LinearSystem) -> list[Products]:
-    """Products of the rows for training, and of those held out where there are any.
-
-    Parameters
-    ----------
-    system : LinearSystem
-        The equations.
-
-    Returns
-    -------
-    list of Products
-        One or two parts; one symmetric rank-k update per block of rows.
+    """Products of the rows for training, and of those held out where there are any; one symmetric rank-k update per block
+    of rows.
     """
     columns, targets = len(system.names), len(system.targets)
     parts = [
@@ -217,20 +130,7 @@ def products(system: LinearSystem) -> list[Products]:
 
 
 def residual_products(system: LinearSystem, coefficients: Floats) -> list[ResidualProducts]:
-    """Products of the residuals of given coefficients, computed from the rows themselves.
-
-    Parameters
-    ----------
-    system : LinearSystem
-        The equations.
-    coefficients : array of shape (p, T)
-        The coefficients c.
-
-    Returns
-    -------
-    list of ResidualProducts
-        In the parts of `products`.
-    """
+    """Products of the residuals of coefficients c (p, T), computed from the rows themselves, in the parts of `products`."""
     parts = [
         ResidualProducts(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
         for _ in range(1 + bool(held_out_rows(system.rows).any()))
@@ -243,13 +143,7 @@ def residual_products(system: LinearSystem, coefficients: Floats) -> list[Residu
 
 
 def mirror(matrix: Floats) -> None:
-    """Copy the lower triangle of a square matrix to its upper one in place, in tiles that fit in the cache.
-
-    Parameters
-    ----------
-    matrix : array of shape (p, p)
-        The matrix, overwritten.
-    """
+    """Copy the lower triangle of a square matrix to its upper one in place, in tiles that fit in the cache."""
     edges = range(0, len(matrix), _TILE)
     for row in edges:
         for column in range(0, row, _TILE):
@@ -260,23 +154,9 @@ def mirror(matrix: Floats) -> None:
 
 
 def blas_product(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
-    """rows @ right, or rows.T @ right, by SciPy's BLAS.
+    """`rows` (B, p) @ `right` (p, T), or rows.T @ right (B, T) if `transposed`, by SciPy's BLAS.
 
     NumPy links a BLAS of its own; threads of the two libraries that wait for work would slow each other down.
-
-    Parameters
-    ----------
-    rows : array of shape (B, p)
-        In C or Fortran order.
-    right : array of shape (p, T), or (B, T) if transposed
-        The right factor.
-    transposed : bool, optional
-        Multiply by the transpose of `rows`.
-
-    Returns
-    -------
-    array of shape (B, T), or (p, T) if transposed
-        The product.
     """
     if rows.flags.c_contiguous:
         return np.asarray(dgemm(1.0, rows.T, right, trans_a=not transposed))
@@ -298,29 +178,10 @@ _ROUNDING = 1e-13  # a residual this far below its target cannot be refined
 def anchored_solution(
     system: LinearSystem, factor: CholeskyFactor, moments: Floats, inverse: Floats, norms: Floats
 ) -> tuple[Floats, Floats, list[ResidualProducts]]:
-    """Least squares solution by iterative refinement.
-
-    Parameters
-    ----------
-    system : LinearSystem
-        The equations.
-    factor : CholeskyFactor
-        Factor of the Gram matrix of scaled columns, with a ridge where they are dependent.
-    moments : array of shape (p, T)
-        A'b in scaled columns.
-    inverse : array of shape (p,)
-        1 / ||A_j||; zero for columns that are zero throughout.
-    norms : array of shape (T,)
-        ||b||.
-
-    Returns
-    -------
-    anchor : array of shape (p, T)
-        An approximate solution, in scaled coefficients.
-    change : array of shape (p, T)
-        A last correction, not applied.
-    products : list of ResidualProducts
-        Products of the residuals of `anchor`, in the parts of `products`.
+    """Least squares solution by iterative refinement in scaled coefficients: an approximate one, the anchor (p, T), a last
+    correction that is not applied, and the products of the residuals of the anchor in the parts of `products`. `factor` is
+    that of the Gram matrix of scaled columns, with a ridge where they are dependent, `moments` (p, T) are A'b in scaled
+    columns, `inverse` (p,) is 1 / ||A_j||, zero for columns that are zero throughout, `norms` (T,) are ||b||.
     """
     anchor = np.asarray(cho_solve(factor, moments))
     for last in (*[False] * (_PASSES - 1), True):
@@ -346,29 +207,15 @@ _REFINEMENTS = 3
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Gram matrix of a system in columns of unit norm, and the anchor that restores its digits.
+    """Gram matrix of a system in p columns of unit norm, and the anchor that restores its digits.
 
-    Scaled coefficients are z_j = c_j ||A_j||, the norm taken over all rows of the system.
+    Scaled coefficients are z_j = c_j ||A_j||, the norm `scale` (p,) taken over all rows of the system.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the p columns.
-    sums : AnchoredSums
-        Sums of the rows that are fitted, about the anchor.
-    moments : array of shape (p, T)
-        A'b.
-    scale : array of shape (p,)
-        ||A_j||.
-    alive : array of bool, shape (p,)
-        False for columns that are zero throughout; these have a one on the diagonal, so that the matrix is not singular.
-    anchor : array of shape (p, T)
-        Least squares solution of the rows that are fitted.
-    held_out : AnchoredSums or None
-        Sums of the rows held out, about the same anchor; None where there are too few rows. They are among the fitted rows in
-        the result of `of` and apart from them in `training`.
-    factor : CholeskyFactor or None
-        Cholesky factor of the matrix; None where columns are dependent or it is not needed.
+    `sums` are those of the rows that are fitted, about the `anchor` (p, T), their least squares solution; `moments` (p, T)
+    are A'b. `held_out` are sums of the rows held out about the same anchor, None where there are too few rows; they are
+    among the fitted rows in the result of `of` and apart from them in `training`. Columns that are zero throughout are not
+    `alive` (p,) and have a one on the diagonal, so that the matrix is not singular. `factor` is None where columns are
+    dependent or it is not needed.
     """
 
     names: tuple[str, ...]
@@ -382,22 +229,8 @@ class Gram:
 
     @classmethod
     def of(cls, system: LinearSystem) -> Gram:
-        """Form the Gram matrix of a system in two passes over its rows, and up to two more where columns are nearly dependent.
-
-        Parameters
-        ----------
-        system : LinearSystem
-            The equations.
-
-        Returns
-        -------
-        Gram
-            Its Gram matrix.
-
-        Raises
-        ------
-        IdentificationError
-            If the system has no rows or no columns, or every column is zero.
+        """Form the Gram matrix of a system in two passes over its rows, and up to two more where columns are nearly
+        dependent; IdentificationError if it has no rows or no columns, or every column is zero.
         """
         if not system.rows or not system.names:
             raise IdentificationError(
@@ -457,12 +290,8 @@ class Gram:
 
     @cached_property
     def training(self) -> Gram:
-        """The same without the rows held out, in the same scaled coefficients (whose columns then have a norm near 0.9).
-
-        Raises
-        ------
-        IdentificationError
-            If there are too few rows to hold any out.
+        """The same without the rows held out, in the same scaled coefficients (whose columns then have a norm near 0.9);
+        IdentificationError if there are too few rows to hold any out.
         """
         if self.held_out is None:
             raise IdentificationError(
@@ -491,19 +320,8 @@ class Gram:
         )
 
     def restricted(self, support: Bools, target: int) -> Gram:
-        """Restrict to some columns and one target: solving within a small support then costs no more than its size.
-
-        Parameters
-        ----------
-        support : array of bool, shape (p,)
-            The columns.
-        target : int
-            Index of the target.
-
-        Returns
-        -------
-        Gram
-            The restricted one, about the least squares solution on the support.
+        """Restrict to the columns of a `support` (p,) and one target, about the least squares solution on it: solving
+        within a small support then costs no more than its size.
         """
         retained = np.flatnonzero(support & self.alive)
         change = self._corrected(retained, target)
@@ -519,21 +337,9 @@ class Gram:
         )
 
     def project(self, support: Bools, target: int) -> tuple[Floats, float]:
-        """Least squares on a support, as a correction of the anchor: it keeps its digits however small the residual is.
-
-        Parameters
-        ----------
-        support : array of bool, shape (p,)
-            The columns; dependent ones get a ridge of 1e-14.
-        target : int
-            Index of the target.
-
-        Returns
-        -------
-        scaled : array of shape (p,)
-            Scaled coefficients, zero outside the support.
-        squares : float
-            Sum of squared residuals.
+        """Least squares on a `support` (p,): scaled coefficients (p,), zero outside, and the sum of squared residuals, as
+        a correction of the anchor, which keeps its digits however small the residual is. Dependent columns get a ridge of
+        1e-14.
         """
         retained = np.flatnonzero(support & self.alive)
         dropped = np.flatnonzero(~support & self.alive)
@@ -548,57 +354,19 @@ class Gram:
         return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
 
     def solve(self, support: Bools, target: int) -> Floats:
-        """Scaled coefficients of `project` alone.
-
-        Parameters
-        ----------
-        support : array of bool, shape (p,)
-            The columns.
-        target : int
-            Index of the target.
-
-        Returns
-        -------
-        array of shape (p,)
-            Scaled coefficients, zero outside the support.
-        """
+        """Scaled coefficients of `project` alone."""
         retained = np.flatnonzero(support & self.alive)
         change = self._change(retained, np.flatnonzero(~support & self.alive), target)
         return np.where(support & self.alive, self.anchor[:, target] + change, 0.0)
 
     def unscaled(self, scaled: Floats) -> Floats:
-        """Convert scaled coefficients to their own units.
-
-        Parameters
-        ----------
-        scaled : array of shape (p,) or (p, T)
-            Scaled coefficients.
-
-        Returns
-        -------
-        array of the same shape
-            The coefficients; zero for columns that are zero throughout.
-        """
+        """Scaled coefficients (p,) or (p, T) in their own units; zero for columns that are zero throughout."""
         inverse = np.divide(1.0, self.scale, out=np.zeros_like(self.scale), where=self.alive)
         return scaled * (inverse if scaled.ndim == 1 else inverse[:, None])
 
     def variances(self, support: Bools) -> Floats:
-        """Diagonal of (A'A)^-1 on a support.
-
-        Parameters
-        ----------
-        support : array of bool, shape (p,)
-            The columns.
-
-        Returns
-        -------
-        array of shape (p,)
-            The diagonal in the coefficients' own units squared, zero outside the support.
-
-        Raises
-        ------
-        IdentificationError
-            If columns of the support are dependent; the message names them.
+        """Diagonal (p,) of (A'A)^-1 on a support, in the coefficients' own units squared, zero outside;
+        IdentificationError if columns of the support are dependent, which it names.
         """
         diagonal = np.zeros(len(self.names))
         retained, dropped = np.flatnonzero(support & self.alive), np.flatnonzero(~support & self.alive)

@@ -26,18 +26,7 @@ _BLOCKS = 4  # the block, its two parts and the residuals
 
 
 def fit_bytes(columns: int) -> int:
-    """Peak memory of a fit, beside the data.
-
-    Parameters
-    ----------
-    columns : int
-        Number of columns p.
-
-    Returns
-    -------
-    int
-        Memory in bytes: seven p x p matrices and a few blocks of rows.
-    """
+    """Peak memory in bytes of a fit with p columns, beside the data: seven p x p matrices and a few blocks of rows."""
     return 8 * _MATRICES * columns**2 + _BLOCKS * _BLOCK_BYTES
 
 

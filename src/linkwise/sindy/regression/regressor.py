@@ -312,29 +312,11 @@ EXACT = 1e-11  # relative residual below which it is rounding: there fewer terms
 def score_support(
     training: Gram, target: int, scaled: Floats, squares: float, setting: float
 ) -> SupportCandidate:
-    """Score a least squares solution on a support by the rows held out.
-
-    The criterion is BIC = R log(rss / R) + k log R over the R rows held out. To the sum of squares rss is added
-    (1e-11 ||b||)^2: the residual of noise-free data is rounding, which no term should explain. A support of more than half as
-    many terms as rows were fitted scores infinity, since such a fit interpolates its rows.
-
-    Parameters
-    ----------
-    training : Gram
-        Gram matrix of the rows that are fitted.
-    target : int
-        Index of the target.
-    scaled : array of shape (p,)
-        Scaled coefficients, zero outside the support.
-    squares : float
-        Sum of squared residuals of the rows that are fitted.
-    setting : float
-        Threshold or penalty that led to the support.
-
-    Returns
-    -------
-    SupportCandidate
-        The support and its scores.
+    """Score a least squares solution (p,) with the sum of squares of the fitted rows on its support, to which a threshold
+    or penalty, the `setting`, led, by the rows held out. The criterion is BIC = R log(rss / R) + k log R over the R rows
+    held out. To the sum of squares rss is added (1e-11 ||b||)^2: the residual of noise-free data is rounding, which no
+    term should explain. A support of more than half as many terms as rows were fitted scores infinity, since such a fit
+    interpolates its rows.
     """
     held_out = training.held_out
     assert held_out is not None  # `Gram.training` has refused systems without
@@ -357,16 +339,5 @@ def score_support(
 
 
 def best_support(candidates: Iterable[SupportCandidate]) -> SupportCandidate:
-    """The candidate of smallest BIC.
-
-    Parameters
-    ----------
-    candidates : iterable of SupportCandidate
-        The supports, one at least.
-
-    Returns
-    -------
-    SupportCandidate
-        The best; among equals the one with fewer terms.
-    """
+    """The candidate of smallest BIC; among equals the one with fewer terms."""
     return min(candidates, key=lambda candidate: (candidate.bic, candidate.terms))
