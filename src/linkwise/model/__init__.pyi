@@ -9,11 +9,11 @@ from linkwise.model.host import HostMode as HostMode
 from linkwise.model.law import LinkState as LinkState
 from linkwise.model.law import Partials as Partials
 from linkwise.model.law import StateRate as StateRate
-from linkwise.model.names import Name as Name
 from linkwise.model.named_laws import NAMED_LAWS as NAMED_LAWS
 from linkwise.model.named_laws import LawText as LawText
 from linkwise.model.named_laws import NamedLaw as NamedLaw
 from linkwise.model.named_laws import named_law as named_law
+from linkwise.model.names import Name as Name
 from linkwise.model.parameters import Parameter as Parameter
 from linkwise.model.structure import BASE as BASE
 from linkwise.model.structure import GROUND as GROUND
