@@ -1,4 +1,4 @@
-"""The corpus of answers: what linkwise answers to some 300 records, compared with stored answers: `make corpus`.
+"""The corpus of answers: what linkwise answers to some 440 questions, compared with stored answers: `make corpus`.
 
 Every case of `corpus_cases` is run and its answer (values, standard errors, verdicts, ordered causes) compared with that in
 `corpus.json`; what changed is listed by case, and the exit code is 1 when anything did. Only names that `import linkwise`
