@@ -1,6 +1,5 @@
-"""Text output: formatted numbers, aligned columns, and the single dispatch by which results print themselves.
-
-What a notebook shows of a result: the single dispatch by which results describe themselves in HTML.
+"""Results as text and in notebooks: formatted numbers, aligned columns, and the single dispatch by which results describe
+themselves.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Tables of named things that can be extended; an entry may say where it lives and is then loaded on first use.
+"""Tables of named things that can be extended, and names and modules that load on first use, so that a command pays only
+for what it touches.
 
-Modules that load on first use, so that a command pays only for what it touches.
-
-The names of a package do so by PEP 562 (`lazy_names`); `lazy_module` is for what has no such door and most runs never need.
-Both are used at module level, so that the imports of a file are still all at its top.
+The names of a package do so by PEP 562 (`lazy_names`); `lazy_module` is for what has no such door and most runs never
+need. Both are used at module level, so that the imports of a file are still all at its top.
 """
 
 from __future__ import annotations

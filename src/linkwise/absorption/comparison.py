@@ -1,9 +1,7 @@
-"""A comparison of a structure with and without its sinks under the same excitation, ready to be run.
+"""A structure with and without its sinks under the same excitation, ready to be run.
 
-The structure without its sinks, and the excitation that is left for it.
-
-Removed: the masses of the sinks and all links to them are taken away, as in the paper's Figs. 3 and 5. Locked: each sink is
-held rigid at its initial elongation, so that its mass moves with its host.
+Removed: the masses of the sinks and all links to them are taken away, as in the paper's Figs. 3 and 5. Locked: each sink
+is held rigid at its initial elongation, so that its mass moves with its host.
 """
 
 from __future__ import annotations

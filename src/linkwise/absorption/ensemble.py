@@ -1,8 +1,5 @@
-"""Comparisons of many structures of one shape, each reduced to scalar quantities: for maps and for intervals.
-
-Comparisons of structures that differ in a few numbers.
-
-The scalar quantities by which sinks are judged: what they are called, and how they follow from runs and energies.
+"""Comparisons of many structures that differ in a few numbers, each reduced to the scalar quantities by which sinks are
+judged.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The result of `absorption_map`: quantities over a grid of one or two parameters.
-
-`absorb` over a grid of one or two parameters: thousands of runs, one map for each quantity.
-"""
+"""`absorb` over a grid of one or two parameters: thousands of runs, one map for each quantity."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""The decay of free vibration: largest excursion still to come, settling time and rate of decay.
+"""Vibration of the primary masses about their rest positions: largest excursion still to come, settling time and rate of
+decay.
 
-Between samples the displacement is the cubic Hermite interpolant of displacements and velocities, so that peaks are those of
-the motion, not of the samples. Time is on axis 0 of all arrays; runs or masses may follow on further axes.
-
-The vibration of the primary masses of one run or of many about their rest positions.
+Between samples the displacement is the cubic Hermite interpolant of displacements and velocities, so that peaks are those
+of the motion, not of the samples. Time is on axis 0 of all arrays; runs or masses may follow on further axes.
 """
 
 from __future__ import annotations

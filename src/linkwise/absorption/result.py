@@ -1,7 +1,4 @@
-"""The result of `absorb`: masses, energy, crossings and harvesters of one structure with and without its sinks.
-
-What the result of `absorb` consists of: masses, runs, sinks and harvesters, and their plain data.
-"""
+"""The result of `absorb`: masses, runs, energy, crossings and harvesters of one structure with and without its sinks."""
 
 from __future__ import annotations
 

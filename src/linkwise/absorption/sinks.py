@@ -1,9 +1,7 @@
-"""Which links are sinks, and which mass each of them carries.
+"""Which links are sinks, which mass each of them carries, and how the masses and hosts move that they act on.
 
-A sink is a link to a small mass that takes vibration away from the other, primary masses. A bistable one (paper Eq. 1) has two
-stable wells.
-
-Motion of masses and of points of hosts in several structures of one shape, energy in hosts, and what dissipates.
+A sink is a link to a small mass that takes vibration away from the other, primary masses. A bistable one (paper Eq. 1)
+has two stable wells.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""The result of `absorb` as rows of text, for print and for the page.
-
-The result of `absorption_intervals` as rows of text, for print and for the page.
-
-The result of `absorption_map` as rows of text, for print and for the page.
-"""
+"""Results of `absorb`, `absorption_intervals` and `absorption_map` as rows of text, for print and for the page."""
 
 from __future__ import annotations
 

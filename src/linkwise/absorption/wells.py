@@ -1,19 +1,9 @@
-"""The energies of many structures of one shape over their motions.
+"""Wells of links along the motion of many structures of one shape: energies, barriers, crossings and rest positions.
 
-The barriers and the lowest wells of a link's potential, for one set of coefficients or for thousands.
-
-A crossing is a passage over the top of the barrier between two wells. Stored energy is counted from the lowest well, so that
-it is never negative. For laws that are polynomials in d, rest points are eigenvalues of companion matrices, for all sets at
-once.
-
-The times at which a link crosses the barrier between two of its wells, on the simulated orbit itself.
-
-Elongation and rate are known at the integrator's own steps, whose Taylor series converge over seven times their length. The
-cubic between two steps shows every crossing, and Newton's method on the dense output refines it.
-
-The positions at which the primary masses come to rest.
-
-Motions of several structures under one excitation, with the energy supplied and dissipated.
+A crossing is a passage over the top of the barrier between two wells. Elongation and rate are known at the integrator's
+own steps: the cubic between two steps shows every crossing, and Newton's method on the dense output refines it. Stored
+energy is counted from the lowest well, so that it is never negative. For laws that are polynomials in d, rest points are
+eigenvalues of companion matrices, for all sets of coefficients at once.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Zeros of a restoring force: the wells and maxima of the potential of a law, and the barrier between its wells.
+"""Zeros of a restoring force: the wells and maxima of the potential of a law, the barrier between them, and the kind of
+law that they make it.
 
-For alpha*d + beta*d**3 with alpha < 0 < beta: wells at +-sqrt(-alpha/beta), barrier alpha**2/(4 beta) (METHODS section 7).
-
-Classification of a force law over a range of elongations.
+For alpha*d + beta*d**3 with alpha < 0 < beta: wells at +-sqrt(-alpha/beta), barrier alpha**2/(4 beta) (METHODS section
+7).
 """
 
 from __future__ import annotations

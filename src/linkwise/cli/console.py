@@ -1,6 +1,5 @@
-"""How commands talk: results on standard output, everything else on standard error, a bar on a terminal only.
-
-A bar on a terminal for work that may take long.
+"""How commands talk: results on standard output, everything else on standard error, a bar for long work on a terminal
+only.
 """
 
 from __future__ import annotations

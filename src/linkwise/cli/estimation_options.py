@@ -1,9 +1,4 @@
-"""Options for errors of sensors that are found with the laws, which `identify` and `discover` share.
-
-Options for what sensors add to their signals over time: slow drift, and hum of the mains.
-
-Options for random forces, which `identify` and `discover` share: ambient ones, and noise of the channels of inputs.
-"""
+"""Options of `identify` and `discover` for what is found with the laws: errors of sensors, drift and hum, random forces."""
 
 from __future__ import annotations
 

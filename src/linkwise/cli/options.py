@@ -1,10 +1,5 @@
-"""Options that several commands share, and what `NAME=VALUE` means.
-
-How the command line spells the arguments of the library: errors name arguments, commands add the flags.
-
-Help that lists what is registered, such as families of terms.
-
-Structure files as commands read them: what there is to know of a host is told.
+"""What several commands share: options, `NAME=VALUE`, structure files, help that lists what is registered, and flags for
+the arguments that errors of the library name.
 """
 
 from __future__ import annotations

@@ -1,12 +1,5 @@
-"""What would explain a part of what an estimate leaves: errors of sensors, masses and applied forces, and missing terms.
-
-A term that a law may lack without a sign in the records, and what it would make of a coefficient; damping of hosts, too.
-
-An error of a sensor that was found with the coefficients, as an estimate reports it.
-
-A random force on a mass, as an estimate reports it.
-
-Noise of one channel, as an estimate reports it.
+"""What would explain a part of what an estimate leaves, and what was found with the coefficients: errors of sensors,
+random forces, noise, missing terms.
 """
 
 from __future__ import annotations

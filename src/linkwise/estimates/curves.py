@@ -1,15 +1,10 @@
-"""The elastic force of a link over its elongation: the identified curve, its band, and samples of the record.
+"""Curves of a link: its elastic force with a band, its force along the motion of a record, the equivalent linear spring
+and damper, and mean residuals over a range of motion.
 
-The force of a link along the motion of a record: identified, measured where a load cell shows it, and its work.
-
-Describing function of a link: the linear spring and damper that are equivalent to its law at an amplitude.
-
-For the force f(d, v) of a motion d = A sin(w t) it is the first harmonic of the force over that of the motion (Krylov and
-Bogoliubov 1943):
+For the force f(d, v) of a motion d = A sin(w t) the describing function is the first harmonic of the force over that of
+the motion (Krylov and Bogoliubov 1943):
 
     k(A) = 1/(pi A) int_0^{2 pi} f sin,   c(A) = 1/(pi A w) int_0^{2 pi} f cos
-
-Means of residuals over parts of the range of a motion: where a law lacks something, they leave what noise explains.
 """
 
 from __future__ import annotations

@@ -1,11 +1,4 @@
-"""The result of every estimator.
-
-Estimators: methods of identification with their options.
-
-Estimates of links and coefficients as plain data, for JSON.
-
-Whether a structure file says that its numbers are not to be trusted: a comment, which goes where the file goes.
-"""
+"""The result of every estimator, the interface of estimators, and the result as plain data."""
 
 from __future__ import annotations
 

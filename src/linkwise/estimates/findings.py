@@ -1,8 +1,5 @@
-"""Findings on identified links, in sentences: what the record does not determine (METHODS section 7).
-
-Links that supply energy to the motion by more than their uncertainty, which no spring or damper does.
-
-The force at v = 0 is left out of their power, since a spring returns the energy it stores.
+"""Findings on identified links, in sentences: what the record does not determine (METHODS section 7), and which links
+supply energy to the motion by more than their uncertainty, which no spring or damper does.
 """
 
 from __future__ import annotations

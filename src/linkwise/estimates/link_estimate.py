@@ -1,7 +1,4 @@
-"""The estimate of one link: its coefficients, and the wells, barrier and frequencies that follow from them.
-
-Motion of links as measured or estimated: elongations, rates and forces.
-"""
+"""The estimate of one link: its coefficients, its motion, and the wells, barrier and frequencies that follow."""
 
 from __future__ import annotations
 

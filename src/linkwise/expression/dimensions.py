@@ -1,13 +1,11 @@
-"""Physical dimensions: what is left of a unit when its size is taken away.
+"""Physical dimensions, and their inference for coefficients and states from the equations that they appear in.
 
-Inference of the units of coefficients and states from the equations they appear in.
-
-Every coefficient, and every state of a link with memory, has an unknown dimension; every sum, every function, every rate of a
-state and the expression as a whole give a linear equation for the exponents, solved exactly in fractions. A number may have a
-dimension too: the gap in `max(abs(d) - 0.001, 0)` is a length, the 1000 in `1000*d + c*v` a stiffness, and a plain `d**3` next
-to `k*d` has an implicit factor of 1 N/m^3. A number has a dimension only where the equations require one. The others are made
-dimensionless one by one: implicit factors first, then numbers that are terms of a sum, then factors. So `k*d*(1 + d/0.01)` has
-a dimensionless 1 and a length of 0.01.
+Every coefficient, and every state of a link with memory, has an unknown dimension; every sum, every function, every rate
+of a state and the expression as a whole give a linear equation for the exponents, solved exactly in fractions. A number
+may have a dimension too: the gap in `max(abs(d) - 0.001, 0)` is a length, the 1000 in `1000*d + c*v` a stiffness, and a
+plain `d**3` next to `k*d` has an implicit factor of 1 N/m^3. A number has a dimension only where the equations require
+one. The others are made dimensionless one by one: implicit factors first, then numbers that are terms of a sum, then
+factors. So `k*d*(1 + d/0.01)` has a dimensionless 1 and a length of 0.01.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Expressions compiled to a tape of NumPy operations.
-
-Numerical integrals of compiled expressions.
-"""
+"""Expressions compiled to a tape of NumPy operations, and their numerical integrals."""
 
 from __future__ import annotations
 

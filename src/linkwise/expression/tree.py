@@ -6,14 +6,10 @@ products, fold constants, collect like terms and equal bases, and drop zeros and
 - a difference is a `Sum` with a `Product` that starts with a negative `Number`; the constant of a sum comes last;
 - a product starts with its `Number`, if it has one; factors `Power(b, -n)`, the divisors, come last;
 - `Power.exponent` is an `int` (neither 0 nor 1), a `float` that is not an integer, or an `Expression` other than a `Number`;
-- a function has one argument or two, as its entry in `functions.FUNCTIONS` says.
+- a function has one argument or two, as its entry in `FUNCTIONS` says.
 
 Constants are folded in double precision. What is not finite (1/0) is not folded, so that its evaluation gives the infinity
 where the user wrote it.
-
-Expressions as lines of other languages, written from the tree, so that nothing but arithmetic can be in them.
-
-The functions of laws: one table says all that the package knows of each.
 
 A function is added by one entry: the parser, evaluation, derivatives, antiderivatives, units, the places where a law is not
 smooth and the integrator read it from here. Rules are texts in `x` (and `y` for the second argument) that may use the other

@@ -1,7 +1,4 @@
-"""The precision that a planned test allows: the segment Cramer-Rao bound, before anybody measures.
-
-How long the segments of the bound are: as long as the sensitivities in them are resolved.
-"""
+"""The precision that a planned test allows: the Cramer-Rao bound of segments as long as their sensitivities are resolved."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The result of `limit`: the smallest errors of coefficients, forces and wells that a planned test allows.
-
-The printed limit: noise, the errors of coefficients and forces, wells, and what is not identifiable.
-"""
+"""The result of `limit`: the smallest errors of coefficients, forces and wells that a planned test allows."""
 
 from __future__ import annotations
 

@@ -1,8 +1,5 @@
-"""From the records of a modal test to a host: modes with standard errors, as priors of a later identification.
-
-The result of a modal test: a host whose modes are known to within their standard errors.
-
-The printed modal test: trust, and the modes with their standard errors.
+"""From the records of a modal test to a host whose modes are known to within their standard errors, as priors of a later
+identification.
 """
 
 from __future__ import annotations

@@ -1,22 +1,13 @@
-"""One channel as the checks look at it: samples, noise, levels, spectra and rest, each computed once.
+"""Channels as the checks look at them, each quantity computed once: noise, levels, spectra, coherence, rest, and whether
+one is a derivative of another.
 
-A record as the checks look at it: its channels, each with its noise.
-
-Power of a channel over time and frequency, and coherence of two over frequency.
-
-Where a channel is at rest: blocks at an end of it whose power is the same and small, without a resonance in them.
-
-What must hold between two channels of one place: one is a derivative of the other.
-
-Against test functions p of bounded support, integral(p v) = -integral(p' x) for v = dx/dt, without any derivative of samples.
-A gain g, a delay tau, an offset b and a slope s of the higher channel give
+Against test functions p of bounded support, integral(p v) = -integral(p' x) for v = dx/dt, without any derivative of
+samples. A gain g, a delay tau, an offset b and a slope s of the higher channel give
 
     integral(p v) = g (-integral(p' x)) + g tau (-integral(p'' x)) + b integral(p) + s integral(p t),
 
 for small tau, and likewise for v and a, and with one more derivative for x and a. A tau that is not small is found in
 steps, with test functions of the higher channel that are moved by what is known of it.
-
-Integrals against smooth test functions: relations between a signal and its integrals without any derivative of samples.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Inspection of records before any model.
-
-The checks of an inspection by name: a new one is a file and a line.
-
-What a channel is and holds, as numbers.
-"""
+"""Inspection of records before any model, by a table of checks: a new one is a function and a line."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
-"""Samples that show a fault of the sensor or the logger in place of the motion, marked as missing.
-
-Alerts of the records of an answer, less those of what the answer allows for.
+"""Samples that show a fault of the sensor or the logger in place of the motion, marked as missing, and alerts that an
+answer does not allow for.
 """
 
 from __future__ import annotations

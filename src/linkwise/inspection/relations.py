@@ -1,7 +1,4 @@
-"""Channels of one place that are no derivatives of each other: delay, gain, offset and drift between them.
-
-What sensors say while nothing moves: levels that are not zero, and levels that change.
-"""
+"""Checks between channels of one place, delay, gain, offset and drift, and of what sensors say while nothing moves."""
 
 from __future__ import annotations
 

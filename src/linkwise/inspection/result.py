@@ -1,9 +1,4 @@
-"""The result of an inspection: its channels and its alerts.
-
-Alerts: one thing that is wrong with a channel, what it does to an answer and what mends it.
-
-The text that an inspection prints.
-"""
+"""The result of an inspection: its channels and alerts, each of which says what it does to an answer and what mends it."""
 
 from __future__ import annotations
 

@@ -1,17 +1,4 @@
-"""Dead channels: nothing but one value, or nothing but noise.
-
-Channels that hold the same samples, as they are, scaled or mirrored.
-
-Quantisation that is coarser than the noise.
-
-Samples that stand at the end of a range.
-
-Samples that are missing.
-
-Samples that repeat the one before.
-
-Single samples that lie far from what their neighbours say.
-"""
+"""Checks of single samples: dead and equal channels, quantisation, clipping, dropped and doubled samples, spikes."""
 
 from __future__ import annotations
 

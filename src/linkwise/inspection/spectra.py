@@ -1,10 +1,5 @@
-"""Hum of the mains: a line at 50 or 60 Hz or a harmonic that keeps its size and phase over the record.
-
-The floor of the spectrum: motion up to half the sampling rate, and noise that is not white.
-
-Records that are too coarse or too short.
-
-Motion that is implausible in the unit, or at the rate, that was stated.
+"""Checks of spectra: hum of the mains, motion up to half the sampling rate, coloured noise, too few samples, implausible
+units.
 """
 
 from __future__ import annotations

@@ -1,18 +1,12 @@
 """Motion of modes of unit modal mass under sampled forces, to the order of a quintic spline through the samples.
 
-With s = -zeta w + i w_d the mode q'' + 2 zeta w q' + w^2 q = f is q = Im(z) / w_d, z' = s z + f: one complex recursion. Its
-derivative by s obeys the same recursion with z in place of f.
+With s = -zeta w + i w_d the mode q'' + 2 zeta w q' + w^2 q = f is q = Im(z) / w_d, z' = s z + f: one complex recursion.
+Its derivative by s obeys the same recursion with z in place of f.
 
-Complex modes of coordinates that damping couples, with their derivatives.
-
-The coordinates have unit mass, stiffness w_r^2 and a symmetric damping matrix C. With the eigenvectors psi_k of
-(l^2 + l C + w^2) psi = 0, scaled to psi'(2 l_k + C) psi = 1, a force phi_p u gives the sum of 2 Re(psi_k (psi_k' phi_p) z_k),
-z_k' = l_k z_k + u, over the n poles l_k above the real axis.
-
-References
-----------
-R. L. Fox and M. P. Kapoor, AIAA J. 6, 2426 (1968).
-S. Adhikari, Structural Dynamic Analysis with Generalized Damping Models (2014).
+Coordinates that damping couples have unit mass, stiffness w_r^2 and a symmetric damping matrix C. With the eigenvectors
+psi_k of (l^2 + l C + w^2) psi = 0, scaled to psi'(2 l_k + C) psi = 1, a force phi_p u gives the sum of 2 Re(psi_k (psi_k'
+phi_p) z_k), z_k' = l_k z_k + u, over the n poles l_k above the real axis (R. L. Fox and M. P. Kapoor, AIAA J. 6, 2426
+(1968); S. Adhikari, Structural Dynamic Analysis with Generalized Damping Models (2014)).
 """
 
 from __future__ import annotations

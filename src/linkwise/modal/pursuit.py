@@ -1,20 +1,14 @@
 """First modes of a test, one at a time: the mode that explains most of what the others leave, then all of them again.
 
-Modes are added as long as the Bayesian information criterion falls. Where a structure is not quite linear, or its modes are
-not quite real, it would fall on and on: what true modes leave there stands far above the noise, and narrow modes beside them
-fit it little by little. Two that move alike, closer than their bandwidth, are one. Once the modes explain the response but for
-a small part, one more must take most of what they leave above the noise.
+Modes are added as long as the Bayesian information criterion falls. Where a structure is not quite linear, or its modes
+are not quite real, it would fall on and on: what true modes leave there stands far above the noise, and narrow modes
+beside them fit it little by little. Two that move alike, closer than their bandwidth, are one. Once the modes explain the
+response but for a small part, one more must take most of what they leave above the noise.
 
-Modes of given frequencies and damping fitted to a test, the parameters in which the response is linear eliminated.
-
-Residues, free motions and offsets follow from frequencies and damping by linear least squares (variable projection).
-Derivatives of what is left are those of the columns for fixed weights, projected off the columns (Kaufman 1975): exact in the
-slope, and in the curvature to the order of what is left.
-
-References
-----------
-G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973).
-L. Kaufman, BIT 15, 49 (1975).
+Residues, free motions and offsets follow from frequencies and damping by linear least squares (variable projection, G. H.
+Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973)). Derivatives of what is left are those of the columns for fixed
+weights, projected off the columns: exact in the slope, and in the curvature to the order of what is left (L. Kaufman, BIT
+15, 49 (1975)).
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
-"""Excitations: initial conditions, impulses, forces on masses, and the motion of the base.
-
-Input signals: forces and base motions as expressions of time, or as samples interpolated by a spline.
+"""Excitations: initial conditions, impulses, and forces and base motions as expressions of time or samples under a
+spline.
 """
 
 from __future__ import annotations

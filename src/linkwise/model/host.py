@@ -1,15 +1,12 @@
 """Hosts: linear structures that are known by modes, with points to which links, sensors and forces are attached.
 
-A mode r of a host is a coordinate q_r of unit modal mass, q_r'' + 2 zeta_r w_r q_r' + w_r^2 q_r = phi_r' F, with a shape phi_r
-at the points; a point moves by sum_r phi_r q_r (METHODS section 11). In a structure a mode is a mass of 1 kg, and a link of it
-to the ground with the law `MODE_LAW`.
+A mode r of a host is a coordinate q_r of unit modal mass, q_r'' + 2 zeta_r w_r q_r' + w_r^2 q_r = phi_r' F, with a shape
+phi_r at the points; a point moves by sum_r phi_r q_r (METHODS section 11). In a structure a mode is a mass of 1 kg, and a
+link of it to the ground with the law `MODE_LAW`.
 
-Modes of hosts: frequency, damping, and the shape at the points of the host.
-
-Damping between the modes of a host: entries of its modal damping matrix beside those that damping ratios give.
-
-An entry c between the modes r and s is a force c q_s' on mode r, and c q_r' on mode s. A link has one elongation, so that this
-is a pair of dampers, of c/2 on q_r + q_s and of -c/2 on q_r - q_s, which leave the damping of each mode by itself as it is.
+An entry c of the damping matrix between the modes r and s is a force c q_s' on mode r, and c q_r' on mode s. A link has
+one elongation, so that this is a pair of dampers, of c/2 on q_r + q_s and of -c/2 on q_r - q_s, which leave the damping
+of each mode by itself as it is.
 """
 
 from __future__ import annotations

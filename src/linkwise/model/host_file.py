@@ -1,15 +1,15 @@
-"""A host of a structure file: modes in place or in a CSV file, or matrices of a finite-element model in other files.
+"""A host of a structure file: modes in place, in a CSV file or in a universal file (data sets 55), or matrices of a
+finite-element model in other files.
 
 A mode is `{ frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } }`; a shape may be known to within,
-`{ start = 0.62, sigma = 0.02 }`. `frequency_sigma`, `damping_sigma` and `shape_sigma`, such as "2 %", are for all modes. A CSV
-file has the columns frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are reduced to `keep`
-modes and residual attachment modes when the file is read. A point that turns is in rad, `units = { tip_r = "rad" }`; a column
-`tip_r[rad]` of a CSV file and a direction such as 21ry of other files say so themselves.
+`{ start = 0.62, sigma = 0.02 }`. `frequency_sigma`, `damping_sigma` and `shape_sigma`, such as "2 %", are for all modes.
+A CSV file has the columns frequency[Hz], damping, and one for the shape at each point, in 1/sqrt(kg). Matrices are
+reduced to `keep` modes and residual attachment modes when the file is read. A point that turns is in rad, `units = {
+tip_r = "rad" }`; a column `tip_r[rad]` of a CSV file and a direction such as 21ry of other files say so themselves.
 
 Damping between modes is given by `damping`, in N s/m at unit modal mass: `[ { modes = [1, 2], damping = 0.3 } ]`, each a
-number, "unknown" or known to within, or the whole matrix `[[0.65, 0.3], [0.3, 0.9]]`, whose diagonal stands for the ratios.
-
-Modes of a modal test from a universal file: its data sets of type 55, one for each real normal mode.
+number, "unknown" or known to within, or the whole matrix `[[0.65, 0.3], [0.3, 0.9]]`, whose diagonal stands for the
+ratios.
 """
 
 from __future__ import annotations

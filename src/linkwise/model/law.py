@@ -1,16 +1,10 @@
-"""The force law of a link: one expression for simulation, regression and likelihood.
+"""The force law of a link: one checked expression for simulation, regression and likelihood, with its dimensions and
+compiled programs.
 
-A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); every other name is a coefficient, except `pi`.
-A link with memory has states of its own: f = f(d, v, s), s' = g(d, v, s), with a rate g for each (METHODS section 10).
-Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS section 1).
-
-Programs that evaluate laws, compiled once for laws of equal expression.
-
-The text of a law, or of the rate of a state, checked: what it may name, and that it is finite at rest.
-
-Dimensions of the coefficients and states of a law, for motion along a line or about an axis.
-
-The states of links with memory: rates as written by a user, and as parsed with the law that they belong to.
+A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); every other name is a coefficient, except
+`pi`. A link with memory has states of its own: f = f(d, v, s), s' = g(d, v, s), with a rate g for each (METHODS section
+10). Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS
+section 1).
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Masses and the links between them.
 
-A link joins two masses, or a mass and the ground or the moving base. Its elongation is d = x_first - x_second; its law is the
-force in N on the first end with reversed sign (METHODS section 1): m_first x'' = -f(d, d') + ...
-
-What does not take links with memory says so, instead of running without them.
+A link joins two masses, or a mass and the ground or the moving base. Its elongation is d = x_first - x_second; its law is
+the force in N on the first end with reversed sign (METHODS section 1): m_first x'' = -f(d, d') + ...
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""A link of a structure file: its table, and the law, states and coefficients that it says.
+"""A link of a structure file: its table, decoded strictly, and the law, states and coefficients that it says.
 
 A state is the text of its rate, or a table of `rate`, `initial` and `unit`. Where only the units of coefficients give the
 unit of a state ("43 nF" that of a voltage), they are read first.
-
-TOML files decoded strictly: an error says which file, line or key is wrong, and what was expected.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """Named laws: texts of laws from the literature, with and without memory, that a user sees and may edit.
 
-A law is added by one entry of `NAMED_LAWS`. In a structure file the name stands in place of the law; it is replaced by the
-text when the file is read.
-
-A law of the literature: its text and states, and what its coefficients mean.
+A law is added by one entry of `NAMED_LAWS`. In a structure file the name stands in place of the law; it is replaced by
+the text when the file is read.
 """
 
 from __future__ import annotations

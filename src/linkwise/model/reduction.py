@@ -1,14 +1,9 @@
 """Hosts from matrices of a finite-element model: the lowest modes, and the flexibility of the others at the points.
 
 Modes that are left out still give way under a force at a point: by K^-1 less the sum of phi phi'/w^2 over those kept. The
-residual attachment modes have this flexibility: what is left of the static response to a unit force at each point, made modes
-by the eigenvalues of the matrices in their span. Without them a link would be felt too stiff by a point that is too stiff.
-
-References
-----------
-R. H. MacNeal, Comput. Struct. 1, 581 (1971); S. Rubin, AIAA J. 13, 995 (1975).
-
-A host from matrices, with what their reduction leaves out.
+residual attachment modes have this flexibility: what is left of the static response to a unit force at each point, made
+modes by the eigenvalues of the matrices in their span. Without them a link would be felt too stiff by a point that is too
+stiff (R. H. MacNeal, Comput. Struct. 1, 581 (1971); S. Rubin, AIAA J. 13, 995 (1975)).
 """
 
 from __future__ import annotations

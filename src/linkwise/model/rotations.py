@@ -1,9 +1,8 @@
-"""Rotations: places of a structure that turn about an axis, whose displacement is in rad, and the links between them.
+"""Places of a structure that turn about an axis, whose displacement is in rad, and points in oblique directions such as
+"0.6*12x + 0.8*12z".
 
 A link between places that turn is a moment (N m) by an angle (rad). Everything is computed as along lines; only units
 differ.
-
-A point of matrices as a sum of degrees of freedom with factors, such as "0.6*12x + 0.8*12z" for an oblique direction.
 """
 
 from __future__ import annotations

@@ -3,14 +3,6 @@
     d = B'x + e x_base,   M x'' = -B f(d, d') + w(t)        (METHODS section 1)
 
 B is `Structure.incidence`, e is `Structure.base_incidence`, f holds the laws of the links.
-
-A structure as a notebook shows it: its masses, and a line for every link.
-
-What does not take hosts says so, instead of running without their points.
-
-What does not take links alone on a rig says so.
-
-Ends of links: each is a place of the structure or a support, and every mass has a link.
 """
 
 from __future__ import annotations

@@ -1,10 +1,5 @@
-"""Figures 2 to 5 of the paper: how the chains move, with their sinks and without.
-
-Figures 6 and 7 of the paper: the sink's force in the cycle whose error is the median of its cell.
-
-Figures 8 and 9 of the paper: error and computing time over the degrees of freedom, ours beside the paper's.
-
-What the figures of a study show, in sentences with figures that are worked out from the same motions.
+"""The figures of the paper, redrawn from a study: motions of chains (2 to 5), forces of sinks (6, 7), errors and times
+(8, 9), and sentences on them.
 """
 
 from __future__ import annotations

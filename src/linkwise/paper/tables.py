@@ -1,12 +1,7 @@
-"""A study beside the paper's Table 2, cell by cell: which convention reproduces it, and what would explain the rest.
-
-What a study shows, each claim a sentence with its figures and whether it holds: the verdict of the page.
-
-What the paper prints, to stand beside what is found here.
+"""A study beside the paper's Table 2: what the paper prints, which convention reproduces it, and what the study shows,
+claim by claim.
 
 Liu, Li and Jiang, "On efficiency and accuracy of sparse identification of bistable nonlinear energy sink chains" (2024).
-
-What of a study is the paper's: chains run as the paper ran them, and which method plays which part.
 """
 
 from __future__ import annotations

@@ -1,11 +1,4 @@
-"""How sinks cross from well to well.
-
-Primary masses with their sinks and without (paper Figs. 3 and 5).
-
-Where the energy of a structure with sinks goes.
-
-Maps of what sinks do over one or two parameters.
-"""
+"""What sinks do: motion with and without them (paper Figs. 3 and 5), where energy goes, crossings of wells, maps."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The models that survive a selection: by how much their forces of a link depart from that of the selected one.
-
-The evidence for every term of a discovery.
-
-How the terms of a discovery were chosen: the path over model sizes, and the next best models.
-"""
+"""How a discovery chose its terms: evidence, the path over model sizes, the next best models, and how they depart."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a fit leaves of the channels, against time, frequency and the motion of links.
-
-Shapes of the modes of hosts at their points.
-"""
+"""What a fit leaves of the channels, against time, frequency and the motion of links; shapes of hosts."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """A discovered structure as a graph: masses, ground and base, links by kind, stiffness and certainty.
 
-Where the nodes of a graph are drawn: as far apart as there are links between them, as well as a plane allows.
-
-Stress majorization (Gansner, Koren and North 2004) from a few seeded starts; the picture with the fewest crossings wins.
+Nodes are as far apart as there are links between them, as well as a plane allows: stress majorization (Gansner, Koren and
+North 2004) from a few seeded starts, of which the picture with the fewest crossings wins.
 """
 
 from __future__ import annotations

@@ -1,13 +1,4 @@
-"""Odd and even distortion over the level of a periodic test.
-
-Frequencies and damping of modes over the level of a test.
-
-Response functions and their coherence at every level of a test.
-
-Frequency and damping of modes over their amplitude as they ring down.
-
-Restoring force per mass at a sensor over displacement and velocity, before any model.
-"""
+"""A test at several levels: distortion, modes, response functions, ring-down, and the restoring force before any model."""
 
 from __future__ import annotations
 

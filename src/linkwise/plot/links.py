@@ -1,10 +1,5 @@
-"""The force of a link: what was measured, what was identified, how certain it is.
-
-The force of a link with memory over its elongation and its rate: loops, and the energy that they dissipate.
-
-The restoring-force surface of a link: its force over elongation and rate, where the record visited it.
-
-The force of a link as several methods identified it, beside the true one, and the error of each (paper, Figs. 6 and 7).
+"""The force of a link: measured, identified and how certain, as a curve, a loop or a surface, and by several methods
+(paper Figs. 6 and 7).
 """
 
 from __future__ import annotations

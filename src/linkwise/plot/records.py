@@ -1,10 +1,5 @@
-"""Time histories of a record.
-
-Spectra of the channels of a record.
-
-Channels of a record over time and frequency at once, and how they go together over frequency.
-
-Displacements of masses over time with the range of neighbouring orbits, with and without sinks (paper, Figs. 2 to 5).
+"""Channels of a record over time and frequency, and displacements with the range of neighbouring orbits (paper Figs. 2 to
+5).
 """
 
 from __future__ import annotations

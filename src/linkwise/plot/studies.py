@@ -1,7 +1,4 @@
-"""Error and time of every method of a study over its structures: medians, and the spread of the seeds.
-
-Success maps: how often methods of a study have exactly the true links and terms.
-"""
+"""What a study found: errors and times of every method, and how often methods have exactly the true links and terms."""
 
 from __future__ import annotations
 

@@ -1,12 +1,7 @@
-"""How figures look, and the Axes that they are drawn on.
+"""How figures look: the Axes that they are drawn on, colours and number scales, titles, and fewer points for the same
+picture.
 
 Figures are made with `matplotlib.figure.Figure`; pyplot would keep every figure alive and choose a display.
-
-Colours and number scales that all figures share, still and interactive.
-
-Titles and labels that several figures and pages share; nothing here draws.
-
-Fewer points for the same picture: a trace keeps the extremes of every block of samples that is narrower than a pixel.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A record beside its prediction, and the difference over time.
-
-Where in the motion a prediction fails: over elongation and velocity of the links, and over frequency.
-"""
+"""A record beside its prediction: over time, over elongation and velocity of the links, and over frequency."""
 
 from __future__ import annotations
 

@@ -1,14 +1,5 @@
-"""Channels: a kind of quantity at a mass or the base, `KIND:MASS`, or of a link, `f:LINK` and `state:LINK.NAME`.
-
-Units of what turns: which texts are units of an angle, its rate, its acceleration or a moment.
-
-What a record states of its channels beside their samples: fields of `Record` that are mappings by channel.
-
-How inputs run between their samples.
-
-Readings of a sensor at and beside an end of its range, which a channel marks as missing and which still tell something.
-
-Checks of records: names and values of any record, what a measured one should not contain, inputs without gaps.
+"""Channels: a kind of quantity at a mass or the base, `KIND:MASS`, or of a link, `f:LINK` and `state:LINK.NAME`, their
+units, and what a record states of them beside their samples.
 """
 
 from __future__ import annotations

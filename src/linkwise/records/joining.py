@@ -1,14 +1,5 @@
-"""Records of several files as one: side by side from the first sample on, side by side by time, or one after the other.
-
-One record or several, as a list.
-
-Several records taken together: each must be a measurement of its own.
-
-Noise that is stated of a channel, against the samples that hold it.
-
-The samples that all sensors have of a record whose sensors were sampled at different rates.
-
-Channels that show everything late: their delays taken out by band-limited interpolation.
+"""Several records as one, or taken together: side by side, by time, one after the other, each a measurement of its own,
+without known delays.
 """
 
 from __future__ import annotations

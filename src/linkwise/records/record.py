@@ -1,9 +1,4 @@
-"""The record: evenly sampled channels, measured or simulated, in SI units; the input of every estimator.
-
-Arrays that nobody can change.
-
-Synthetic measurement noise for simulated records.
-"""
+"""The record: evenly sampled channels, measured or simulated, in SI units; the input of every estimator."""
 
 from __future__ import annotations
 

@@ -1,10 +1,5 @@
-"""The even time grid behind a column of times that was printed, rounded, and may lack rows.
-
-Channels at an even rate: samples whose times lie on it in their places, others interpolated by quintic splines.
-
-The anti-alias filter of `Record.decimate`: a symmetric low-pass that leaves white noise white.
-
-Measured columns on an even grid, with gaps filled by missing samples.
+"""Channels on the even time grid behind printed, rounded and missing times; samples between it are interpolated by
+quintic splines, and a symmetric low-pass that leaves white noise white goes before a lower rate.
 """
 
 from __future__ import annotations

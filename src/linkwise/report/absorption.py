@@ -1,9 +1,4 @@
-"""The result folder of `absorb`: numbers, histories, figures and a page.
-
-The content of absorption.json.
-
-The pages of absorption: what sinks do, and maps of it over parameters.
-"""
+"""The result folders of `absorb`, its intervals and maps: absorption.json, histories, figures and a page."""
 
 from __future__ import annotations
 

@@ -1,8 +1,5 @@
-"""The result folder of `discover`: that of `identify`, with the graph, the path and the evidence for every term.
-
-The content of result.json for a discovery.
-
-The page of a discovery: verdict, graph, links by certainty, path; then what the page of an estimate shows.
+"""The result folder of `discover`: that of `identify`, with the graph, links by certainty, the path and the evidence for
+every term.
 """
 
 from __future__ import annotations

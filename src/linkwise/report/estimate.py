@@ -1,9 +1,4 @@
-"""The result folder of `identify`: numbers, figures and a page.
-
-The content of result.json for an estimate.
-
-The page of an estimate: verdict first, then numbers, figures, and what was done.
-"""
+"""The result folder of `identify`: result.json, figures, and a page with the verdict first."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The result folder of `inspect`: numbers, figures and a page.
-
-The page of an inspection: alerts first, then histories, spectra, maps and coherence.
-"""
+"""The result folder of `inspect`: numbers, and a page of alerts, histories, spectra, maps and coherence."""
 
 from __future__ import annotations
 

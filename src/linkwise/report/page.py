@@ -1,17 +1,12 @@
-"""What a page consists of: sections with text, tables and figures, from lists that a page keeps.
+"""What a command hands over in a folder: a document, data files, figures, and a page of sections from lists that it
+keeps.
 
 A new figure is one function and one line in such a list:
 
     SECTIONS = Registry("section", {..., "forces": figure_section("Forces", lambda fit: links.forces_figure(fit))})
 
-It is then drawn once, saved as forces.png and forces.svg beside the page and shown on it. `linkwise.plot` loads matplotlib
-when the figure is drawn, which another process may do.
-
-A page of sections under a verdict, for every result that has no page of its own.
-
-The templates of all pages: they escape what they print and miss nothing silently.
-
-What a command hands over in a folder: a document, data files, figures and a page.
+It is then drawn once, saved as forces.png and forces.svg beside the page and shown on it. Matplotlib loads when the
+figure is drawn, which another process may do. Templates escape what they print and miss nothing silently.
 """
 
 from __future__ import annotations

@@ -1,8 +1,5 @@
-"""The report of a study into its folder: figures, Table 2 and one page.
-
-The figures of a study's page: those of the paper in its order, then what the study has beyond it.
-
-The page of a study: verdict first, then the paper's table with ours beside it, the figures, and what is missing.
+"""The report of a study into its folder: the page with the verdict, the paper's Table 2 with ours beside it, figures, and
+what is missing.
 """
 
 from __future__ import annotations

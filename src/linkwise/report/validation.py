@@ -1,8 +1,5 @@
-"""The result folder of `validate`: numbers, the prediction, figures and a page.
-
-The content of validation.json.
-
-The page of a validation: verdict, scores, and where the prediction fails.
+"""The result folder of `validate`: validation.json, the prediction, and a page of scores and of where the prediction
+fails.
 """
 
 from __future__ import annotations

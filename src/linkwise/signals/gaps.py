@@ -1,12 +1,9 @@
-"""Periodic tests: averages over periods, with the noise that their scatter shows.
+"""Averages of periodic tests, short gaps bridged for starting values, and denser samples of records with few of them a
+period.
 
-Short gaps of channels, bridged for starting values; the likelihood takes what was measured.
-
-Records of few samples a period of their fastest motion, and denser samples of them.
-
-Sums over samples of powers of a motion are integrals only where the powers, too, are sampled densely. A motion that fills most
-of the band up to half the sampling rate, but not more, is known between its samples: that of the band is unique. White noise
-in the samples then has the same variance between them, and is shared by neighbours.
+Sums over samples of powers of a motion are integrals only where the powers, too, are sampled densely. A motion that fills
+most of the band up to half the sampling rate, but not more, is known between its samples: that of the band is unique.
+White noise in the samples then has the same variance between them, and is shared by neighbours.
 """
 
 from __future__ import annotations

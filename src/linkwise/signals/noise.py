@@ -1,20 +1,13 @@
-"""White noise and bandwidth of channels, from the spectra of short blocks.
+"""White noise and bandwidth of channels, from the spectra of short blocks, and outliers.
 
-Vibrations occupy low frequencies, and transients high ones for a short time, while white noise has the same power in all cells
-of the time-frequency plane. The noise level is that of the cells without motion.
+Vibrations occupy low frequencies, and transients high ones for a short time, while white noise has the same power in all
+cells of the time-frequency plane. The noise level is that of the cells without motion. Where gaps leave few blocks,
+divided differences of samples that follow one another in whatever distance replace the spectra: they annihilate
+polynomials of their order, and their squares in short stretches of time are the cells.
 
-Where gaps leave few blocks, divided differences of samples that follow one another in whatever distance replace the spectra:
-they annihilate polynomials of their order, and their squares in short stretches of time are the cells.
-
-Noise of the channels of a record: stated by the record, else estimated.
-
-White noise of channels whose motion fills the band up to half the sampling rate, as at five samples a period.
-
-No cell of the time-frequency plane is then free of motion. Where the power falls throughout the band, as that of motion does,
-the noise is no more than what is left at its end. Noise behind an anti-aliasing filter falls there alone, and is left as it
-is.
-
-Tests of noise and of residuals for outliers: more large errors than a normal distribution has.
+Where motion fills the band up to half the sampling rate, as at five samples a period, no cell is free of it. Where the
+power falls throughout the band, as that of motion does, the noise is no more than what is left at its end. Noise behind
+an anti-aliasing filter falls there alone, and is left as it is.
 """
 
 from __future__ import annotations

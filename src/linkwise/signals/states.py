@@ -1,9 +1,8 @@
-"""Displacements, velocities and accelerations by differentiation, as in the paper (its section 3, step 3).
+"""Displacements, velocities and accelerations by differentiation, as in the paper (its section 3, step 3), and by
+integration.
 
 Measured quantities are used as measured. The others are derived from the next channel: v from x, and a from v if it is
 measured, else from x. A channel that is smoothed for this is replaced by its smoothed samples.
-
-Displacement, velocity and acceleration from one measured channel, by smoothing and by integration over time.
 """
 
 from __future__ import annotations

@@ -1,16 +1,14 @@
-"""Structures of one shape under excitations of one kind, integrated side by side in the lanes of one integrator.
+"""Structures of one shape under excitations of one kind, integrated side by side in the lanes of one integrator, and how
+long an orbit can be trusted.
 
-Energies are integrated along with the motion, and crossings of given elongations are events. Laws with kinks cannot be run in
-a batch: their events end a step in one lane but not in the others.
-
-The motion that a run gives, with energies and horizon computed on first use.
-
-The predictability horizon: how long a simulated orbit can be trusted.
+Energies are integrated along with the motion, and crossings of given elongations are events. Laws with kinks cannot be
+run in a batch: their events end a step in one lane but not in the others.
 
 A chaotic structure doubles every error in a fraction of a second, rounding errors included, so past some time no orbit
-computed in double precision is the true one. A second run shows when: with steps bounded to a fraction of those the integrator
-would take, each Taylor series is truncated with an error thousands of times smaller (the remainder of order p is proportional
-to the step to p + 1), which is a tighter tolerance without a new compilation, and every rounding error is a different one.
+computed in double precision is the true one. A second run shows when: with steps bounded to a fraction of those the
+integrator would take, each Taylor series is truncated with an error thousands of times smaller (the remainder of order p
+is proportional to the step to p + 1), which is a tighter tolerance without a new compilation, and every rounding error is
+a different one.
 """
 
 from __future__ import annotations

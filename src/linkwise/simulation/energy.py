@@ -1,15 +1,13 @@
-"""The energy balance of a simulation: energy supplied, stored and dissipated.
+"""The energy balance of a simulation: energy supplied, stored and dissipated, from forces of links along its orbit.
 
     kinetic + sum of potential + sum of dissipated = supplied,   dissipated' = (f(d, v) - f(d, 0)) v for each link
 
 With memory it is (f(d, v, s) - f(d, 0, 0)) v: what a state stores counts as dissipated until the state gives it back.
 
-Powers are integrated along the orbit that was simulated, by Gauss-Legendre quadrature over panels that end at output times and
-at the steps of the integrator (and so at impulses, knots of sampled inputs and kinks). A step is a seventh of the radius of
-convergence, so 6 nodes leave an error below rounding; a driving polynomial of order 5 makes the power one of order 11, for
-which they are exact.
-
-Forces of links and accelerations of masses over a given motion; links of one law are evaluated together.
+Powers are integrated along the orbit that was simulated, by Gauss-Legendre quadrature over panels that end at output
+times and at the steps of the integrator (and so at impulses, knots of sampled inputs and kinks). A step is a seventh of
+the radius of convergence, so 6 nodes leave an error below rounding; a driving polynomial of order 5 makes the power one
+of order 11, for which they are exact.
 """
 
 from __future__ import annotations

@@ -1,21 +1,14 @@
-"""One run of a structure through its schedule: the states at given times.
+"""One run of a structure through its schedule of stops, jumps and inputs: the states at given times, or the error that
+ends it.
 
-The run goes from stop to stop (impulses, knots of sampled inputs, ends of blocks) and integrates each interval with run-time
-parameters that hold the polynomials of the inputs there. The same schedule run again with other output times takes the same
-steps, so what is computed later (energies) belongs to the same orbit, chaotic or not.
+The run goes from stop to stop (impulses, knots of sampled inputs, ends of blocks) and integrates each interval with
+run-time parameters that hold the polynomials of the inputs there. The same schedule run again with other output times
+takes the same steps, so what is computed later (energies) belongs to the same orbit, chaotic or not.
 
-The errors that end a run: each names the time, the mass or link concerned, and what to change.
-
-The branch of a law with kinks on which a motion continues: the sign of every kink just after the current time.
-
-At an event, and at the start of an interval, a kink g may be exactly zero and its sign open. A trial step that does not detect
-kinks decides: with the branches assumed, g a moment later must have the sign that was assumed. If neither sign agrees, the
-force pushes the motion back onto the kink from both sides, as dry friction does to a mass at rest: the link sticks, and the
-equations of motion have no solution.
-
-The schedule of a run: stops, jumps, polynomials of the inputs and parameters, all that does not depend on the motion.
-
-Checks of the arguments of a simulation: output times, and an excitation that fits the structure.
+At an event, and at the start of an interval, a kink g may be exactly zero and its sign open. A trial step that does not
+detect kinks decides: with the branches assumed, g a moment later must have the sign that was assumed. If neither sign
+agrees, the force pushes the motion back onto the kink from both sides, as dry friction does to a mass at rest: the link
+sticks, and the equations of motion have no solution.
 """
 
 from __future__ import annotations

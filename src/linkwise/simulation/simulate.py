@@ -1,8 +1,5 @@
-"""From a structure and an excitation to the record that sensors would measure.
-
-Links alone on a rig, simulated beside a mass at rest: the integrator moves masses, and a rig has none.
-
-The motion after a release, with the range of orbits from releases that differ by less than can be repeated.
+"""From a structure and an excitation to the record that sensors would measure; links alone on a rig beside a mass at
+rest.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
-"""Libraries of columns over states: monomials of all states or of those of a mass and its neighbours (the paper's Eq. 3), and
-one column per coefficient of a link (its physics-informed basis, Eq. 6).
-
-Monomials: products of powers of named variables, counted, named and evaluated (the paper's Eq. 3).
+"""Libraries of columns over states: monomials of all states or of those of a mass and its neighbours (the paper's Eq. 3),
+and one column per coefficient of a link (its physics-informed basis, Eq. 6).
 """
 
 from __future__ import annotations

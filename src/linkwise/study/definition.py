@@ -1,6 +1,5 @@
-"""The definition of a study: structures, noise levels, methods and seeds.
-
-Study files (TOML): what a user writes, and what a folder keeps of it (the same tables as JSON).
+"""The definition of a study, structures, noise levels, methods and seeds, and its file (TOML; a folder keeps the same
+tables as JSON).
 """
 
 from __future__ import annotations

@@ -1,12 +1,8 @@
-"""Executors of the batches of a study: the interface, and the processes of this machine behind it.
+"""Executors of the batches of a study: processes of this machine, or workers of a dask.distributed cluster, behind one
+interface.
 
-An executor returns futures of `concurrent.futures`, and classifies the failure of a batch.
-
-The workers of a dask.distributed cluster as an executor.
-
-How long cases take, measured on those that were run; the size of batches, and the time left.
-
-What a worker process does with a batch of cases.
+An executor returns futures of `concurrent.futures`, and classifies the failure of a batch; batches are as large as the
+cases that were run say.
 """
 
 from __future__ import annotations

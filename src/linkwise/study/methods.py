@@ -1,14 +1,5 @@
-"""Discovery as a method of a study: links and terms from the masses alone, judged by whether they are the true ones.
-
-The paper's monomial SINDy as a method of a study: all monomials of all states, read as the force of each judged link.
-
-PySINDy itself as a method of a study that is judged by its terms; it needs the extra [peers].
-
-SINDy as a method of a study that is judged by its terms: sparse regression on derivatives of the noisy displacements.
-
-The equations of motion of a structure written out in monomials of the states, to compare a monomial model with.
-
-How a structure that a method of a study has come to, links and terms, compares with the true one.
+"""Methods of a study that look for terms, discovery, the paper's monomials, SINDy and PySINDy (extra [peers]), and how
+what they find compares with the true links and terms.
 """
 
 from __future__ import annotations

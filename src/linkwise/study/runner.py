@@ -1,7 +1,4 @@
-"""The coordinator of a study: submits cases, stores their results, and submits again what was lost.
-
-Run a study from its definition to its tables.
-"""
+"""Run a study from its definition to its tables: submit cases, store their results, and submit again what was lost."""
 
 from __future__ import annotations
 

@@ -1,10 +1,5 @@
-"""The summary of a study, cell by cell.
-
-The rows of a study gathered in cells: statistics over the seeds of one structure, noise level and method.
-
-The rows of a study and their summary by cell as tables for other programs.
-
-Rows of a study as a Parquet file.
+"""The summary of a study, cell by cell: statistics over the seeds of one structure, noise level and method, and tables
+for other programs.
 """
 
 from __future__ import annotations

@@ -1,10 +1,5 @@
-"""What is validated: a structure, with what is known of the errors of its coefficients and laws.
-
-Errors of sensors that an answer found, taken out of the record that it is compared with.
-
-Whether a record agrees with identified coefficients: they are estimated again from it alone.
-
-Noise of the responses of a record that may have many gaps.
+"""What is validated, a structure with the errors of its coefficients, laws and sensors, and whether a record agrees with
+its coefficients.
 """
 
 from __future__ import annotations

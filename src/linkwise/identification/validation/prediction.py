@@ -1,9 +1,4 @@
-"""The prediction of a record: one free run, or windows where the motion is chaotic, with what limits its accuracy.
-
-Free runs: an identified structure under the inputs of a record that it was not identified from.
-
-The prediction of load cells by links alone on a rig, along the recorded motion.
-"""
+"""The prediction of a record: one free run, or windows where the motion is chaotic, with what limits its accuracy."""
 
 from __future__ import annotations
 

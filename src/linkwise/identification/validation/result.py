@@ -1,7 +1,4 @@
-"""The result of a validation.
-
-A validation as text.
-"""
+"""The result of a validation, and its text."""
 
 from __future__ import annotations
 

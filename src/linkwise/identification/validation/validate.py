@@ -1,10 +1,5 @@
-"""Validation of an identified structure on a record that it was not identified from.
-
-Scores of a prediction, channel by channel, beside what noise and the errors of the answer allow.
-
-Where in the motion a prediction fails: over time, over the elongation and velocity of every link, and over frequency.
-
-What stated errors of sensors make a prediction differ from a record.
+"""Validation on a record that a structure was not identified from: scores by channel beside what noise and the errors of
+the answer allow, and where in the motion the prediction fails.
 """
 
 from __future__ import annotations

@@ -1,44 +1,23 @@
-"""Frequency response functions and coherence, by Welch's method.
-
-Odd and even distortion of the response to a periodic force, and its scatter from period to period.
+"""What a test at one level shows of linearity, without a model: response functions, distortion, restoring force,
+ring-down.
 
 A linear structure answers at the frequencies of the force alone. Where these are odd multiples of the reciprocal of the
-period, what even terms of the laws add is at even multiples, and what odd terms add at odd multiples that the force leaves
-out. The scatter from period to period is noise, and what of the motion at the start has not died out in the second half of
-the periods, which alone counts; that motion is at all frequencies, even and odd multiples among them.
+period, what even terms of the laws add is at even multiples, and what odd terms add at odd multiples that the force
+leaves out (Pintelon and Schoukens, System Identification: A Frequency Domain Approach (2012), section 4.3). The scatter
+from period to period is noise, and what of the motion at the start has not died out in the second half of the periods,
+which alone counts.
 
-References
-----------
-R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach (2012), section 4.3.
+Where no force acts, the acceleration of a mass is its restoring force over the mass, with the sign reversed. At a place
+of a structure the other coordinates take part in it: points scatter about a surface, and where the structure is not
+linear near the sensor the surface is bent (Masri and Caughey, J. Appl. Mech. 46, 433 (1979); Dossogne, Noël and Kerschen,
+Nonlinear Dynamics 81, 1 (2015)).
 
-The restoring force per mass at a sensor over its displacement and velocity, from one channel and without a model.
-
-Where no force acts, the acceleration of a mass is its restoring force over the mass, with the sign reversed. At a place of a
-structure the other coordinates take part in it: points scatter about a surface, and where the structure is not linear near the
-sensor the surface is bent.
-
-References
-----------
-S. F. Masri and T. K. Caughey, J. Appl. Mech. 46, 433 (1979).
-T. Dossogne, J. P. Noël, G. Kerschen, Nonlinear Dynamics 81, 1 (2015).
-
-Frequency and damping of modes over their amplitude, as they ring down after the force has ended.
-
-The motion is shifted by the frequency of a mode and low-pass filtered: the complex envelope has its amplitude and phase. The
-frequencies are those of the linear modes that explain the later half of the decay, where amplitudes are small. In each window
-straight lines through phase and logarithm of the amplitude give frequency and damping; white noise of variance s^2 leaves
-their slopes with the variance 24 s^2 / (A^2 N T^2) over N samples and T seconds, the Cramer-Rao bound.
-
-References
-----------
-D. C. Rife and R. R. Boorstyn, IEEE Trans. Inf. Theory 20, 591 (1974).
-
-When a frequency or a damping has moved: by more than errors, and by more than what matters.
-
-Short gaps of records, bridged so that modes can be followed as they ring down.
-
-A few samples that are missing change a window of a hundred or more by next to nothing, and what a bridge gets wrong scatters
-about the lines from which frequency and damping follow, whose errors count it.
+Of a decay, the motion is shifted by the frequency of a mode and low-pass filtered: the complex envelope has its amplitude
+and phase. The frequencies are those of the linear modes that explain the later half of the decay, where amplitudes are
+small. In each window straight lines through phase and logarithm of the amplitude give frequency and damping; white noise
+of variance s^2 leaves their slopes with the variance 24 s^2 / (A^2 N T^2) over N samples and T seconds, the Cramer-Rao
+bound (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 591 (1974)). A few missing samples change a window of a hundred or
+more by next to nothing, so that short gaps are bridged.
 """
 
 from __future__ import annotations

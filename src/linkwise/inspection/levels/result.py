@@ -1,7 +1,4 @@
-"""Linearity, from records of one test at several levels.
-
-The text that a comparison of levels prints.
-"""
+"""Linearity, from records of one test at several levels, and its text."""
 
 from __future__ import annotations
 

@@ -1,18 +1,13 @@
-"""Equations of motion as heyoka expressions.
+"""Equations of motion as heyoka expressions, what they are compiled for, and the interface of integrators.
 
     m s y'' = -B f(d, d'),  d = s B'y + e x_base(t),  x = s y       (METHODS section 1)
 
-The scale s makes every y large: heyoka's step control is relative where a state exceeds one and absolute below, and a motion
-of micrometres needs the same digits as one of metres.
+The scale s makes every y large: heyoka's step control is relative where a state exceeds one and absolute below, and a
+motion of micrometres needs the same digits as one of metres. States of links with memory are scaled by the same s: their
+rates are divided by it.
 
-States of links with memory are scaled by the same s: their rates are divided by it.
-
-A law with kinks (abs, sign, max, min) is written on its smooth branches: each kink g has a run-time parameter sigma = sign(g),
-and abs(g) is sigma*g.
-
-What equations of motion are compiled for, and the layout of their run-time parameters.
-
-The interface of integrators: what running a structure needs, whatever library integrates it.
+A law with kinks (abs, sign, max, min) is written on its smooth branches: each kink g has a run-time parameter sigma =
+sign(g), and abs(g) is sigma*g.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
-"""heyoka's Taylor integrators, for one structure and for several side by side.
+"""heyoka's Taylor integrators, for one structure and for several side by side, compiled once for each shape and thread.
 
-Compiled equations of motion, kept for every shape and thread.
-
-Masses, coefficients and inputs are run-time parameters, so all structures of one shape share what was compiled for the first.
-
-Where compiled equations are kept between processes.
-
-heyoka keeps up to 20 GB in one folder for all programs, and each process that compiles reads it from end to end: with 1.7 GB
-there, the first simulation takes twice as long. linkwise keeps a few of its own.
+Masses, coefficients and inputs are run-time parameters, so all structures of one shape share what was compiled for the
+first. heyoka keeps up to 20 GB of it in one folder for all programs, and each process that compiles reads that from end
+to end: with 1.7 GB there, the first simulation takes twice as long. linkwise keeps a few of its own.
 """
 
 from __future__ import annotations

@@ -1,18 +1,12 @@
 """The Gram matrix of a linear system, formed once for all targets, thresholds and supports.
 
 Columns are scaled to unit norm, so "small" means the same in every unit. The normal equations square the condition
-number, and with it lose half of the digits; they come back by one more pass over the rows: it computes the residual of
-an anchor solution to all digits, and every later fit is a correction of that anchor. Its error is then relative to the
-correction, not to the target. The same holds for the residual over rows that were held out.
-
-Sums over the rows of a linear system, formed block by block, apart for rows that are held out.
+number, and with it lose half of the digits; they come back by one more pass over the rows: it computes the residual of an
+anchor solution to all digits, and every later fit is a correction of that anchor. Its error is then relative to the
+correction, not to the target.
 
 Every fifth of a hundred runs of neighbouring rows is held out. Neighbouring samples are strongly correlated: predicting a
 whole run is a test, predicting a row between two fitted ones is not.
-
-Sums over the rows of a linear system about an approximate solution, its anchor.
-
-A least squares solution refined by its residual over the rows, about which later fits are corrections.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Regressors, from a linear system to a fit, and the fit.
-
-Choice among supports by cross-validation: a BIC on rows held out.
+"""Regressors, from a linear system to a fit, and the choice among supports by a BIC on rows held out.
 
 On the rows that are fitted the larger support always has the smaller residual, and noise in the columns (errors in
 variables) lets hundreds of wrong terms explain a little. On rows held out those terms increase the residual, and the

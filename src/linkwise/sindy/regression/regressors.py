@@ -1,16 +1,10 @@
-"""Sequentially thresholded least squares (Brunton et al. 2016; step 6 of the paper's section 3).
+"""Regressors: thresholded least squares (Brunton et al. 2016; step 6 of the paper's section 3), L1-penalised (the paper's
+Eq. 7) and ordinary least squares.
 
-L1-penalised least squares (the paper's Eq. 7), along the whole path of penalties.
-
-The solution is piecewise linear in the penalty, so the path is followed exactly from kink to kink by the homotopy method
-(LARS); each step is one small Cholesky factorisation on the active terms. Columns of monomials are strongly correlated:
-coordinate descent and FISTA would need thousands of sweeps where this takes a few dozen steps.
-
-References
-----------
-M. R. Osborne, B. Presnell and B. A. Turlach, IMA J. Numer. Anal. 20, 389 (2000).
-
-Ordinary least squares on all columns.
+The solution with a penalty is piecewise linear in it, so the path is followed exactly from kink to kink by the homotopy
+method (LARS); each step is one small Cholesky factorisation on the active terms (M. R. Osborne, B. Presnell and B. A.
+Turlach, IMA J. Numer. Anal. 20, 389 (2000)). Columns of monomials are strongly correlated: coordinate descent and FISTA
+would need thousands of sweeps where this takes a few dozen steps.
 """
 
 from __future__ import annotations
