@@ -1,4 +1,4 @@
-"""Long records are searched in pieces: the same answer as that of a search of the whole, or none."""
+"""Long records are searched and tested in pieces: the same answer as that of the whole, or none."""
 
 from __future__ import annotations
 
@@ -6,16 +6,22 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from problems import truth
+from present import present
+from problems import chain_record, truth
 
 import linkwise as lw
 from linkwise.likelihood import long_records as module
+from linkwise.likelihood import score_test
 from linkwise.likelihood import search as search_module
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.long_records import is_long
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.score_test import CandidateForce, augmented_quadratic, candidate_forces
 from linkwise.likelihood.shooting import pieces as pieces_module
 from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.model.law import Law
 from linkwise.progress import ProgressReport
 
 CHAIN = lw.bnes_chain(2)
@@ -109,3 +115,38 @@ def test_progress_rises_and_names_the_pieces(record: lw.Record) -> None:
     fractions = [report.fraction for report in reports]
     assert fractions == sorted(fractions) and fractions[-1] > 0.6
     assert sum("states, piece" in report.activity for report in reports) > 2
+
+
+SAME = 1e-6  # of the roots of diagonal entries: sensitivities are in single precision, summed in other parts
+
+
+@pytest.mark.parametrize("with_errors", [False, True])
+def test_they_are_those_of_the_whole(with_errors: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    chain = lw.bnes_chain(2)
+    asked = chain.unknown("all")
+    record = chain_record(2, duration=2.0).with_noise(20.0, seed=5441130)
+    start = np.array([chain.coefficient(p.name).value for p in asked.parameters])
+    monkeypatch.setattr(search_module, "is_long", lambda segments: False)
+    optimum = likelihood_fit([record], asked, start).optimum
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    forces = [CandidateForce(0, -1, Law.parse("d**3")), CandidateForce(1, 0, Law.parse("v*abs(v)"))]
+    candidates, _ = candidate_forces(optimum, misfit, forces)
+    errors = SensorErrors.of(optimum.segments, misfit) if with_errors else None
+    monkeypatch.setattr(score_test, "is_long", lambda segments: False)
+    whole = augmented_quadratic(optimum, misfit, candidates, errors)
+
+    monkeypatch.setattr(pieces_module, "_LENGTH", 70)
+    monkeypatch.setattr(score_test, "is_long", lambda segments: True)
+    linear_models: list[object] = []
+    monkeypatch.setattr(score_test, "linear_model", linear_models.append)
+    in_pieces = augmented_quadratic(optimum, misfit, candidates, errors)
+    assert not linear_models
+    size = np.sqrt(whole.curvature.diagonal())
+    np.testing.assert_allclose(
+        in_pieces.curvature / np.outer(size, size),
+        whole.curvature / np.outer(size, size),
+        rtol=0.0,
+        atol=SAME,
+    )
+    np.testing.assert_allclose(in_pieces.slope / size, whole.slope / size, rtol=0.0, atol=1e-3)
+    assert present(in_pieces).growth == pytest.approx(whole.growth, rel=1e-6)

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.polynomial import Polynomial
 from present import present
 from problems import rubbing_trio, truth
 
 import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.likelihood.shooting.acting_forces import ActingForces
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
+from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
 from linkwise.likelihood.shooting.tangents import tangents
+from linkwise.likelihood.shooting.transitions import carried
 from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
+
+
 # of the motion, five samples on: ten times what the test of the order allows in the mean of squares
 LONG_STEP = 1e-5
+
+
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
 
 
@@ -50,9 +56,8 @@ def exact_inputs(starts: np.ndarray, step: float, steps: int) -> Inputs:
     time = (np.arange(steps)[:, None, None] + POINTS[:, None]) * step + starts
     force = np.zeros((steps, len(POINTS), 3, len(starts)))
     force[:, :, 1] = TimeFunction(FORCE).value(time)
-    return Inputs(
-        force, np.stack([1e-3 * np.sin(300 * time), 0.3 * np.cos(300 * time)], axis=2)
-    )  # BASE and its rate
+    # BASE and its rate
+    return Inputs(force, np.stack([1e-3 * np.sin(300 * time), 0.3 * np.cos(300 * time)], axis=2))
 
 
 def states(record: lw.Record, every: int) -> np.ndarray:
@@ -108,37 +113,6 @@ def test_the_flow_has_order_eight(three: lw.Structure) -> None:
     assert errors[0] < 1e-6 and errors[-1] < 1e-11
 
 
-def test_middles_are_what_twice_as_many_steps_find(three: lw.Structure) -> None:
-    system = System.of(three).at(np.zeros(0))
-    start = states(driven(three, duration=0.1), 20)[..., :-1]
-    time = np.arange(start.shape[-1]) * 0.02
-    coarse = flow(system, start, np.full(len(time), 1e-3), 4, exact_inputs(time, 1e-3, 4))
-    fine = flow(system, start, np.full(len(time), 5e-4), 8, exact_inputs(time, 5e-4, 8))
-    thin = fine.thinned(2)
-    for name in ("states", "links", "accelerations", "middle_links", "middle_accelerations"):
-        ours, theirs = getattr(coarse, name), getattr(thin, name)
-        # the middle stage is of a lower order than the step
-        assert np.abs(ours - theirs).max() < 1e-4 * np.abs(theirs).max(), name
-    assert fine.thinned(1) is fine
-
-
-@pytest.mark.parametrize("degree", range(6))
-def test_middles_of_masses_are_those_of_the_polynomial_of_both_ends(degree: int) -> None:
-    """Displacement, velocity and acceleration at both ends determine degree 5, whose middles are exact."""
-    step = np.array([0.5, 2.0])
-    time = step * np.arange(4)[:, None] - 1.0  # (J + 1, K)
-    motion = Polynomial.basis(degree)
-    orbit = replace(
-        Trajectories.empty(3, 1, 0, 0, 2),
-        states=np.stack([motion(time), step * motion.deriv()(time)], axis=1)[:, :, None],
-        accelerations=motion.deriv(2)(time)[:, None],
-    )
-    middle = time[:-1] + 0.5 * step
-    expected = np.stack([motion(middle), step * motion.deriv()(middle)], axis=1)
-    size = 5.0 * 5.0**degree  # of the farthest end, and of the slope there
-    np.testing.assert_allclose(orbit.middles(step)[:, :, 0], expected, atol=1e-12 * size)
-
-
 def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
     record = driven(three)
     inputs = flow_inputs([record], three, [81], samples=5, refine=2)
@@ -153,21 +127,6 @@ def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
     assert np.abs(base - exact_base)[:, :, 0, middle].max() < 1e-4 * 1e-3
     assert np.abs(base - exact_base)[:, :, 1, middle].max() < 1e-3 * 0.3
     assert not force[:, :, [0, 2]].any()
-
-
-def test_records_are_cut_into_segments_with_their_own_steps(three: lw.Structure) -> None:
-    slow = lw.simulate(
-        three, duration=0.2, rate=500.0, sensors=("x",), release={"v:m1": 1.0}, forces={"m2": FORCE},
-        base=BASE,
-    )  # fmt: skip
-    fast = driven(three, sensors=("x",))
-    segments = cut_segments([fast, slow], three, System.of(three), samples=5, refine=2, offsets=["x:m2"])
-    assert segments.count == 81 + 21
-    assert not segments.linked[80] and segments.linked.sum() == 100
-    assert set(segments.step[:81]) == {5e-4} and set(segments.step[81:]) == {1e-3}
-    assert segments.observed[:, 0].sum() == 401 + 101
-    assert segments.samples[1, 2, 81] == slow.channel("x:m3")[1]
-    assert list(segments.sensors.offset) == [-1, 0, -1]
 
 
 @pytest.mark.parametrize("refine", [1, 4])
@@ -261,3 +220,84 @@ def test_records_of_other_channels_are_refused(three: lw.Structure) -> None:
         cut_segments([only], three, System.of(three), samples=5, refine=1, offsets=())
     with pytest.raises(lw.IdentificationError, match=r"x:m3 belongs to no mass.*m1, m2"):
         cut_segments([record], lw.bnes_chain(2), System.of(lw.bnes_chain(2)), samples=5, refine=1, offsets=())
+
+
+STEP, STEPS, SCALE = 3e-3, 6, np.repeat([1e-4, 1e-1], 3)
+ENDS = np.array([-1, 0]), np.array([1, 2])  # of two candidates, one of them on a single mass
+NOTHING = Inputs()
+
+
+@pytest.fixture(scope="module")
+def without_inputs() -> tuple[System, Floats, Floats]:
+    """With two unknown masses and a coefficient that links on both sides of a mass share; states of some nodes."""
+    three = rubbing_trio()
+    unknown = three.unknown("all", "mass:m2", "mass:m3")
+    record = lw.simulate(
+        three,
+        duration=0.3,
+        rate=1.0 / STEP,
+        sensors=("x", "v"),
+        release={"v:m1": 1.0, "x:m3": 0.005},
+        base="0",
+    )
+    nodes = np.concatenate([[record.channel(f"{kind}:m{i}")[::STEPS] for i in (1, 2, 3)] for kind in "xv"])
+    return System.of(unknown), truth(three, unknown), nodes[:, :-1]
+
+
+def orbit_in(without_inputs: tuple[System, Floats, Floats], steps: int) -> tuple[Trajectories, Floats]:
+    """The motion in so many steps a sample, and their durations."""
+    system, theta, nodes = without_inputs
+    step = np.full(nodes.shape[1], STEP / steps)
+    return flow(system.at(theta), nodes, step, STEPS * steps, NOTHING), step
+
+
+def candidates_along(orbit: Trajectories) -> CandidateForces:
+    """Forces that follow elongations of links, in N."""
+    return CandidateForces(*ENDS, 100.0 * orbit.links[:, 0, :2], 100.0 * orbit.middle_links[:, 0, :2])
+
+
+def ends_by_transitions(without_inputs: tuple[System, Floats, Floats], steps: int) -> Floats:
+    """(2 n, P, K) of x and v at the ends, in so many whole steps a sample."""
+    (system, theta, _), (fine, half) = without_inputs, orbit_in(without_inputs, 2 * steps)
+    orbit, step = fine.thinned(2), 2.0 * half
+    candidates, mechanics = candidates_along(orbit), system.at(theta)
+    acting = ActingForces.along(mechanics, fine, step, theta, candidates, inputs=NOTHING)
+    *_, last = carried(mechanics, step, SCALE, acting, len(SCALE) + len(theta) + len(ENDS[0]))
+    return in_their_units(last.transpose(1, 2, 0).reshape(2, 3, -1, len(step)), step)
+
+
+def ends_by_march(without_inputs: tuple[System, Floats, Floats], steps: int) -> Floats:
+    """The same, marched."""
+    (system, theta, _), (orbit, step) = without_inputs, orbit_in(without_inputs, steps)
+    candidates = candidates_along(orbit)
+    *_, last = tangents(system.at(theta), orbit, step, SCALE, theta, candidates, inputs=NOTHING)
+    return in_their_units(last.state, step)
+
+
+def in_their_units(state: Single, step: Floats) -> Floats:
+    return np.asarray(np.concatenate([state[0], state[1] / step]) / SCALE[:, None, None], dtype=float)
+
+
+def test_columns_of_states_are_those_that_are_marched_in_half_steps(
+    without_inputs: tuple[System, Floats, Floats],
+) -> None:
+    """The same numerics, in single precision."""
+    ours, marched = (
+        ends[:, : len(SCALE)]
+        for ends in (ends_by_transitions(without_inputs, 1), ends_by_march(without_inputs, 2))
+    )
+    assert np.abs(ours - marched).max() < 1e-5 * np.abs(marched).max()
+
+
+def test_all_columns_have_their_declared_order(without_inputs: tuple[System, Floats, Floats]) -> None:
+    """Those of parameters and of candidates as well, of order 4 by Simpson's rule; one that is wrong keeps its error."""
+    exact = ends_by_march(without_inputs, 16)
+    size = np.sqrt(np.mean(exact**2, axis=(0, 2)))
+    errors = [
+        np.sqrt(np.mean((ends_by_transitions(without_inputs, steps) - exact) ** 2, axis=(0, 2))) / size
+        for steps in (1, 2)
+    ]
+    assert exact.shape[1] == len(SCALE) + len(without_inputs[1]) + 2
+    assert np.max(errors[1]) < 0.01
+    orders = np.log2(errors[0] / errors[1])  # 4 in the displacements, 3 in the rates
+    assert np.median(orders) > 3.0 and np.min(orders) > 2.5

@@ -1,4 +1,4 @@
-"""Bordered block-tridiagonal equations against dense matrices."""
+"""Bordered block-tridiagonal equations: banded ones against dense matrices, and blocks from both ends against the band."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem, Damping
+from linkwise.likelihood.shooting.block_factor import BlockEquations, NodeBlocks
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem, BorderEquations, Damping
 from linkwise.likelihood.shooting.linear_model import covariance
 from linkwise.likelihood.shooting.segments import Scales
 
@@ -167,27 +168,84 @@ def test_a_border_that_the_nodes_explain_has_no_solution(equations: BorderedSyst
     assert present(bad.factor()).solve(np.zeros(P, bool)) is not None
 
 
-def test_a_border_that_ran_away_has_no_factor(equations: BorderedSystem) -> None:
-    corner = equations.corner.copy()
-    corner[0, 0] = np.inf
-    assert replace(equations, corner=corner).factor() is None
+def system(nodes: int, m: int, p: int) -> BorderedSystem:
+    """Normal equations J'J of a Jacobian whose rows touch two neighbouring nodes and the border."""
+    random = np.random.default_rng(5)
+    diagonal, coupling = np.zeros((nodes, m, m)), np.zeros((nodes - 1, m, m))
+    right, corner = np.zeros((nodes, m, p + 1)), np.zeros((p, p))
+    for k in range(nodes):
+        rows = random.normal(size=(3 * m + p, 2 * m + p))
+        own, later, border = np.split(rows, [m, 2 * m], axis=1)
+        diagonal[k] += own.T @ own
+        right[k, :, :p] += own.T @ border
+        corner += border.T @ border
+        if k + 1 < nodes:
+            diagonal[k + 1] += later.T @ later
+            coupling[k] = later.T @ own
+            right[k + 1, :, :p] += later.T @ border
+    right[..., p] = random.normal(size=(nodes, m))
+    return BorderedSystem(diagonal, coupling, right, corner, random.normal(size=p))
 
 
-def test_a_wide_border_is_that_of_single_columns(equations: BorderedSystem) -> None:
-    """Node by node, by products of blocks, against the band alone; of each column of the border as of a narrow one."""
-    random, wide = np.random.default_rng(7), 600 // M
-    nodes = len(equations.diagonal)
-    right = random.normal(size=(nodes, M, wide + 1))
-    corner, slope = 1e3 * np.eye(wide), random.normal(size=wide)
-    whole = present(replace(equations, right=right, corner=corner, corner_gradient=slope).factor())
-    schur, reduced = np.empty((wide, wide)), np.empty(wide)
-    for column in range(wide):
-        narrow = replace(
-            equations, right=right[..., [column, -1]], corner=np.eye(1), corner_gradient=np.zeros(1)
+def blocks(banded: BorderedSystem) -> BlockEquations:
+    nodes, m, _ = banded.diagonal.shape
+    coupling = np.concatenate([banded.coupling, np.zeros((1, m, m))])
+
+    def some(first: int, last: int) -> NodeBlocks:
+        right = banded.right[first:last].transpose(0, 2, 1)
+        own = banded.diagonal[first:last].copy(), right.copy(), coupling[first:last].copy()
+        return NodeBlocks(*own)
+
+    return BlockEquations(
+        (nodes, m),
+        some,
+        lambda border: banded.right[..., -1] - banded.right[..., :-1] @ border,
+        lambda states: np.tensordot(states, banded.right[..., :-1], 2),
+        lambda first, last: coupling[first:last],
+        banded.corner,
+        banded.corner_gradient,
+    )
+
+
+@pytest.mark.parametrize(
+    ("nodes", "m", "p"), [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (6, 128, 3)]
+)
+def test_both_ends_meet(nodes: int, m: int, p: int) -> None:
+    """The same numerics; nodes of 128 states are eliminated by two threads."""
+    banded = system(nodes, m, p)
+    by_blocks, by_band = present(blocks(banded).factor()), present(banded.factor())
+    free, fixed_values = np.arange(p) != 1, np.linspace(0.1, 0.2, p)
+    np.testing.assert_allclose(
+        by_blocks.schur, by_band.schur, rtol=1e-8, atol=1e-8 * np.max(np.abs(banded.corner))
+    )
+    for (states, border), (expected, expected_border) in (
+        (present(by_blocks.solve(free, given)), present(by_band.solve(free, given)))
+        for given in (None, fixed_values)
+    ):
+        np.testing.assert_allclose(border, expected_border, rtol=1e-8)
+        np.testing.assert_allclose(states, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
+        assert by_blocks.excess(border, free) == pytest.approx(
+            by_band.excess(border, free), rel=1e-8, abs=1e-12
         )
-        forward = present(narrow.factor()).forward.reshape(-1, 2)
-        np.testing.assert_allclose(whole.forward.reshape(-1, wide + 1)[:, [column, -1]], forward, rtol=1e-8)
-        reduced[column] = slope[column] - forward[:, 0] @ forward[:, 1]
-        schur[column] = corner[column] - forward[:, 0] @ whole.forward.reshape(-1, wide + 1)[:, :-1]
-    np.testing.assert_allclose(whole.reduced, reduced, rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(whole.schur, schur, rtol=1e-8, atol=1e-8)
+    added = np.random.default_rng(6).normal(size=banded.right.shape[:2]), np.linspace(-1.0, 1.0, p)
+    (states, border), (expected, expected_border) = (
+        present(factor.moved(*added).solve(free)) for factor in (by_blocks, by_band)
+    )
+    np.testing.assert_allclose(border, expected_border, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(states, expected, rtol=1e-8, atol=1e-8 * np.max(np.abs(expected)))
+    assert by_blocks.log_determinant(free) == pytest.approx(by_band.log_determinant(free), rel=1e-8)
+
+
+@pytest.mark.parametrize(("node", "m"), [(0, 4), (3, 4), (6, 4), (5, 128)])
+def test_equations_that_are_not_positive_definite_have_no_factor(node: int, m: int) -> None:
+    """At either end, or where both meet; found by either thread."""
+    banded = system(7, m, 2)
+    banded.diagonal[node] -= 1e4 * np.eye(m)
+    assert blocks(banded).factor() is None and blocks(banded).border() is None
+
+
+def test_rounding_that_leaves_no_positive_definite_equations_leaves_no_covariance() -> None:
+    """Their inverse has a negative variance, or, of the next rounding, any positive one."""
+    scales, free = Scales(np.ones(1), np.ones(2), np.ones(2)), np.ones(2, dtype=bool)
+    schur = np.array([[1.0, 1.0], [1.0, 1.0 - 1e-15]])
+    assert np.isinf(covariance(BorderEquations(schur, np.zeros(2), 0.0), scales, free)).all()

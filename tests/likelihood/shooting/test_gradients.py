@@ -1,25 +1,33 @@
-"""Residuals, defects and the normal equations of segments: every gradient against differences of the cost."""
+"""Residuals, defects and the equations of segments: every gradient against differences of the cost."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record, rubbing_trio, truth
+from scipy.stats import norm
+from structures import row_of_masses
 
 import linkwise as lw
-from linkwise.likelihood.shooting import normal_equations as module
+from linkwise.arrays import Floats
+from linkwise.likelihood.fit import Optimum, likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.adjoint import gradient as adjoint_gradient
+from linkwise.likelihood.shooting.adjoint import has_adjoint
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
+from linkwise.likelihood.shooting.clipped_readings import ClippedReadings
+from linkwise.likelihood.shooting.linear_model import linear_model
+from linkwise.likelihood.shooting.local_equations import LocalLinearization
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
-from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.starts.states import segment_nodes, start_states
 
 CHANNELS = ("x:m1", "v:m2", "a:m3", "x:m3", "a:m1", "force:m2", "x:base")
 OFFSETS = ("v:m2", "a:m1")
@@ -119,12 +127,7 @@ def beside(segments: Segments, scales: Scales, point: Iterate, loss: Loss) -> di
 
 @pytest.mark.parametrize("q", [1.0, 1e-3])
 def test_the_gradient_is_the_costs_difference(
-    segments: Segments,
-    scales: Scales,
-    point: Iterate,
-    loss: Loss,
-    beside: dict[int, list[Misfit]],
-    q: float,
+    segments: Segments, scales: Scales, point: Iterate, loss: Loss, beside: dict[int, list[Misfit]], q: float
 ) -> None:
     misfit = evaluate(segments, point, scales, loss)
     equations = linearise(segments, misfit, scales, loss).equations(q)
@@ -138,6 +141,82 @@ def test_the_gradient_is_the_costs_difference(
     largest = np.sqrt(curvature * misfit.cost(q))
     # of quotients of differences; measured 6e-5
     assert np.abs((computed - expected) / largest)[checked].max() < 2e-4
+
+
+WAVE = "40*sin(31*t + 1) + 20*sin(53*t) + 30*sin(11*t)"
+PAIR = row_of_masses(
+    [1.0, 1.0],
+    lower=("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 2e5, "c": 0.6}),
+    upper=("k*d + c*v", {"k": 1000.0, "c": 0.6}),
+)
+SENSORS = ("x:m1", "x:m2", "v:m1", "a:m2")
+
+
+def chain_released(sensors: tuple[str, ...] = ("x",), *, clipped: bool = False) -> lw.Record:
+    record = chain_record(2, duration=0.6, sensors=sensors).with_noise(30.0, seed=35)
+    if not clipped:
+        return record
+    peak = 0.5 * np.max(np.abs(record.values), axis=0)
+    return lw.inspection.mark_missing(
+        replace(record, values=np.clip(record.values, -peak, peak), simulated=None)
+    )
+
+
+def pair_driven() -> lw.Record:
+    forces = {"m1": WAVE, "m2": f"0.6*cos(7*t) - 0.5*({WAVE})"}
+    return lw.simulate(PAIR, forces=forces, duration=1.0, rate=200.0).with_noise(35.0, seed=1)
+
+
+ERRORS_OF_SENSORS = {  # records, structure, what is unknown of sensors, and by how much slopes may differ
+    "offset and gain": (
+        [chain_released()], lw.bnes_chain(2), {"offsets": ("x:m2",), "gains": ("x:m2",)}, 1e-4,
+    ),
+    "drift and hum": (
+        [chain_released()], lw.bnes_chain(2), {"drifts": {"x:m2": None}, "hums": {"x:m1": [50.0]}, "gains": ("x:m2",)}, 1e-4,
+    ),
+    "clipped": ([chain_released(clipped=True)], lw.bnes_chain(2), {"gains": ("x:m2",)}, 2e-3),
+    "delays": (
+        [chain_released(SENSORS)], lw.bnes_chain(2), {"delays": ("v:m1", "x:m2"), "gains": ("v:m1",)}, 1e-3,
+    ),
+    "forces": (
+        [pair_driven(), pair_driven()[:107]],
+        PAIR,
+        {"gains": ("force:m2", "x:m1", "force:m1"), "delays": ("force:m1", "x:m2", "force:m2")},
+        1e-2,
+    ),
+    "calibration": ([chain_released()], lw.bnes_chain(2), {"calibration": {"x:m2": 0.01}}, 1e-4),
+}  # fmt: skip
+
+
+@cache
+def beside_optimum(kind: str) -> Optimum:
+    """After some steps of a search, with all but the states moved."""
+    records, true, unknown, _ = ERRORS_OF_SENSORS[kind]
+    asked = true.unknown("all")
+    options = LikelihoodOptions(**unknown, model_error=False, steps=3)  # type: ignore[arg-type]
+    start = likelihood_fit(records, asked, truth(true, asked), options=options).optimum
+    shift = 0.03 * np.random.default_rng(3).normal(size=len(start.scales.theta)) * start.scales.theta
+    shift[: len(asked.parameters)] *= 1e-3
+    return replace(start, point=start.point.moved(start.point.nodes, start.point.border + shift))
+
+
+@pytest.mark.parametrize("kind", ERRORS_OF_SENSORS)
+@pytest.mark.parametrize("q", [1e3, 1e-3])
+def test_slopes_by_errors_of_sensors_are_the_costs_differences(kind: str, q: float) -> None:
+    """Of data alone, and beside defects, to which errors of forces add; columns are in single precision."""
+    _, true, _, tolerance = ERRORS_OF_SENSORS[kind]
+    start = beside_optimum(kind)
+    scales, segments, point = start.scales, start.segments, start.point
+
+    def cost(border: np.ndarray) -> float:
+        return evaluate(segments, point.moved(point.nodes, border), scales, Gaussian()).cost(q)
+
+    linear = linearise(segments, evaluate(segments, point, scales, Gaussian()), scales, Gaussian())
+    computed = -2.0 * linear.equations(q).corner_gradient
+    for number in some(range(len(true.unknown("all").parameters), len(computed))):
+        step = EPS * scales.theta * (np.arange(len(computed)) == number)
+        quotient = (cost(point.border + step) - cost(point.border - step)) / (2.0 * EPS)
+        assert computed[number] == pytest.approx(quotient, rel=tolerance), number
 
 
 def test_curvature_is_that_of_the_residuals(segments: Segments, scales: Scales, point: Iterate) -> None:
@@ -208,16 +287,6 @@ def test_records_are_not_linked_to_each_other(segments: Segments, scales: Scales
     assert np.array_equal(away.defects[..., : FIRST - 1], misfit.defects[..., : FIRST - 1])
 
 
-def test_an_offset_moves_its_channel_and_no_other(segments: Segments, scales: Scales, point: Iterate) -> None:
-    misfit = evaluate(segments, point, scales, Gaussian())
-    moved = evaluate(
-        segments, replace(point, offsets=point.offsets + np.array([0.5, 0.0])), scales, Gaussian()
-    )
-    change = moved.residuals - misfit.residuals
-    assert change[:, 1][segments.observed[:, 1]] == pytest.approx(-0.5 / scales.sigma[1], rel=1e-12)
-    assert not np.delete(change, 1, axis=1).any()
-
-
 def test_the_truth_leaves_nothing(
     three: lw.Structure, unknown: lw.Structure, segments: Segments, scales: Scales, records: list[lw.Record]
 ) -> None:
@@ -241,37 +310,6 @@ def test_the_truth_leaves_nothing(
     assert np.abs(misfit.residuals).max() < 1.0
 
 
-def test_sums_do_not_depend_on_chunks_and_threads(
-    segments: Segments, scales: Scales, point: Iterate, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    misfit = evaluate(segments, point, scales, Gaussian())
-    whole = linearise(segments, misfit, scales, Gaussian()).equations(0.1)
-    monkeypatch.setattr(module, "CHUNK", 1)
-    parts = linearise(segments, misfit, scales, Gaussian()).equations(0.1)
-    with ThreadPoolExecutor(2) as executor:
-        side = linearise(segments, misfit, scales, Gaussian(), executor).equations(0.1)
-    for name in ("diagonal", "coupling", "right", "corner", "corner_gradient"):
-        size = np.abs(getattr(whole, name)).max()
-        # chunks are added up in another order, in single precision; threads change nothing
-        assert getattr(parts, name) == pytest.approx(getattr(whole, name), abs=1e-5 * size)
-        assert np.array_equal(getattr(side, name), getattr(parts, name))
-
-
-def test_nodes_start_where_the_sensors_say(three: lw.Structure) -> None:
-    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
-    sigma = dict(present(record.simulated).noise)
-    states = start_states(record, lw.bnes_chain(2), sigma, 5)
-    at = segment_nodes([states], 5)
-    assert at.shape == (4, 401)
-    true = present(record.simulated)
-    for i, name in enumerate(("x:m1", "x:m2")):
-        error = np.sqrt(np.mean((states.x[i] - true.displacement[:, i])[20:-20] ** 2))
-        assert error < sigma[name]  # smoothing takes noise away
-    speed = np.sqrt(np.mean((states.v - true.velocity.T)[:, 20:-20] ** 2, axis=1))
-    assert (speed < 0.05 * np.sqrt(np.mean(true.velocity**2, axis=0))).all()  # 1 % noise, at most five fold
-    assert states.scale[:2] == pytest.approx([sigma["x:m1"], sigma["x:m2"]])
-
-
 def test_losses_cost_what_their_densities_say() -> None:
     r = np.linspace(-6.0, 6.0, 25)
     for loss in (Gaussian(), Huber(1.5), Student(4.0)):
@@ -284,3 +322,117 @@ def test_losses_cost_what_their_densities_say() -> None:
     assert Huber(1.5).total(np.array([10.0])) == pytest.approx(2 * 1.5 * 10 - 1.5**2, rel=1e-12)
     many = Student(1e6)  # many degrees of freedom are a Gaussian
     assert many.total(np.array([3.0])) == pytest.approx(9.0, rel=1e-5)  # (r^2/2 - 1)/1e6 = 3.5e-6 less
+
+
+Q = 0.1
+
+
+def chain_optimum(masses: int, sensors: tuple[str, ...] = (), unknown: tuple[str, ...] = ("all",)) -> Optimum:
+    chain = lw.bnes_chain(masses)
+    channels = [f"x:{name}" for name in chain.mass_names] + list(sensors)
+    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=channels)
+    asked = chain.unknown(*unknown)
+    start = np.array([chain.coefficient(p.name).value for p in asked.parameters])
+    return likelihood_fit([record.with_noise(30.0, seed=5206900)], asked, start).optimum
+
+
+def moved_aside(start: Optimum, seed: int) -> Optimum:
+    """The same with all unknowns moved by a little, so that there is a gradient."""
+    rng, scales, point = np.random.default_rng(seed), start.scales, start.point
+    nodes = point.nodes + 0.1 * rng.normal(size=point.nodes.shape) * scales.state[:, None]
+    return replace(
+        start,
+        point=point.moved(nodes, point.border + 1e-3 * rng.normal(size=len(scales.theta)) * scales.theta),
+    )
+
+
+def right_side(start: Optimum) -> tuple[np.ndarray, np.ndarray]:
+    """(K, m) and (P,) of the normal equations."""
+    misfit = evaluate(start.segments, start.point, start.scales, start.loss)
+    linear = linear_model(start.segments, misfit, start.scales, start.loss)
+    if isinstance(linear, Linearization):
+        equations = linear.equations(Q)
+        return equations.right[..., -1], equations.corner_gradient
+    local = linear.equations(Q)
+    assert isinstance(linear, LocalLinearization)
+    return local.gradient[:, local.order.places], local.corner_gradient
+
+
+def by_adjoint(start: Optimum) -> tuple[np.ndarray, np.ndarray]:
+    misfit = evaluate(start.segments, start.point, start.scales, start.loss)
+    return adjoint_gradient(start.segments, misfit, start.scales, start.loss, misfit.defects.T / Q**2)
+
+
+@pytest.mark.parametrize(
+    ("masses", "sensors", "unknown", "tolerance"),
+    [
+        (2, (), ("all",), 1e-5),
+        (2, ("v:m1", "v:m2"), ("all", "mass:m2"), 1e-5),
+        (4, (), ("nes",), 1e-5),
+        (14, (), ("all",), 2e-3),  # whose sensitivities are short of a thousandth
+    ],
+)
+def test_it_is_that_of_the_normal_equations(
+    masses: int, sensors: tuple[str, ...], unknown: tuple[str, ...], tolerance: float
+) -> None:
+    start = moved_aside(chain_optimum(masses, sensors, unknown), masses)
+    assert has_adjoint(start.segments)
+    for mine, theirs in some(zip(by_adjoint(start), right_side(start), strict=True)):
+        assert np.abs(mine - theirs).max() < tolerance * np.abs(theirs).max()
+
+
+def test_it_is_the_slope_of_the_cost() -> None:
+    """Along a random direction, by central differences of the flow, whose order is higher than that of the sensitivities."""
+    start = moved_aside(chain_optimum(4), 11)
+    rng, scales, point = np.random.default_rng(3), start.scales, start.point
+    nodes, border = rng.normal(size=point.nodes.shape), 1e-2 * rng.normal(size=len(scales.theta))
+    costs = []
+    for side in (-1e-4, 1e-4):
+        moved = point.moved(
+            point.nodes + side * nodes * scales.state[:, None], point.border + side * border * scales.theta
+        )
+        costs.append(evaluate(start.segments, moved, scales, start.loss).cost(Q))
+    of_nodes, of_border = by_adjoint(start)
+    slope = -2.0 * (np.vdot(of_nodes, nodes.T) + of_border @ border)
+    assert (costs[1] - costs[0]) / 2e-4 == pytest.approx(slope, rel=1e-4)
+
+
+def readings(sides: Floats) -> ClippedReadings:
+    """Readings at 2 units, and a sample that is none behind them."""
+    present = np.append(np.ones(len(sides), dtype=bool), False)[:, None, None]
+    return ClippedReadings(present, 2.0 * present, np.append(sides, 0.0)[:, None, None])
+
+
+def test_cost_is_that_of_the_probability_of_a_reading_at_the_bound_or_beyond() -> None:
+    sides, motion = np.array([1.0, -1.0, 0.0]), np.array([2.6, 2.4, 1.5, 9.0])
+    misfit = readings(sides).misfit(-motion[:, None, None] / 0.5, np.array(0.5))
+    log_likelihood = norm.logsf(2.0, 2.6, 0.5) + norm.logcdf(2.0, 2.4, 0.5) - 0.5 * ((2.0 - 1.5) / 0.5) ** 2
+    assert misfit.cost == pytest.approx(-2.0 * log_likelihood, rel=1e-12)
+    assert misfit.residuals[3, 0, 0] == misfit.roots[3, 0, 0] == misfit.shown[3, 0, 0] == 0.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_residuals_and_weights_are_those_of_slope_and_curvature(side: float) -> None:
+    """Against differences, whose error is that of their step of 1e-4."""
+    step = 1e-4
+
+    def cost(motion: float) -> float:
+        return readings(np.array([side])).misfit(np.full((2, 1, 1), -motion), np.array(1.0)).cost
+
+    places = np.linspace(-4.0, 8.0, 13)
+    misfits = [readings(np.array([side])).misfit(np.full((2, 1, 1), -x), np.array(1.0)) for x in places]
+    slopes = [(cost(x + step) - cost(x - step)) / (2.0 * step) for x in places]
+    curvatures = [(cost(x + step) - 2.0 * cost(x) + cost(x - step)) / step**2 for x in places]
+    roots = np.array([misfit.roots[0, 0, 0] for misfit in misfits])
+    residuals = np.array([misfit.residuals[0, 0, 0] for misfit in misfits])
+    np.testing.assert_allclose(-2.0 * roots**2 * residuals, slopes, atol=1e-5)
+    np.testing.assert_allclose(2.0 * roots**2, curvatures, atol=1e-5)
+
+
+def test_far_from_the_bound_it_counts_as_an_observation_or_for_nothing() -> None:
+    inside, beyond = (
+        readings(np.array([1.0])).misfit(np.full((2, 1, 1), -x), np.array(1.0)) for x in (-1e7, 1e3)
+    )
+    assert inside.roots[0, 0, 0] == pytest.approx(1.0, abs=1e-6)
+    assert inside.residuals[0, 0, 0] == pytest.approx(1e5, rel=1e-4)
+    assert beyond.roots[0, 0, 0] == beyond.cost == 0.0 and np.isfinite(beyond.residuals).all()
