@@ -1,26 +1,37 @@
-"""Identification of links with memory: flow, sensitivities, starts, intervals, and the channels of links."""
+"""Links with memory: flow, sensitivities, starts, intervals, and the channels of links."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from present import present, some
-from structures import HARDENING, asked_oscillator, harvester, hysteretic_oscillator, link, named, structure
+from structures import (
+    HARDENING,
+    asked_oscillator,
+    harvester,
+    host,
+    hysteretic_oscillator,
+    link,
+    named,
+    structure,
+)
+from within import assert_within, of
 
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.flow import Inputs, flow
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
+from linkwise.likelihood.starts.host_memory import host_memory_starts
 from linkwise.likelihood.starts.memory import memory_starts
 
 BOUC_WEN = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.02, "s": 0.7}
 HARVESTER = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}
-
 TRUE = {"m1.mass": 2.0, "bw.c": 10.0, "bw.k": 5e4, "bw.alpha": 5e4, "bw.bg": 800.0, "bw.bd": -1100.0}
 """Of the Bouc-Wen benchmark, Noel and Schoukens 2016; bg and bd are beta times gamma and delta."""
 
@@ -30,6 +41,14 @@ def multisine(amplitude: float, fastest: float) -> str:
     rng = np.random.default_rng(1)
     parts = zip(rng.uniform(0.3, 1.0, 12), rng.uniform(0.06, 1.0, 12), rng.uniform(0.0, 6.0, 12), strict=True)
     return "+".join(f"{amplitude * a:.4f}*sin({fastest * w:.4f}*t + {p:.4f})" for a, w, p in parts)
+
+
+def on_exact_base(record: lw.Record, snr_db: float, seed: int) -> lw.Record:
+    """The record with noise, of which the motion of the base has none."""
+    base = next(name for name in record.channels if name.endswith(":base"))
+    noisy = record.with_noise(snr_db, seed=seed).values.copy()
+    noisy[:, record.channels.index(base)] = record.channel(base)
+    return replace(record, values=noisy, simulated=None)
 
 
 def joint() -> lw.Structure:
@@ -111,11 +130,7 @@ def test_starts_find_the_valley_of_the_truth(hysteretic: lw.Record) -> None:
 @pytest.mark.parametrize("channels", [["x:m1"], ["x:m1", "f:joint"], ["x:m1", "state:joint.z"]], ids=str)
 def test_a_hysteretic_link_is_identified_from_no_starts(hysteretic: lw.Record, channels: list[str]) -> None:
     fit = lw.identify(hysteretic.select([*channels, "force:m1"]), joint().unknown("joint"))
-    assert fit.trusted, fit.explanation
-    for name, value in BOUC_WEN.items():
-        estimate = fit.coefficient(f"joint.{name}")
-        # 3.5 standard errors: 5e-4 of chance each
-        assert abs(estimate.value - value) < 3.5 * present(estimate.standard_error), name
+    assert_within(fit, joint(), 3.5)
 
 
 def test_a_law_of_d_and_v_alone_is_refused_on_a_hysteretic_record(hysteretic: lw.Record) -> None:
@@ -132,12 +147,8 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
     )
     noisy = record.with_noise(30.0, seed=2)
     fit = lw.identify(noisy, true.unknown("piezo"))
-    assert fit.trusted, fit.explanation
+    assert_within(fit, true, 3.5)
     assert fit.coefficient("piezo.theta").unit == "N/V" and fit.coefficient("piezo.R").unit == "ohm"
-    for name, value in HARVESTER.items():
-        estimate = fit.coefficient(f"piezo.{name}")
-        # 3.5 standard errors: 5e-4 of chance each
-        assert abs(estimate.value - value) < 3.5 * present(estimate.standard_error), name
 
 
 def nearby(subject: lw.Structure, part: float) -> lw.Structure:
@@ -157,23 +168,12 @@ def nearby(subject: lw.Structure, part: float) -> lw.Structure:
     return replace(unknown, links=tuple(links))
 
 
-def within_five_deviations(fit: lw.Estimate, true: lw.Structure) -> None:
-    """5.7e-7 of chance for each coefficient."""
-    assert fit.trusted, fit.explanation
-    for parameter in some(fit.parameters):
-        estimate = fit.coefficient(parameter.name)
-        error = abs(estimate.value - present(true.coefficient(parameter.name).value))
-        assert error < 5.0 * present(estimate.standard_error), parameter.name
-
-
 def test_a_harvester_is_identified_from_its_voltage_alone() -> None:
     true = harvester(0.02, **HARVESTER)
     base = "0.004*sin(40*t) + 0.003*sin(57*t + 1) + 0.002*sin(33*t + 2)"
     record = lw.simulate(true, duration=3.0, rate=500.0, base=base, sensors=["state", "x:base"])
-    noisy = record.with_noise(20.0, seed=4).values.copy()
-    noisy[:, record.channels.index("x:base")] = record.channel("x:base")
-    record = replace(record, values=noisy, simulated=None)
-    within_five_deviations(lw.identify(record, nearby(true, 0.2)), true)
+    record = on_exact_base(record, 20.0, 4)
+    assert_within(lw.identify(record, nearby(true, 0.2)), true, 5.0)
     with pytest.raises(lw.IdentificationError, match="mass m1 has no channel; record its motion, or state"):
         lw.identify(record, true.unknown("all"))
 
@@ -183,7 +183,7 @@ def test_a_hidden_mass_beside_links_with_memory_is_found_from_starts() -> None:
     forces = {"m1": multisine(6.0, 60.0)}
     record = lw.simulate(true, duration=4.0, rate=200.0, sensors=["x", "state"], forces=forces)
     record = record.select(["x:m1", "state:piezo.V", "force:m1"]).with_noise(40.0, seed=3)
-    within_five_deviations(lw.identify(record, nearby(true, 0.1)), true)
+    assert_within(lw.identify(record, nearby(true, 0.1)), true, 5.0)
 
 
 def test_a_record_without_any_motion_is_refused(hysteretic: lw.Record) -> None:
@@ -215,8 +215,7 @@ def test_unknowns_that_a_small_motion_does_not_tell_apart_are_named() -> None:
 
 
 INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
-"""Relative: Newmark's average acceleration, with which the authors made the benchmark at 15 kHz, moves as the exact equations
-do at the frequency 2/h tan(w h/2), so a mass seems larger by (w h)**2 / 6; this at 150 Hz, where their multisine ends."""
+"""By which a mass seems larger by Newmark's average acceleration, (w h)**2 / 6, that made the benchmark at 15 kHz."""
 
 
 @pytest.mark.parametrize("name", ["hand-written", "bouc-wen-classical"])
@@ -246,7 +245,7 @@ def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
     record = lw.simulate(true, duration=4.0, rate=200.0, sensors=["x"], forces=forces).with_noise(
         40.0, seed=9
     )
-    within_five_deviations(lw.identify(record, true.unknown("all")), true)
+    assert_within(lw.identify(record, true.unknown("all")), true, 5.0)
     levels_off = structure({"m1": lw.Coefficient.unknown()}, named("joint", "m1-ground", "bouc-wen"))
     fit = lw.identify(record, levels_off)
     assert not fit.trusted
@@ -266,10 +265,7 @@ def test_hysteretic_storeys_of_any_speed_are_found_from_accelerations(frequency:
     record = lw.simulate(
         true, duration=15.0 / frequency, rate=60.0 * frequency, base=base, sensors=["a", "a:base"]
     )
-    noisy = record.with_noise(30.0, seed=11).values.copy()
-    noisy[:, record.channels.index("a:base")] = record.channel("a:base")
-    record = replace(record, values=noisy, simulated=None)
-    within_five_deviations(lw.identify(record, true.unknown("all")), true)
+    assert_within(lw.identify(on_exact_base(record, 30.0, 11), true.unknown("all")), true, 5.0)
 
 
 def hysteretic_frame() -> lw.Structure:
@@ -293,22 +289,106 @@ def shaken_frame() -> lw.Record:
         for size, f, phase in ((1.6, 0.45, 0), (1.2, 0.8, 1), (1.8, 1.3, 2), (1.4, 2.2, 3), (1.5, 4.1, 4))
     )
     record = lw.simulate(hysteretic_frame(), duration=15.0, rate=100.0, base=base, sensors=["a", "a:base"])
-    noisy = record.with_noise(30.0, seed=21).values.copy()
-    noisy[:, record.channels.index("a:base")] = record.channel("a:base")
-    return replace(record, values=noisy, simulated=None)
+    return on_exact_base(record, 30.0, 21)
 
 
 def test_hysteretic_storeys_of_a_frame_are_found_from_accelerations(shaken_frame: lw.Record) -> None:
     true = hysteretic_frame()
-    within_five_deviations(lw.identify(shaken_frame, true.unknown("all")), true)
+    assert_within(lw.identify(shaken_frame, true.unknown("all")), true, 5.0)
 
 
 def test_storeys_that_do_not_yield_are_refused_on_the_record_of_a_frame_that_does(
     shaken_frame: lw.Record,
 ) -> None:
     plain = structure(
-        {"m1": 1.0, "m2": 1.0},
-        link("lower", "m1-base", "k*d + c*v"),
-        link("upper", "m2-m1", "k*d + c*v"),
+        {"m1": 1.0, "m2": 1.0}, link("lower", "m1-base", "k*d + c*v"), link("upper", "m2-m1", "k*d + c*v")
     )
     assert not lw.identify(shaken_frame, plain).trusted
+
+
+SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}
+HYSTERETIC = {"k": 100.0, "c": 0.05, "F": 0.5, "s": 0.6, "x0": 2e-3}
+RATE = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
+
+
+def wing(mass: float | lw.Coefficient = 0.05) -> lw.Structure:
+    """A wing by three modes, with a store that hangs at its tip and slips."""
+    payload = link("payload", "store-wing.tip", "k*d + c*v + F*z", RATE, **HYSTERETIC)
+    return structure(
+        {"store": mass}, payload, hosts=[host("wing", (5.2, 21.0, 47.0), 0.01, SHAPES)], name="wing"
+    )
+
+
+@cache
+def shaken(kind: str, seed: int) -> lw.Record:
+    """Four seconds of a force of twelve frequencies, with three sensors of one kind."""
+    rng = np.random.default_rng(seed)
+    tones = zip(rng.uniform(2.0, 40.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12), strict=True)
+    force = " + ".join(f"0.6*sin({2.0 * np.pi * frequency}*t + {phase})" for frequency, phase in tones)
+    return lw.simulate(
+        wing(),
+        forces={"wing.joint": force},
+        duration=4.0,
+        rate=400.0,
+        sensors=[f"{kind}:wing.tip", f"{kind}:wing.joint", f"{kind}:store"],
+    ).with_noise(35.0, seed=seed)
+
+
+@cache
+def identified() -> lw.Estimate:
+    return lw.identify(shaken("a", 65), wing().unknown("payload"))
+
+
+def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
+    fit = identified()
+    assert_within(fit, wing())
+    for name, true in HYSTERETIC.items():  # four of them are a fifth: still of use
+        assert present(fit.coefficient(f"payload.{name}").standard_error) < 0.05 * true
+
+
+@pytest.mark.parametrize("kind", ["x", "v"])
+def test_starts_are_near_where_the_motion_is_measured_well(kind: str) -> None:
+    unknown = wing().unknown("payload")
+    best, *_ = host_memory_starts([shaken(kind, 67)], unknown, {})
+    found = {p.name: value for p, value in zip(unknown.parameters, best.values, strict=True)}
+    for name in ("F", "s", "x0"):  # a search from there converges
+        assert found[f"payload.{name}"] == pytest.approx(HYSTERETIC[name], rel=0.5)
+
+
+@pytest.mark.slow
+def test_a_second_record_of_a_host_with_memory_is_predicted() -> None:
+    second = lw.simulate(
+        wing(),
+        forces={"wing.joint": "0.5*sin(30*t) + 0.4*sin(150*t)"},
+        duration=2.0,
+        rate=400.0,
+        sensors=["a:wing.tip", "a:wing.joint", "a:store"],
+    ).with_noise(35.0, seed=63)
+    validation = lw.validate(second, identified())
+    assert validation.trusted
+
+
+def test_an_unknown_mass_beside_a_host_with_memory_needs_a_start() -> None:
+    unknown = wing(lw.Coefficient.unknown()).unknown("payload")
+    with pytest.raises(lw.StructureError, match=r"store.*no start value"):
+        lw.identify(shaken("a", 65), unknown)
+
+
+def test_equivalent_springs_start_a_joint_between_two_points_of_a_host() -> None:
+    """A joint between two points with like shapes: its force drifts more than it says, as frequencies are a little off."""
+    rng = np.random.default_rng(64)
+    frequencies = np.sort(rng.uniform(3.0, 40.0, 6))
+    left = rng.normal(0.0, 0.25, 6)
+    ends = {"shaker": rng.normal(0.0, 0.25, 6), "left": left, "right": left + rng.normal(0.0, 0.15, 6)}
+    shapes = {point: shape.tolist() for point, shape in ends.items()}
+    law = {"k": 9000.0, "k3": 3e10, "c": 6.0}
+    joint = link("joint", "air.left-air.right", "k*d + k3*d**3 + c*v", **law)
+    true = structure({}, joint, hosts=[host("air", frequencies.tolist(), 0.01, shapes)], name="aircraft")
+    lines = zip(np.linspace(2.0, 42.0, 40), rng.uniform(0.0, 2.0 * np.pi, 40), strict=True)
+    force = " + ".join(f"2*sin({2.0 * np.pi * frequency}*t + {phase})" for frequency, phase in lines)
+    sensors = ["a:air.shaker", "a:air.left", "a:air.right"]
+    record = lw.simulate(true, forces={"air.shaker": force}, duration=5.0, rate=400.0, sensors=sensors)
+    off = [lw.Coefficient.unknown(f * (1.0 + 0.005 * rng.normal()), sigma=0.005 * f) for f in frequencies]
+    stated = structure({}, joint, hosts=[host("air", off, 0.01, shapes)], name="aircraft").unknown("joint")
+    fit = lw.identify(record.with_noise(40.0, seed=64), stated)
+    assert_within(fit, of("joint", law))
