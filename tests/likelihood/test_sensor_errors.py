@@ -1,0 +1,425 @@
+"""Offsets, gains, drift and hum of sensors: found with the laws, admitted, and known beforehand to within."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from present import present
+from problems import chain_record
+from structures import asked_oscillator, oscillator, torsion_chain
+from within import assert_within, errors
+
+import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+
+
+@pytest.fixture(scope="module")
+def quiet() -> lw.Record:
+    return chain_record(2, duration=3.0)
+
+
+def scaled(record: lw.Record, name: str, gain: float) -> lw.Record:
+    """The record with one channel multiplied."""
+    values = record.values.copy()
+    values[:, record.channels.index(name)] *= gain
+    return replace(record, values=values)
+
+
+def test_an_unknown_gain_is_found_with_the_laws(quiet: lw.Record) -> None:
+    chain = lw.bnes_chain(2)
+    record = scaled(quiet.with_noise(40.0, seed=1), "x:m1", 1.1)
+    unknown = chain.unknown("nes")
+    fit = lw.identify(record, unknown, gains=["x:m1"])
+    assert_within(fit, chain, 5.0)
+    assert any(line.startswith(("x:m1 shows 1.1", "x:m1 shows 1.09")) for line in fit.findings)
+    assert fit.message == "The laws explain the record to within its noise."
+    assert lw.identify(record, unknown).message != fit.message  # with the gain taken as 1 they do not
+
+
+def test_each_record_has_its_own_noise(quiet: lw.Record) -> None:
+    chain = lw.bnes_chain(2)
+    unknown = chain.unknown("nes")
+    loud, soft = quiet.with_noise(20.0, seed=2), quiet.with_noise(50.0, seed=3)
+    theta = np.array([chain.coefficient(p.name).value for p in unknown.parameters])
+    both = likelihood_fit([loud, soft], unknown, theta)
+    alone = likelihood_fit([soft], unknown, theta)
+    # of 12002 samples, and the estimate of their noise
+    assert both.chi_square == pytest.approx(1.0, abs=0.05)
+    ratio = np.sqrt(np.diag(both.covariance) / np.diag(alone.covariance))
+    assert np.all(ratio < 1.0)  # a loud record adds, it does not spoil ...
+    assert np.all(ratio > 0.95)  # ... and it adds little: 30 dB are a factor of 1000 in weight
+
+
+def test_a_gain_of_no_channel_is_refused(quiet: lw.Record) -> None:
+    with pytest.raises(lw.IdentificationError, match="no offset or gain of x:m9 can be estimated"):
+        lw.identify(quiet.with_noise(30.0, seed=0), lw.bnes_chain(2).unknown("nes"), gains=["x:m9"])
+
+
+def test_the_order_of_the_records_does_not_matter() -> None:
+    chain = lw.bnes_chain(2)
+    unknown = chain.unknown("nes")
+    weak_hit = chain_record(2, duration=1.0, speed=0.02).with_noise(30.0, seed=4)
+    strong_hit = chain_record(2, duration=2.0).with_noise(30.0, seed=5)
+    weak_first, strong_first = (
+        lw.identify([weak_hit, strong_hit], unknown),
+        lw.identify([strong_hit, weak_hit], unknown),
+    )
+    assert weak_first.trusted and strong_first.trusted
+    # both within their errors of one optimum
+    np.testing.assert_allclose(weak_first.values, strong_first.values, rtol=1e-3)
+    # extremes of motions that differ by a part of the noise, 3 % of their deviation
+    assert weak_first.link("nes1").d_range == pytest.approx(strong_first.link("nes1").d_range, rel=1e-2)
+    assert weak_first.findings == strong_first.findings == ()
+
+
+@pytest.mark.parametrize("loss", [Huber(), Huber(0.7), Student()])
+def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record, loss: Loss) -> None:
+    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=loss)
+    assert fit.trusted
+    # 6002 samples, and the estimate of their noise
+    assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.06)
+
+
+def test_the_expected_cost_of_noise_is_that_of_many_draws() -> None:
+    draws = np.random.default_rng(0).standard_normal(400_000)
+    for loss in (Gaussian(), Huber(), Huber(0.7), Student(), Student(2.0)):
+        costs = loss.costs(draws)
+        # of the mean
+        assert loss.expected == pytest.approx(costs.mean(), abs=5.0 * costs.std() / np.sqrt(len(draws)))
+
+
+def test_the_weak_form_refuses_an_absolute_displacement_beside_an_acceleration_of_the_base() -> None:
+    isolated = oscillator("k*d + c*v", to="base", name="mount", k=900.0, c=1.0).unknown("all")
+    time = np.arange(400) / 200.0
+    record = lw.Record.from_arrays(time, {"x:m1": np.sin(20.0 * time), "a:base": np.cos(20.0 * time)})
+    with pytest.raises(
+        lw.IdentificationError,
+        match=r"only up to drift: measure the motion relative to the base \(rel:x:m1\)",
+    ):
+        lw.identify(record, isolated, method="weak")
+
+
+def test_a_law_that_is_not_finite_where_the_link_went_is_refused() -> None:
+    rooted = asked_oscillator("k*d + b*sqrt(d)", 1.0, name="root")
+    time = np.arange(800) / 200.0
+    record = lw.Record.from_arrays(time, {"x:m1": np.sin(20.0 * time)}).with_noise(40.0, seed=0)
+    for method in ("weak", "ml"):
+        with pytest.raises(lw.IdentificationError, match=r"root\.b is not finite over the whole motion"):
+            lw.identify(record, rooted, method=method)
+
+
+def test_time_in_the_wrong_unit_is_refused_by_the_flow(quiet: lw.Record) -> None:
+    slow = lw.Record(0.0, 1.0, quiet.channels, quiet.values)  # 1000 Hz taken for 1 Hz
+    with pytest.raises(
+        lw.IdentificationError, match=r"runs to infinity within a few samples: .*write time\[ms\]"
+    ):
+        lw.identify(slow.with_noise(40.0, seed=0), lw.bnes_chain(2).unknown("nes"))
+
+
+CHAIN = lw.bnes_chain(2)
+TRUTH = {p.name: present(CHAIN.coefficient(p.name).value) for p in CHAIN.unknown("all").parameters}
+
+
+def known_within(structure: lw.Structure, start: float, sigma: float) -> lw.Structure:
+    """The structure with a prior of its second mass."""
+    first, second = structure.masses
+    mass = replace(second, mass=lw.Coefficient.unknown(start, sigma=sigma))
+    return replace(structure, masses=(first, mass))
+
+
+def miscalibrated(record: lw.Record, deviation: float, seed: int) -> lw.Record:
+    """The record with gains drawn about 1, one for each channel."""
+    gains = 1.0 + deviation * np.random.default_rng(seed).standard_normal(record.values.shape[1])
+    return replace(record, values=record.values * gains)
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    return chain_record(2, duration=3.0).with_noise(40.0, seed=1)
+
+
+def test_a_mass_that_is_known_to_within_is_found_between_prior_and_record(record: lw.Record) -> None:
+    """The product of two normal densities, of the prior and of the fit without it."""
+    prior = lw.identify(record, known_within(CHAIN.unknown("all"), 0.010002, 1e-6)).coefficient("m2.mass")
+    free = lw.identify(record, known_within(CHAIN.unknown("all"), 0.010002, 1.0)).coefficient("m2.mass")
+    weights = np.array([1e-6, present(free.standard_error)]) ** -2.0
+    joined = weights @ [0.010002, free.value] / weights.sum()
+    # the likelihood is quadratic over its own errors to some per cent
+    assert prior.value == pytest.approx(joined, abs=0.05 * weights.sum() ** -0.5)
+    assert present(prior.standard_error) == pytest.approx(weights.sum() ** -0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("method", ["ml", "weak"])
+def test_a_value_that_the_record_contradicts_is_not_trusted(method: str, record: lw.Record) -> None:
+    right = lw.identify(record, known_within(CHAIN.unknown("all"), 0.0101, 1e-4), method=method)  # type: ignore[arg-type]
+    wrong = lw.identify(record, known_within(CHAIN.unknown("all"), 0.0120, 1e-4), method=method)  # type: ignore[arg-type]
+    assert right.trusted and not wrong.trusted
+    assert wrong.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR and "m2.mass" in wrong.message
+
+
+def test_sparse_regression_and_discovery_refuse_what_they_would_not_count(record: lw.Record) -> None:
+    unknown = known_within(CHAIN.unknown("nes"), 0.0101, 1e-4)
+    with pytest.raises(lw.IdentificationError, match=r"m2\.mass is stated with a sigma"):
+        lw.identify(record, unknown, method="sindy")
+    with pytest.raises(lw.StructureError, match=r"m2\.mass is stated with a sigma"):
+        lw.discover(record, lw.model.PartialStructure(unknown.masses, ()))
+
+
+def test_calibration_widens_only_what_a_gain_may_change(record: lw.Record) -> None:
+    """All gains 1 % larger leave a linear law as it is and make a cubic coefficient 2 % smaller."""
+    unknown = CHAIN.unknown("all")
+    sharp = lw.identify(record, unknown)
+    wide = lw.identify(record, unknown, calibration={"common": 0.01})
+    ratio = {
+        name: present(wide.coefficient(name).standard_error) / present(sharp.coefficient(name).standard_error)
+        for name in TRUTH
+    }
+    assert ratio["nes1.beta"] > 10.0  # 2 % of it, 0.03 % without
+    assert ratio["spring1.k"] == pytest.approx(1.0, abs=0.05)  # the same numerics, another optimum
+    assert present(wide.coefficient("nes1.beta").standard_error) == pytest.approx(0.02 * 1e6, rel=0.1)
+
+
+def test_intervals_of_sensors_of_stated_calibration_cover_the_truth() -> None:
+    """Ten drawn sets of gains: the sum of squares stays below what ten independent ones reach once in 10 000."""
+    squares = []
+    for seed in range(4100, 4110):
+        record = miscalibrated(chain_record(2, duration=1.0).with_noise(40.0, seed=seed), 0.01, seed)
+        fit = lw.identify(record, CHAIN.unknown("all"), calibration={"all": 0.01})
+        assert fit.trusted
+        squares.append(np.square(errors(fit, CHAIN)))
+    chance = scipy.stats.chi2.ppf(1.0 - 1e-4, 10) / 10.0
+    assert (np.mean(squares, axis=0) < chance).all()
+
+
+def test_calibration_names_the_channel_that_is_not_there(record: lw.Record) -> None:
+    with pytest.raises(lw.IdentificationError, match=r"no calibration of x:m9 can be stated"):
+        lw.identify(record, CHAIN.unknown("nes"), calibration={"x:m9": 0.01})
+    with pytest.raises(lw.IdentificationError, match=r"calibration of x:m1 must be .* got 1$"):
+        lw.identify(record, CHAIN.unknown("nes"), calibration={"x:m1": 1.0})
+
+
+@pytest.mark.parametrize(("kind", "said"), [("gain", "x:m2 shows 1.1"), ("offset", "x:m2 is off by")])
+def test_an_error_that_is_admitted_is_taken_into_the_model(kind: str, said: str, record: lw.Record) -> None:
+    column = record.channels.index("x:m2")
+    values = record.values.copy()
+    # of 2 % a gain of the other sensor explains as much, and none is taken
+    values[:, column] = 1.1 * values[:, column] if kind == "gain" else values[:, column] + 2e-4
+    faulty = replace(record, values=values)
+    unknown = CHAIN.unknown("nes")
+    assert not lw.identify(faulty, unknown).trusted
+    wrong_kind = "offset" if kind == "gain" else "gain"
+    assert not lw.identify(faulty, unknown, admit=[wrong_kind]).trusted
+    fit = lw.identify(faulty, unknown, admit=["offset", "gain"])
+    assert any(line.startswith(said) for line in fit.findings)
+    assert_within(fit, {"nes1.beta": 1e6}, 5.0)
+    with pytest.raises(lw.IdentificationError, match='unknown error of a sensor "gian"; did you mean "gain"'):
+        lw.identify(faulty, unknown, admit=["gian"])
+
+
+def test_a_test_is_planned_with_what_is_known_beforehand() -> None:
+    plan = {"duration": 0.5, "rate": 1000.0, "noise": 40.0, "release": {"v:m1": 1.0}}
+    wide, narrow = (
+        lw.limit(known_within(CHAIN, 0.01, sigma), **plan).coefficient("m2.mass")  # type: ignore[arg-type]
+        for sigma in (1.0, 1e-6)
+    )
+    information = np.array([present(wide.standard_error), 1e-6]) ** -2.0
+    # same numerics, of a matrix whose scales are 1e6 apart
+    assert present(narrow.standard_error) == pytest.approx(information.sum() ** -0.5, rel=1e-6)
+
+
+UNKNOWN = CHAIN.unknown("nes")
+
+
+def noisy() -> lw.Record:
+    return chain_record(2, duration=2.0).with_noise(30.0, seed=1)
+
+
+def stating(record: lw.Record, **known: float) -> lw.Record:
+    return replace(record, uncertainty={"x:m2": lw.records.SensorUncertainty(**known)})
+
+
+def sensor_error(fit: lw.Estimate, phrase: str) -> tuple[float, float]:
+    """Value and standard error of what the findings tell of x:m2."""
+    [match] = [
+        hit
+        for text in fit.findings
+        if (hit := re.match(rf"x:m2 {phrase} (\S+) .*error (\S+?)( ms)?\)", text))
+    ]
+    return float(match[1]), float(match[2])
+
+
+@pytest.mark.parametrize(
+    ("kind", "phrase", "unit"), [("offset", "is off by", 1.0), ("delay", "is late by", 1e3)]
+)
+def test_a_prior_adds_its_precision(kind: str, phrase: str, unit: float) -> None:
+    free = sensor_error(lw.identify(stating(noisy(), **{kind: np.inf}), UNKNOWN), phrase)[1] / unit
+    value, error = sensor_error(lw.identify(stating(noisy(), **{kind: free}), UNKNOWN), phrase)
+    # as precise as the record: half the variance; both are told to two digits
+    assert error / unit == pytest.approx(free / np.sqrt(2.0), rel=0.08)
+    # four standard errors: 6e-5 of chance each
+    assert abs(value) < 4.0 * error
+
+
+def test_a_stated_gain_is_a_calibration() -> None:
+    stated = lw.identify(stating(noisy(), gain=0.01), UNKNOWN)
+    by_option = lw.identify(noisy(), UNKNOWN, calibration={"x:m2": 0.01})
+    assert stated.coefficient("nes1.beta").standard_error == by_option.coefficient("nes1.beta").standard_error
+    # what is asked for goes before what the record states
+    narrow = lw.identify(stating(noisy(), gain=0.2), UNKNOWN, calibration={"all": 0.05, "x:m2": 0.01})
+    both = lw.identify(noisy(), UNKNOWN, calibration={"all": 0.05, "x:m2": 0.01})
+    assert narrow.coefficient("nes1.beta").value == both.coefficient("nes1.beta").value
+
+
+def late() -> lw.Record:
+    """The second laser is three samples of 1 ms late."""
+    record = noisy()
+    values = record.values.copy()
+    values[3:, 1] = values[:-3, 1]
+    return replace(record, values=values, simulated=None)[3:]
+
+
+def test_a_prior_of_a_delay_is_of_the_whole_delay() -> None:
+    value, error = sensor_error(lw.identify(stating(late(), delay=2e-3), UNKNOWN), "is late by")
+    # the prior, 300 times as wide as the error, moves it by 1e-5 of 3 ms; the record says it to 0.0064 ms
+    assert value == pytest.approx(3.0, abs=4.0 * error)
+    wrong = lw.identify(stating(late(), delay=1e-4), UNKNOWN)
+    assert not wrong.trusted
+    assert wrong.diagnosis[0].kind == "prior" and wrong.diagnosis[0].where == "delay of x:m2"
+    # four standard errors of the delay, 6e-5 of chance
+    assert wrong.diagnosis[0].unit == "s" and wrong.diagnosis[0].size == pytest.approx(3e-3, abs=4e-3 * error)
+
+
+def test_an_offset_beyond_its_prior_takes_trust_away() -> None:
+    off = replace(noisy(), values=noisy().values + np.array([0.0, 1e-3]), simulated=None)
+    wrong = lw.identify(stating(off, offset=1e-4), UNKNOWN)
+    assert not wrong.trusted and "offset of x:m2 0.000999 m above the value that is stated" in wrong.message
+    assert lw.identify(stating(off, offset=1e-3), UNKNOWN).trusted
+
+
+def test_records_that_state_different_errors_are_refused() -> None:
+    second = chain_record(2, duration=2.0).with_noise(30.0, seed=2)
+    with pytest.raises(
+        lw.IdentificationError,
+        match=r"state different errors of x:m2: its offset is known to 0\.0001 m, and its offset is known to 0\.001 m; state",
+    ):
+        lw.identify([stating(noisy(), offset=1e-4), stating(second, offset=1e-3)], UNKNOWN)
+
+
+def test_other_methods_say_that_they_do_not_count_it() -> None:
+    fit = lw.identify(stating(noisy(), gain=0.01), UNKNOWN, method="weak")
+    assert (
+        'What is stated of the errors of x:m2 is not counted: method "ml" alone counts errors of sensors.'
+        in fit.findings
+    )
+
+
+def test_a_discovery_counts_what_records_state() -> None:
+    masses: Mapping[str, float] = {"m1": 1.0, "m2": 0.01}
+    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
+    stated = lw.discover(stating(record, gain=0.01), masses)
+    by_option = lw.discover(record, masses, calibration={"x:m2": 0.01})
+    assert stated.estimate.values == pytest.approx(by_option.estimate.values, rel=1e-8)
+    assert any(finding.startswith("x:m2 shows") for finding in stated.estimate.findings)
+
+
+def test_a_validation_allows_for_stated_errors() -> None:
+    record = noisy()
+    wrong = replace(record, values=record.values * [1.0, 1.03], simulated=None)
+    assert not lw.validate(wrong, CHAIN).trusted
+    assert lw.validate(stating(wrong, gain=0.03), CHAIN).trusted
+    unknown = lw.validate(stating(record, offset=np.inf), CHAIN)
+    assert "Errors taken as zero, though stated as unknown: offset of x:m2." in unknown.remarks
+
+
+ASKED = CHAIN.unknown("all")
+
+
+def disturbed(added: Floats, seed: int, start: float = 0.0) -> lw.Record:
+    """A record at 30 dB whose sink has `added` (N,), in standard deviations of its noise, on top of its motion."""
+    clean = chain_record(2, duration=2.0)
+    record = clean.with_noise(30.0, seed=seed)
+    sigma = float(np.std(clean.channel("x:m2"))) * 10.0**-1.5
+    values = record.values + np.outer(sigma * added, [0.0, 1.0])
+    return replace(record, start=start, values=values, simulated=None)
+
+
+TIME = chain_record(2, duration=2.0).time
+HUM = 3.0 * np.sin(2.0 * np.pi * 50.0 * TIME + 1.0)
+DRIFT = 6.0 * np.sin(1.5 * TIME)
+
+
+@pytest.mark.parametrize(
+    ("added", "options"),
+    [
+        (HUM, {"hums": {"x:m2": 50.0}}),
+        (DRIFT, {"drifts": ["x:m2"]}),
+        (DRIFT + HUM, {"drifts": {"x:m2": 0.4}, "hums": {"x:m2": 50.0}, "gains": ["x:m2"]}),
+    ],
+    ids=["hum", "drift", "both beside a gain"],
+)
+def test_laws_are_found_with_what_is_added_to_a_sensor(added: Floats, options: LikelihoodOptions) -> None:
+    """Four standard errors: chance exceeds them for one in 2300 of these seven coefficients."""
+    record = disturbed(added, seed=21)
+    assert not lw.identify(record, ASKED).trusted
+    fit = lw.identify(record, ASKED, **options)  # type: ignore[arg-type]
+    assert_within(fit, CHAIN)
+
+
+def test_amplitude_and_range_are_told_with_standard_errors() -> None:
+    """Within five of them; the drift within the error of a line of eight pieces, whose corners lie on the curve."""
+    record = disturbed(DRIFT + HUM, seed=22)
+    fit = lw.identify(record, ASKED, drifts=["x:m2"], hums={"x:m2": 50.0})
+    sigma = float(np.std(chain_record(2, duration=2.0).channel("x:m2"))) * 10.0**-1.5
+    [drift] = [line.split() for line in fit.findings if " drifts over " in line]
+    [hum] = [line.split() for line in fit.findings if " has a hum of " in line]
+    assert float(hum[5]) == pytest.approx(3.0 * sigma, abs=5.0 * float(hum[-1].rstrip(").")))
+    assert float(drift[3]) == pytest.approx(np.ptp(DRIFT) * sigma, rel=0.05)
+
+
+def test_a_channel_may_have_several_hums_and_be_named_alone() -> None:
+    record = disturbed(HUM + DRIFT + 2.0 * np.sin(2.0 * np.pi * 150.0 * TIME), seed=27)
+    fit = lw.identify(record, ASKED, drifts="x:m2", hums={"x:m2": [50.0, 150.0]})
+    assert fit.trusted
+    assert sum("has a hum of" in line for line in fit.findings) == 2
+
+
+def test_every_record_has_sizes_of_its_own() -> None:
+    records = [disturbed(DRIFT, seed=23), disturbed(-2.0 * HUM, seed=24, start=7.0)]
+    fit = lw.identify(records, ASKED, drifts=["x:m2"], hums={"x:m2": 50.0})
+    assert_within(fit, CHAIN)
+    assert sum("x:m2 drifts over" in line for line in fit.findings) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"drifts": ["x:m3"]}, "no drift or hum of x:m3 can be estimated; did you mean"),
+        ({"drifts": {"x:m2": 1e-3}}, "the pieces of the drift of x:m2 must be 0.0312 s long at least, got 0.001 s"),
+        ({"drifts": {"x:m2": -1.0}}, "the pieces of the drift of x:m2 must have a positive length in s, got -1.0"),
+        ({"hums": ["x:m2"]}, "hums takes frequencies in Hz by channel, as in"),
+        ({"hums": {"x:m2": "50"}}, "hums takes frequencies in Hz by channel, as in"),
+        ({"hums": {"x:m2": 600.0}}, "a frequency between 0 and half the rate, 500 Hz, got 600 Hz"),
+        ({"drifts": ["x:m2"], "ambient": ["m1"]}, "random forces and drift or hum of x:m2 cannot be estimated together"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_found_is_refused(options: LikelihoodOptions, reason: str) -> None:
+    with pytest.raises(lw.IdentificationError, match=reason):
+        lw.identify(disturbed(HUM, seed=26), ASKED, **options)  # type: ignore[arg-type]
+
+
+def test_disturbances_of_rotations_are_told_in_rad() -> None:
+    record = lw.simulate(torsion_chain(), release={"v:disc1": 6.0}, duration=2.0, rate=500.0)
+    record = record.with_noise(40.0, seed=5413021)
+    fit = lw.identify(
+        record, torsion_chain().unknown("sink"), drifts={"x:disc2": 1.0}, hums={"x:disc1": 50.0}
+    )
+    told = [remark for remark in fit.remarks if "drifts over" in remark or "50 Hz" in remark]
+    assert len(told) == 2 and all(" rad " in remark for remark in told), fit.remarks
