@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 import scipy
-from present import present
+from present import present, some
 from problems import chain_record, truth
 from random_force import random_force
-from structures import link, oscillator, row_of_masses, with_links
+from structures import NES, link, oscillator, row_of_masses, with_links
+from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.estimates.causes import Cause
-from linkwise.likelihood.held_errors import decisive, not_held
-from linkwise.likelihood.missing_terms import MissingTerms
+from linkwise.likelihood.held_errors import decisive
 from linkwise.likelihood.whiteness import is_coloured, whiteness_text
 from linkwise.signals.noise import has_outliers, outliers_exceed_noise
 
@@ -113,8 +110,7 @@ def test_a_low_rate_needs_no_model_error(seed: int, chain: lw.Structure) -> None
     unknown = chain.unknown("all")
     fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=seed), unknown)
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
-    errors = (fit.values - truth(chain, unknown)) / np.sqrt(fit.covariance.diagonal())
-    assert np.max(np.abs(errors)) < 5.0  # standard errors: by chance once in 3 million
+    assert_within(fit, chain, 5.0)
 
 
 def test_outliers_are_seen_and_normal_noise_has_none() -> None:
@@ -126,13 +122,11 @@ def test_outliers_are_seen_and_normal_noise_has_none() -> None:
     assert has_outliers(hit, np.array([1.0, np.std(hit[:, 1]), 1.0]))
     assert outliers_exceed_noise(hit) and not outliers_exceed_noise(normal)
     assert not outliers_exceed_noise(1.2 * hit)  # typical ones are larger, too
-    moving = (
-        normal + 30.0 * np.sin(np.arange(6000.0))[:, None]
-    )  # differences hold the motion: they tell nothing
+    # differences hold the motion: they tell nothing
+    moving = normal + 30.0 * np.sin(np.arange(6000.0))[:, None]
     assert not has_outliers(moving, np.ones(3))
-    decaying = np.exp(-np.arange(6000.0) / 800.0) * np.sin(
-        np.arange(6000.0)
-    )  # its differences have a kurtosis too
+    # its differences have a kurtosis too
+    decaying = np.exp(-np.arange(6000.0) / 800.0) * np.sin(np.arange(6000.0))
     assert not has_outliers(normal + 3.0 * decaying[:, None], np.ones(3))
 
 
@@ -159,14 +153,9 @@ def test_too_few_residuals_are_not_told_as_white() -> None:
 def test_a_model_error_that_follows_the_motion_is_no_excuse() -> None:
     """Six masses whose sinks have a quintic part, identified as cubic: the fit says which force it lacks."""
     chain = lw.bnes_chain(6)
-    law = lw.Law.parse("alpha*d + beta*d**3 + g*d**5 + c*v")
-    quintic = {
-        link.name: replace(link, law=law, coefficients={**link.coefficients, "g": lw.Coefficient.number(3e9)})
-        for link in chain.links
-        if link.name.startswith("nes")
-    }
-    assert len(quintic) == 3
-    true = replace(chain, links=tuple(quintic.get(link.name, link) for link in chain.links))
+    sinks = [own for own in chain.links if own.name.startswith("nes")]
+    quintic = [link(f"g{k}", "-".join(own.between), "g*d**5", g=3e9) for k, own in enumerate(some(sinks))]
+    true = with_links(chain, *quintic)
     fit = lw.identify(record(true, 3.0).with_noise(SNR, seed=1), chain.unknown("nes"))
     assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT and not fit.trusted
     assert "a force like d**5 in nes" in fit.message
@@ -174,15 +163,7 @@ def test_a_model_error_that_follows_the_motion_is_no_excuse() -> None:
 
 def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
     """A damper that pushes: the fit is right, and an answer that no passive link could give."""
-    driven = replace(
-        chain,
-        links=tuple(
-            replace(link, coefficients={**link.coefficients, "c": lw.Coefficient.number(-0.02)})
-            if link.name == "nes1"
-            else link
-            for link in chain.links
-        ),
-    )
+    driven = with_links(chain, link("nes1", "m2-m1", NES, alpha=-100.0, beta=1e6, c=-0.02))
     clean = lw.simulate(driven, release={"v:m1": 1.0}, duration=1.0, rate=RATE)
     fit = lw.identify(clean.with_noise(30.0, seed=1), chain.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED, lw.Verdict.ENERGY_FED) and not fit.trusted
@@ -191,20 +172,15 @@ def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
     assert fit.to_dict()["verdicts"] == ["CONVERGED", "ENERGY_FED"]
 
 
+@pytest.mark.slow
 def test_a_search_of_many_steps_is_done_once_more() -> None:
     """Four masses at 10 dB, seed 2: the first search ends 67 in -2 log likelihood above the second, 9 standard errors off."""
     chain = lw.bnes_chain(4)
     fit = lw.identify(record(chain, 3.0, duration=6.0).with_noise(10.0, seed=2), chain.unknown("all"))
-    z = [
-        (value - (chain.coefficient(parameter.name).value or np.nan)) / error
-        for parameter, value, error in zip(
-            fit.parameters, fit.values, np.sqrt(fit.covariance.diagonal()), strict=True
-        )
-    ]
-    assert np.max(np.abs(z)) < 5.0  # standard errors
+    assert np.max(np.abs(errors(fit, chain))) < 5.0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_clean_records_are_trusted(seed: int, chain: lw.Structure) -> None:
     for snr_db in (10.0, 20.0, 40.0):
         fit = lw.identify(record(chain).with_noise(snr_db, seed=3000 + seed), chain.unknown("all"))
@@ -320,33 +296,3 @@ def test_a_term_that_overturns_a_coefficient_is_held_by_its_interval() -> None:
     assert decisive((replace(narrow, overturned=()), large), by_blocks=True) is large
     assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "With it, link.c would change by" in fits[1].message
-
-
-def test_a_weak_term_overturns_nothing_that_likelier_ones_explain() -> None:
-    """Of a structure with two terms missing, a third that looks like them would leave a damping without a sign."""
-    names = SimpleNamespace(system=SimpleNamespace(parameters=SimpleNamespace(names=("link.c",))))
-    fit: Any = SimpleNamespace(values=np.array([5.0]), covariance=np.eye(1), segments=names)
-    like, beyond = (
-        Cause("term", "link", 0.1, "N", 50.0, 0.01, term=term, shift=4.0, overturned=("link.c",))
-        for term in ("v*abs(v)", "v**3")
-    )
-    for variance, overturned in (
-        (0.0, ("link.c",)),
-        (9.0, ()),
-    ):  # of 5: zero is outside the interval, or inside
-        missing = MissingTerms((), np.full((1, 1), variance**0.5), frozenset({("link", "v**3")}))
-        first, second = not_held(fit, (like, beyond), missing)
-        assert first.overturned == () and second.overturned == overturned
-    assert not_held(fit, (like,), None) == (like,)
-
-
-def test_a_missing_link_that_a_likelier_term_looks_like_is_held() -> None:
-    """Beside a host that hardens by a few percent, a link to its sink has a score, and none beside the cubic term."""
-    names = SimpleNamespace(system=SimpleNamespace(parameters=SimpleNamespace(names=("link.c",))))
-    fit: Any = SimpleNamespace(values=np.array([5.0]), covariance=np.eye(1), segments=names)
-    term = Cause("term", "link", 0.1, "N", 700.0, 0.01, term="d**3")
-    shadow = Cause("link", "m2-ground", 0.1, "N", 30.0, 0.01, term="d", shift=15.0)
-    alike, missing = replace(shadow, gain=690.0), MissingTerms((), np.zeros((1, 1)), frozenset())
-    assert not_held(fit, (term, alike, shadow), missing) == (term, alike)
-    there = replace(missing, unexplained=frozenset({("m2-ground", "d")}))
-    assert not_held(fit, (term, shadow), there) == (term, shadow)
