@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record
-from structures import equal_sinks, link, structure, with_links
+from random_force import random_force
+from structures import asked_oscillator, equal_sinks, link, oscillator, row_of_masses, structure, with_links
+from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.likelihood.shooting.loss import Huber, Student
-
-FORCE = "30*sin(50*t) + 20*sin(71*t + 1)"
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.problem import shooting_problem
+from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.shooting.loss import Gaussian, Huber, Student
+from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.starts.values import starting_values
 
 
 def two(law: str, *, ground: str = "ground", **values: float) -> lw.Structure:
@@ -23,51 +30,88 @@ def two(law: str, *, ground: str = "ground", **values: float) -> lw.Structure:
     return structure({"m1": 1.0, "m2": 0.2}, frame, link("link", "m2-m1", law, **values))
 
 
-def starting(structure: lw.Structure, **starts: float) -> lw.Structure:
-    """`structure` with link's coefficients unknown and begun elsewhere."""
-    text = lw.model.format_structure(structure)
-    for name, start in starts.items():
-        old = f"{name} = {structure.coefficient(f'link.{name}').value!r}"
-        assert old in text
-        text = text.replace(old, f"{name} = {{ start = {start!r} }}")
-    return lw.parse_structure(text)
+@dataclass(frozen=True)
+class Case:
+    """What is driven, seen with noise in dB for some s at some Hz, and asked; standard errors that must not be larger."""
+
+    true: lw.Structure
+    drive: dict[str, Any]
+    sensors: tuple[str, ...] = ("x",)
+    snr_db: float = 40.0
+    span: tuple[float, float] = (2.0, 1000.0)
+    unknown: tuple[str, ...] = ("all",)
+    starts: dict[str, float] = field(default_factory=dict)
+    largest: dict[str, float] = field(default_factory=dict)
+
+    def record(self, seed: int) -> lw.Record:
+        duration, rate = self.span
+        clean = lw.simulate(self.true, duration=duration, rate=rate, sensors=self.sensors, **self.drive)
+        return clean.with_noise(self.snr_db, seed=seed)
 
 
-def shaken(
-    structure: lw.Structure,
-    *,
-    sensors: tuple[str, ...] = ("x",),
-    duration: float = 2.0,
-    rate: float = 1000.0,
-    **drives: Any,
-) -> lw.Record:
-    return lw.simulate(
-        structure,
-        duration=duration,
-        rate=rate,
-        sensors=sensors,
-        forces={"m1": FORCE} if not drives else {},
-        **drives,
-    )
+FORCE = {"forces": {"m1": "30*sin(50*t) + 20*sin(71*t + 1)"}}
+BASE = {"base": "0.002*sin(55*t) + 0.001*sin(83*t)"}
+CUBIC = {"k": 500.0, "c": 0.5, "b": 1e6}
+DUFFING = oscillator("k*d + c*v + k3*d**3", mass=1.3, name="spring", k=1500.0, c=1.5, k3=2e5)
+RANDOM = {
+    "forces": {
+        "m1": random_force(np.random.default_rng(3), 10.0, 400.0, rms=8.0, highest=20.0, band_limited=True)
+    }
+}
+MIXED = [
+    ("x:m1", "v:m2"),
+    ("v:m1", "x:m2"),
+    ("x:m1", "a:m2"),
+    ("x:m1", "x:m2", "v:m2"),
+    ("x:m1", "a:m1", "x:m2"),
+]
+CASES = {
+    "gap": Case(
+        two("k*d + c*v + s*max(d - g, 0)", k=500.0, c=0.5, s=8000.0, g=0.004),
+        FORCE,
+        unknown=("link",),
+        starts={"link.k": 600.0, "link.c": 0.3, "link.s": 5000.0, "link.g": 0.005},
+        largest={"link.g": 2e-5},  # in 4 mm; 1.3e-5 to 1.6e-5 on seeds 2000 to 2007
+    ),
+    "friction": Case(
+        two("k*d + F*tanh(v/s)", k=500.0, F=3.0, s=0.1),
+        FORCE,
+        unknown=("link",),
+        starts={"link.k": 600.0, "link.F": 2.0, "link.s": 0.2},
+        largest={"link.s": 0.006},  # 0.0046 to 0.0048 on seeds 2000 to 2007
+    ),
+    "masses under a force": Case(
+        two("k*d + c*v", k=500.0, c=0.5),
+        FORCE,
+        unknown=("all", "mass:m1", "mass:m2"),
+        largest={"m2.mass": 1.5e-4},  # kg of 0.2; its interval is 3.9e-4 to 4.1e-4 wide on seeds 2000 to 2007
+    ),
+    "moving base": Case(two("k*d + c*v + b*d**3", ground="base", **CUBIC), BASE),
+    **{
+        f"unknown mass by {kind}": Case(
+            DUFFING, RANDOM, (kind,), span=(10.0, 400.0), unknown=("all", "mass:m1")
+        )
+        for kind in ("v", "a")
+    },
+    **{
+        " ".join(sensors): Case(lw.bnes_chain(2), {"release": {"v:m1": 1.0}}, sensors, 30.0, (3.0, 1000.0))
+        for sensors in (*MIXED, ("x:m1", "x:m2", "a:m2"))
+    },
+}
 
 
-def errors(fit: lw.Estimate, true: lw.Structure) -> np.ndarray:
-    """(p,) errors in standard errors. A fit without intervals has none."""
-    assert fit.status == "converged", fit.message
-    estimates = [fit.coefficient(p.name) for p in fit.parameters]
-    masses = dict(zip(true.mass_names, true.mass_values, strict=True))
-    expected = [
-        masses[estimate.name.removesuffix(".mass")]
-        if estimate.name.endswith(".mass")
-        else true.coefficient(estimate.name).value
-        for estimate in estimates
-    ]
-    return np.array(
-        [(a.value - present(b)) / present(a.standard_error) for a, b in zip(estimates, expected, strict=True)]
-    )
-
-
-WITHIN = 4.0  # standard errors: 6e-5 of chance for each
+@pytest.mark.parametrize(("seed", "name"), list(enumerate(CASES, start=1)))
+def test_coefficients_are_found_within_their_errors(seed: int, name: str) -> None:
+    case = CASES[name]
+    record = case.record(seed)
+    fit = lw.identify(record, case.true.unknown(*case.unknown), starts=case.starts or None)
+    assert_within(fit, case.true)
+    for coefficient, largest in case.largest.items():
+        assert present(fit.coefficient(coefficient).standard_error) < largest
+    for channel, noise in some(fit.noise.items()):  # of 800 samples and more: 2.5 / sqrt(2 800)
+        assert noise.sigma == pytest.approx(present(record.simulated).noise[channel], rel=0.1)
+    if name in map(" ".join, MIXED):
+        assert sinks(2, fit, record) < LARGEST_NMSE / 10
 
 
 @pytest.fixture(scope="module")
@@ -80,37 +124,18 @@ def clean() -> lw.Record:
     return chain_record(2, duration=2.0, sensors=("x", "v", "a"))  # one second of jumps between the wells
 
 
-# --- laws ------------------------------------------------------------------------------------------------------------
-
-
-def test_a_gap_is_found_with_its_stiffness() -> None:
-    true = two("k*d + c*v + s*max(d - g, 0)", k=500.0, c=0.5, s=8000.0, g=0.004)
-    unknown = starting(true, k=600.0, c=0.3, s=5000.0, g=0.005)
-    fit = lw.identify(shaken(true).with_noise(40.0, seed=1), unknown)
-    assert np.abs(errors(fit, true)).max() < WITHIN
-    gap = fit.coefficient("link.g")
-    assert present(gap.standard_error) < 2e-5  # in 4 mm; 1.3e-5 to 1.6e-5 on seeds 2000 to 2007
-
-
-def test_friction_is_found_with_the_width_of_its_step() -> None:
-    true = two("k*d + F*tanh(v/s)", k=500.0, F=3.0, s=0.1)
-    unknown = starting(true, k=600.0, F=2.0, s=0.2)
-    fit = lw.identify(shaken(true).with_noise(40.0, seed=2), unknown)
-    assert np.abs(errors(fit, true)).max() < WITHIN
-    assert present(fit.coefficient("link.s").standard_error) < 0.006  # 0.0046 to 0.0048 on seeds 2000 to 2007
-
-
 def test_a_shared_coefficient_is_one_unknown() -> None:
     true = lw.bnes_chain(4)
     shared = equal_sinks().unknown("nes")
     record = chain_record(4, duration=2.0).with_noise(30.0, seed=3)
     fit, apart = lw.identify(record, shared), lw.identify(record, true.unknown("nes"))
     assert len(fit.parameters) == 5
-    assert np.abs(errors(fit, true)).max() < WITHIN
+    assert_within(fit, true)
     assert fit.coefficient("nes1.alpha").value == fit.coefficient("nes2.alpha").value
+    # two sinks tell more of it than the better one
     assert present(fit.coefficient("nes1.c").standard_error) < min(
         present(apart.coefficient(f"nes{i}.c").standard_error) for i in (1, 2)
-    )  # two sinks tell more of it than the better one
+    )
 
 
 def test_a_coefficient_that_leaves_its_bounds_ends_at_them(chain: lw.Structure, clean: lw.Record) -> None:
@@ -137,47 +162,19 @@ def test_a_bound_that_stops_a_coefficient_is_said(chain: lw.Structure, clean: lw
         text.replace('alpha = "unknown"', "alpha = { start = -80.0, lower = -200.0, upper = 0.0 }")
     )
     free = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=4), wide)
-    assert np.abs(errors(free, chain)).max() < WITHIN
+    assert_within(free, chain)
     assert not [line for line in free.findings if "stopped by its bound" in line]
-
-
-def test_a_mass_is_found_where_a_force_sets_the_scale() -> None:
-    true = two("k*d + c*v", k=500.0, c=0.5)
-    record = shaken(true).with_noise(40.0, seed=5)
-    assert "force:m1" in record.channels
-    fit = lw.identify(record, true.unknown("all", "mass:m1", "mass:m2"))
-    assert np.abs(errors(fit, true)).max() < WITHIN
-    low, high = present(fit.coefficient("m2.mass").interval)
-    assert high - low < 6e-4  # kg of 0.2; 3.9e-4 to 4.1e-4 on seeds 2000 to 2007
-
-
-# --- inputs ----------------------------------------------------------------------------------------------------------
-
-
-def test_a_structure_on_a_moving_base() -> None:
-    true = two("k*d + c*v + b*d**3", k=500.0, c=0.5, b=1e6, ground="base")
-    record = shaken(true, base="0.002*sin(55*t) + 0.001*sin(83*t)").with_noise(40.0, seed=6)
-    assert record.inputs == ("x:base",)
-    fit = lw.identify(record, true.unknown("all"))
-    assert np.abs(errors(fit, true)).max() < WITHIN
-    still = two("k*d + c*v + b*d**3").unknown("all")
-    wrong = lw.identify(record.select(["x:m1", "x:m2"]), still)
-    assert not wrong.trusted  # the ground does not move that frame
-
-
-# --- records ---------------------------------------------------------------------------------------------------------
 
 
 def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=7)
-    record = replace(
-        record, noise=dict(present(record.simulated).noise)
-    )  # a level found anew moves every interval
+    # a level found anew moves every interval
+    record = replace(record, noise=dict(present(record.simulated).noise))
     values = record.values.copy()
     values[500:560] = np.nan  # 60 ms of both, five periods of the frame in all
     values[np.random.default_rng(1).random(len(values)) < 0.1, 1] = np.nan
     fit = lw.identify(replace(record, values=values), chain.unknown("all"))
-    assert np.abs(errors(fit, chain)).max() < WITHIN
+    assert_within(fit, chain)
     assert fit.samples == np.isfinite(values).sum()
     whole = lw.identify(record, chain.unknown("all"))
     # information is lost with samples, at most as many as the poorer channel has lost; 4 to 6 % on seeds 2000 to 2005
@@ -190,13 +187,13 @@ def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.R
 def test_every_fifth_sample_may_be_lost_at_random(kind: str) -> None:
     """No window of the weak form is whole, and no block of the spectra from which noise is found."""
     true = two("k*d + c*v + b*d**3", k=500.0, c=0.5, b=1e6)
-    record = shaken(true, sensors=(kind,), release={"v:m1": 1.0}).with_noise(30.0, seed=12)
+    record = Case(true, {"release": {"v:m1": 1.0}}, (kind,), 30.0).record(12)
     values = record.values.copy()
     values[np.random.default_rng(13).random(values.shape) < 0.2] = np.nan
     lossy = replace(record, values=values)
     fit = lw.identify(lossy, true.unknown("all"))
     assert fit.trusted
-    assert np.abs(errors(fit, true)).max() < WITHIN
+    assert_within(fit, true)
     discovery = lw.discover(lossy, {"m1": 1.0, "m2": 0.2})
     assert {found.name for found in discovery.structure.links} == {"m1-ground", "m2-m1"}
 
@@ -204,7 +201,7 @@ def test_every_fifth_sample_may_be_lost_at_random(kind: str) -> None:
 def test_long_gaps_everywhere_are_refused() -> None:
     """Bursts of 15 samples leave no window of the weak form, and are not guessed at."""
     true = two("k*d + c*v + b*d**3", k=500.0, c=0.5, b=1e6)
-    record = shaken(true, release={"v:m1": 1.0}).with_noise(30.0, seed=12)
+    record = Case(true, {"release": {"v:m1": 1.0}}, snr_db=30.0).record(12)
     values = record.values.copy()
     values[np.arange(len(values)) % 30 < 15] = np.nan
     with pytest.raises(lw.IdentificationError, match="too many samples are missing"):
@@ -217,7 +214,7 @@ def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     unknown = chain.unknown("all")
     both = lw.identify([first, second], unknown)
     alone = [lw.identify(record, unknown) for record in (first, second)]
-    assert np.abs(errors(both, chain)).max() < WITHIN
+    assert_within(both, chain)
     assert both.samples == sum(single.samples for single in alone)
     information = sum(np.linalg.inv(single.covariance) for single in alone)
     joint = np.linalg.inv(both.covariance)
@@ -227,46 +224,17 @@ def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     assert np.trace(np.linalg.solve(information, joint)) / 5 == pytest.approx(1.0, abs=0.01)
 
 
-# --- sensors ---------------------------------------------------------------------------------------------------------
-
-
 def test_an_offset_of_a_channel_is_found(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=10)
     values = record.values.copy()
     values[:, 1] += 0.002  # a fifth of the distance to the well
     shifted = replace(record, values=values)
     fit = lw.identify(shifted, chain.unknown("all"), offsets=["x:m2"])
-    assert np.abs(errors(fit, chain)).max() < WITHIN
+    assert_within(fit, chain)
     (remark,) = [line for line in fit.findings if "x:m2 is off by" in line]
     # off by 0 to 2.8e-5 on seeds 2000 to 2007
     assert float(remark.split("off by ")[1].split()[0]) == pytest.approx(0.002, abs=6e-5)
     assert not lw.identify(shifted, chain.unknown("all")).trusted
-
-
-@pytest.mark.parametrize(
-    "channels",
-    [
-        ("x:m1", "v:m2"),
-        ("v:m1", "x:m2"),
-        ("x:m1", "a:m2"),
-        ("x:m1", "x:m2", "v:m2"),
-        ("x:m1", "a:m1", "x:m2"),
-    ],
-    ids=" ".join,
-)
-def test_mixed_sensors(
-    chain: lw.Structure, clean: lw.Record, channels: tuple[str, ...] | tuple[str, str]
-) -> None:
-    record = clean.select(channels).with_noise(40.0, seed=11)
-    unknown = chain.unknown("all")
-    starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
-    fit = lw.identify(record, unknown, starts=starts)
-    assert np.abs(errors(fit, chain)).max() < WITHIN
-    assert set(fit.noise) == set(channels)
-    for name, estimate in some(fit.noise.items()):
-        assert estimate.sigma == pytest.approx(
-            present(record.simulated).noise[name], rel=0.1
-        )  # 5 / sqrt(2 2001)
 
 
 def test_a_second_sensor_on_a_mass_sharpens(chain: lw.Structure, clean: lw.Record) -> None:
@@ -277,9 +245,6 @@ def test_a_second_sensor_on_a_mass_sharpens(chain: lw.Structure, clean: lw.Recor
     )
     assert single.trusted and more.trusted
     assert (np.diag(more.covariance) < np.diag(single.covariance)).all()
-
-
-# --- what is not as stated -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("loss", [Huber(), Student()], ids=["Huber", "Student"])
@@ -301,7 +266,7 @@ def test_outliers_bend_the_gaussian_and_not_the_robust(
     wrong, right = (np.abs(fit.values - true) / deviation for fit in (plain, robust))
     # on seeds 2000 to 2005 the Gaussian is off by 6.3 to 16.6 deviations of the record without outliers, the others by 0.8
     # to 2.3, which is 6 to 35 % of it
-    assert wrong.max() > WITHIN > right.max()
+    assert wrong.max() > 4.0 > right.max()
     # of the 6 to 35 % above
     assert right.max() < 0.5 * wrong.max()
 
@@ -332,7 +297,7 @@ def test_a_law_that_is_a_little_wrong_is_not_trusted_and_says_what_it_lacks() ->
     law = "k*d + b*d**3 + c*v"
     true = two(f"{law} + z*d**5", k=500.0, b=1e6, c=0.5, z=4e8)
     unknown = two(law, k=500.0, b=1e6, c=0.5).unknown("link")
-    record = shaken(true)
+    record = lw.simulate(true, duration=2.0, rate=1000.0, **FORCE)
     fits = [lw.identify(record.with_noise(50.0, seed=seed), unknown) for seed in range(3)]
     for fit in fits:
         assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
@@ -352,9 +317,6 @@ def test_a_law_that_is_a_little_wrong_is_not_trusted_and_says_what_it_lacks() ->
     assert np.sqrt(np.mean(np.square(z))) < 2.0  # another weight over the motion is another nearest law
     exact = lw.identify(record.with_noise(50.0, seed=0), true.unknown("link"))
     assert "explain the record to within its noise" in exact.message
-
-
-# --- the search ------------------------------------------------------------------------------------------------------
 
 
 def test_two_runs_are_equal_to_the_last_bit(
@@ -411,7 +373,7 @@ def test_progress_tells_every_step(chain: lw.Structure, clean: lw.Record) -> Non
 
 def test_without_any_start_it_says_which_is_missing() -> None:
     true = two("k*d + F*tanh(v/s)", k=500.0, F=3.0, s=0.1)
-    record = shaken(true, sensors=("v:m1",)).with_noise(40.0, seed=20)
+    record = Case(true, FORCE, ("v:m1",)).record(20)
     with pytest.raises(lw.IdentificationError, match=r"no starting value for .*link\.s.*start = "):
         lw.identify(record, true.unknown("link"))
 
@@ -435,3 +397,124 @@ def test_options_of_ml_are_refused_elsewhere(chain: lw.Structure, clean: lw.Reco
 def test_a_loss_that_is_none_is_refused(loss: object, chain: lw.Structure, clean: lw.Record) -> None:
     with pytest.raises(lw.IdentificationError, match=r"one of Gaussian\(\), Huber\(\) and Student\(\), got "):
         lw.identify(clean, chain.unknown("nes"), loss=loss)  # type: ignore[arg-type]  # the point of the test
+
+
+FIRST = 1000  # seed
+LARGEST_NMSE = 1e-2  # % at 20 dB, that of the worst seed in bench_likelihood.py; ten decibels less noise are a tenth of it
+
+
+def off(structure: lw.Structure, seed: int, factor: float) -> dict[str, float]:
+    """Starts that are the truth times or over `factor`, by lot."""
+    rng = np.random.default_rng(seed)
+    names = [parameter.name for parameter in structure.unknown("all").parameters]
+    return {
+        name: float(structure.coefficient(name).value or 0.0) * factor ** rng.choice([-1.0, 1.0])
+        for name in names
+    }
+
+
+def sinks(n: int, fit: lw.Estimate, record: lw.Record) -> float:
+    """Mean NMSE of the sinks in %."""
+    chain = lw.bnes_chain(n)
+    names = [f"nes{i}" for i in range(1, n // 2 + 1)]
+    return float(np.mean([lw.nmse(chain.link(name), fit.structure.link(name), record) for name in names]))
+
+
+def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
+    chain, clean = lw.bnes_chain(4), chain_record(4, duration=3.0)
+    for seed in range(FIRST, FIRST + 2):
+        fit = lw.identify(
+            clean.with_noise(20.0, seed=seed), chain.unknown("all"), starts=off(chain, seed, 2.0)
+        )
+        assert fit.trusted, f"seed {seed}: {fit.message}"
+        assert sinks(4, fit, clean) < LARGEST_NMSE
+
+
+def test_a_hidden_primary_is_found_through_its_sink() -> None:
+    chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0, sensors=("x:m2",))
+    good, seeds = 0, 4
+    for seed in range(FIRST, FIRST + seeds):
+        record = clean.with_noise(30.0, seed=seed)
+        fit = lw.identify(record, chain.unknown("all"), starts=off(chain, seed, 1.2))
+        good += fit.trusted and np.abs(errors(fit, chain)).max() < 5.0
+    assert good >= seeds - 1  # 18 of 20 are asked for: of four, one more that fails has a chance of 5 %
+
+
+def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> None:
+    record = lw.read_record(shared_data / "silverbox_multisine.csv")
+    circuit = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
+    trained = 4 * len(record) // 5
+    # what follows is identified as well from it as from the four fifths
+    used = record[: 3 * len(record) // 10]
+    steps: list[lw.estimates.ProgressReport] = []
+    fit = lw.identify(used, circuit, progress=steps.append)
+    # 38 here, 38 to 40 on the first 30 to 50 % of the record; times are in bench_measured.py
+    assert len(steps) < 60
+    # 0.306 to 0.310 mV from all of it or its first 30 or 50 %; the record's description gives 0.3 mV for these terms
+    assert lw.analysis.free_run(fit.structure, record[trained:], settling=50).rmse["x:m1"] < 3.5e-4
+
+
+COARSE, FINE = 5.5, 40.0  # samples a period of the highest mode
+
+
+@pytest.fixture(scope="module")
+def few_samples() -> lw.Structure:
+    """Two masses on hardening springs."""
+    first, second = {"k": 2e4, "k3": 1e7, "c": 1.0}, {"k": 3e4, "k3": 2e7, "c": 1.5}
+    law = "k*d + k3*d**3 + c*v"
+    return row_of_masses([1.0, 0.5], first=(law, first), second=(law, second))
+
+
+def recorded(few_samples: lw.Structure, per_period: float, seed: int) -> lw.Record:
+    rate = per_period * float(np.max(lw.analysis.modes(few_samples).frequencies))
+    record = lw.simulate(few_samples, release={"v:m1": 2.0, "v:m2": -2.0}, duration=1500 / rate, rate=rate)
+    return record.with_noise(30.0, seed=seed)
+
+
+def fitted(few_samples: lw.Structure, record: lw.Record) -> LikelihoodFit:
+    unknown = few_samples.unknown("all")
+    theta, spread = starting_values([record], unknown)
+    return likelihood_fit([record], unknown, theta, spread=spread)
+
+
+def test_the_slope_is_the_costs_where_samples_are_few(few_samples: lw.Structure) -> None:
+    """The gradient by single nodes that the normal equations hold, against differences of the cost."""
+    record, unknown = recorded(few_samples, COARSE, 2), few_samples.unknown("all")
+    theta, spread = starting_values([record], unknown)
+    problem = shooting_problem([record], unknown, theta, spread, SensorModel.of([record], (), ()))
+    segments, point, scales, q = problem.segments, problem.start, problem.scales, 1e-2
+
+    def apart(steps: int) -> float:
+        stepped = replace(segments, tangent_refine=steps)
+        misfit = evaluate(stepped, point, scales, Gaussian())
+        equations = linearise(stepped, misfit, scales, Gaussian()).equations(q)
+        slopes, errors, eps = [], [], 1e-4
+        for node in (10, 50, 100):
+            for row in range(4):
+                change = np.zeros_like(point.nodes)
+                change.reshape(4, -1)[row, node] = eps * scales.state[row]
+                ahead, behind = (
+                    evaluate(segments, replace(point, nodes=point.nodes + sign * change), scales, Gaussian())
+                    for sign in (1.0, -1.0)
+                )
+                slope = -(ahead.cost(q) - behind.cost(q)) / (4.0 * eps)
+                slopes.append(slope)
+                errors.append(equations.right[node, row, -1] - slope)
+        return float(np.abs(errors).max() / np.abs(slopes).max())
+
+    # halved until a sensitivity over a segment stays the same to 0.002, of which order 4 leaves a sixteenth
+    assert apart(segments.tangent_refine) < 2e-3
+    assert apart(1) > 2e-2  # steps of a sample
+
+
+def test_a_search_where_samples_are_few_ends_at_once_at_the_optimum(few_samples: lw.Structure) -> None:
+    """Newton's steps gain digits faster and faster; with tangents in steps of a sample each left a fifth of the cost."""
+    fit = fitted(few_samples, recorded(few_samples, COARSE, 3))
+    assert fit.status.name == "CONVERGED" and fit.model_error == 0.0
+    # the search ends at a step that could gain no more than this; at a linear rate a fifth was left
+    assert fit.path[-1].remaining < 1e-2 * fit.path[-1].cost
+    true = np.array([few_samples.coefficient(p.name).value for p in few_samples.unknown("all").parameters])
+    z = (fit.values - true) / np.sqrt(fit.covariance.diagonal())
+    assert np.abs(z).max() < 4.0  # by chance once in 2600 seeds
+    last = [step for step in fit.path if step.q == fit.path[-1].q and step.reduction > 0.0]
+    assert len(last) <= 4
