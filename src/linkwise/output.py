@@ -22,6 +22,7 @@ from linkwise.errors import OutputError
 RESULT = "result.json"
 ABSORPTION = "absorption.json"  # the same of a folder that `absorb` wrote
 VALIDATION = "validation.json"  # the same of a folder that `validate` wrote
+INSPECTION = "inspection.json"  # the same of a folder that `inspect` wrote
 
 
 if sys.platform != "win32":

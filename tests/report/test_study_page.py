@@ -196,7 +196,7 @@ def test_a_partial_study_says_what_is_missing() -> None:
     rows[0] = replace(
         rows[0], status=FAILED, links={}, coefficients={}, reason="a step <size> became too small"
     )
-    page = body(study_page(StudyReport.of(STUDY, rows), {}, version="1.2.3"))
+    page = body(study_page(StudyReport.of(STUDY, rows), {}))
     assert "1 of 5 claims does not hold." in page
     assert "36 of 315 cases were run; 87 of 105 cells are empty" in page and "1 gave no answer" in page
     missing = page.partition("What is missing")[2]
@@ -282,7 +282,7 @@ def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_pa
     report = StudyReport.of(parse_study(text, "other.toml", Path()), [])
     assert dict(report.paper.masses) == {"two": 2} and report.comparison.cells == ()
     assert report.beyond == [("two", 50.0)] and report.trusted is False
-    page = body(study_page(report, {}, version="1.2.3"))
+    page = body(study_page(report, {}))
     assert (
         "0 of 2 cases were run" in page
         and "Table 2" not in page

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, drawing_beside, exit_code, progress
+from linkwise.cli.console import deliver, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.options import (
     POSITIVE,
@@ -171,7 +171,7 @@ repetition_options = grouped(
 @absorption_options
 @repetition_options
 @drive_options
-@folder_option
+@folder_option(ABSORPTION)
 @json_option("absorption.json")
 def absorb(
     structure: Path,
@@ -197,18 +197,14 @@ def absorb(
         --sweep nes1.alpha=-200:-20:100 --sweep nes1.beta=1e5:2e6:100:log
     """
     repetition.check(structure.is_dir())
-    kind = "MAP_FOLDER" if repetition.sweep else "ABSORPTION_FOLDER"
-    process = drawing_beside(output, f"linkwise.report.absorption:{kind}", ABSORPTION)
     keywords = {**options, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         result = _answer(structure, repetition, {**keywords, "progress": step})
-    if process is not None:
-        process.draw(result)
     deliver(
         to_json(lw.report.absorption_of(result)) if as_json else str(result),
+        result,
         output,
-        lambda folder, step: getattr(folders, kind).write(result, folder, progress=step, process=process),
-        lambda folder: getattr(folders, kind).write_numbers(result, folder),
+        lambda: folders.MAP_FOLDER if repetition.sweep else folders.ABSORPTION_FOLDER,
         quiet=as_json,
     )
     return exit_code(result.verdicts)

@@ -1,6 +1,4 @@
-"""How commands talk: results on standard output, everything else on standard error, a bar for long work on a terminal
-only.
-"""
+"""How commands talk: results on standard output, everything else on standard error, a bar on a terminal only."""
 
 from __future__ import annotations
 
@@ -10,26 +8,27 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as ProgressBars
 
 from linkwise.display import shortened
 from linkwise.errors import OutputError
-from linkwise.output import RESULT, check_result_folder
 from linkwise.progress import Progress, silent
 from linkwise.registry import lazy_module
-from linkwise.report.drawing_process import DrawingProcess, drawing_process
 from linkwise.verdict import Verdict, is_trusted
 
 if TYPE_CHECKING:
-    from linkwise.cli import console as bar
-else:
-    bar = lazy_module("linkwise.cli.console")  # rich is for terminals
+    from rich import console as terminal
+    from rich import progress as bars
 
+    from linkwise.model.structure import Structure
+    from linkwise.report.page import ResultFolder
+else:  # rich is for terminals
+    terminal = lazy_module("rich.console")
+    bars = lazy_module("rich.progress")
+
+R = TypeVar("R")
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
@@ -53,16 +52,17 @@ def tell(message: str) -> None:
 
 def deliver(
     answer: str,
+    result: R,
     folder: Path | None,
-    write: Callable[[Path, Progress], object],
-    write_numbers: Callable[[Path], object] | None = None,
+    kind: Callable[[], ResultFolder[R]],
     *,
+    truth: Structure | None = None,
     quiet: bool = False,
 ) -> None:
-    """Print an answer, then `write` its folder where one was asked for; each is done even where the other fails.
+    """Print an answer, then write its result as a `folder` of this `kind`, if one was asked for, even where printing fails.
 
-    Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone, by
-    `write_numbers` where that is given. It is said where. Unless `quiet` it is said where the folder is.
+    Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone. It is
+    said where. Unless `quiet` it is said where the folder is.
     """
     unheard: OSError | None = None
     try:
@@ -73,10 +73,9 @@ def deliver(
     if folder is not None:
         try:
             with progress("writing") as step:
-                write(folder, step)
+                kind().write(result, folder, truth=truth, progress=step)
         except Exception as error:
-            whole = [lambda place: write(place, silent)] if isinstance(error, OutputError) else []
-            _keep(folder, [*whole, *([write_numbers] if write_numbers else [])])
+            _keep(kind(), result, folder, truth, whole=isinstance(error, OutputError))
             raise
         if not quiet:
             tell(f"written to {folder}; open {folder / 'report.html'}")
@@ -84,17 +83,17 @@ def deliver(
         raise unheard
 
 
-def _keep(folder: Path, writers: Iterable[Callable[[Path], object]]) -> None:
-    """Keep what should have been in `folder` in a temporary one, by the first of the writers that succeeds, and say so."""
+def _keep(kind: ResultFolder[R], result: R, folder: Path, truth: Structure | None, *, whole: bool) -> None:
+    """Keep what should have been in `folder` in a temporary one, without figures and page unless `whole`, and say where."""
     try:
         home = Path(tempfile.mkdtemp(prefix="linkwise-"))
     except OSError:
         home = None
     if home is not None:
         place = home / (folder.resolve().name or "result")
-        for write in writers:
+        for write in ([kind.write] if whole else []) + [kind.write_numbers]:
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
-                write(place)
+                write(result, place, truth=truth)
                 lacking = "" if (place / "report.html").exists() else ", without figures and page"
                 tell(f"note: the result was kept in {place}{lacking}")
                 return
@@ -102,34 +101,28 @@ def _keep(folder: Path, writers: Iterable[Callable[[Path], object]]) -> None:
     tell("note: the result was not saved; only the printed text is left")
 
 
-def drawing_beside(folder: Path | None, kind: str, mark: str = RESULT) -> DrawingProcess | None:
-    """A process that gets ready to draw for `folder`, of the kind "module:name", until the command ends; None without one.
-
-    Raises OutputError where the folder cannot be written: before the work, so that nobody waits for a refusal.
-    """
-    if folder is None:
-        return None
-    check_result_folder(folder, mark)
-    return click.get_current_context().with_resource(drawing_process(kind))
-
-
 def progress(title: str) -> AbstractContextManager[Progress]:
     """A bar for work that may take long; gives what the keyword `progress` of all long work takes.
 
     Nothing is written where standard error is no terminal.
     """
-    return bar.progress_bar(title) if sys.stderr.isatty() else nullcontext(silent)
+    return _progress_bar(title) if sys.stderr.isatty() else nullcontext(silent)
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Progress]:
+def _progress_bar(title: str) -> Iterator[Progress]:
     """A bar on standard error; yields what the keyword `progress` of all long work takes.
 
     Until the first call the bar only shows that there is life.
     """
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with ProgressBars(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(title, total=None)
-        yield lambda report: bars.update(
+    columns = (
+        bars.SpinnerColumn(),
+        bars.TextColumn("{task.description}"),
+        bars.BarColumn(),
+        bars.TimeElapsedColumn(),
+    )
+    with bars.Progress(*columns, console=terminal.Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda report: bar.update(
             task, total=1.0, completed=report.fraction, description=report.activity
         )

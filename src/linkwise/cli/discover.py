@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
+from linkwise.cli.console import deliver, exit_code, progress, tell
 from linkwise.cli.estimation_options import random_force_options, refuse_foreign_calibration, sensor_options
 from linkwise.cli.options import (
     FILE,
@@ -24,7 +24,7 @@ from linkwise.cli.options import (
     truth_option,
 )
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.output import to_json
+from linkwise.output import RESULT, to_json
 from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ prior_options = grouped(
 @record_options
 @prior_options
 @keyword_group("errors", *sensor_options(), *random_force_options())
-@folder_option
+@folder_option(RESULT)
 @truth_option
 @json_option("result.json")
 def discover(
@@ -186,7 +186,6 @@ def discover(
       linkwise discover wind.csv --mass m1=1.0 --mass m2=0.5 --ambient all
     """
     masses, options = prior.masses(source.record_mapping()), prior.options(errors)
-    process = drawing_beside(output, "linkwise.report.discovery:DISCOVERY_FOLDER")
     names = tuple(masses) if isinstance(masses, dict) else masses.places
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
@@ -199,16 +198,13 @@ def discover(
     if true is not None and any(link.law.states for link in discovery.structure.links):
         tell("note: a law with memory was found, so the answer is not compared with the truth")
         true = None
-    if process is not None:
-        process.draw(discovery, true)
     result = lw.report.discovery_of(discovery, true)
     deliver(
         to_json(result) if as_json else "\n".join([str(discovery), *_comparison_lines(result)]),
+        discovery,
         output,
-        lambda folder, step: folders.DISCOVERY_FOLDER.write(
-            discovery, folder, truth=true, progress=step, process=process
-        ),
-        lambda folder: folders.DISCOVERY_FOLDER.write_numbers(discovery, folder, truth=true),
+        lambda: folders.DISCOVERY_FOLDER,
+        truth=true,
         quiet=as_json,
     )
     return exit_code(discovery.verdicts)

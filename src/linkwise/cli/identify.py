@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
+from linkwise.cli.console import deliver, exit_code, progress, tell
 from linkwise.cli.estimation_options import (
     DISTURBANCE_OPTIONS,
     random_force_options,
@@ -31,7 +31,7 @@ from linkwise.cli.options import (
 )
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.identification.methods import METHODS
-from linkwise.output import to_json
+from linkwise.output import RESULT, to_json
 from linkwise.registry import lazy_module
 from linkwise.sindy.regression import REGRESSORS
 
@@ -124,7 +124,7 @@ sindy_options = keyword_group(
 @method_options
 @ml_options
 @sindy_options
-@folder_option
+@folder_option(RESULT)
 @truth_option
 @json_option("result.json")
 def identify(
@@ -160,7 +160,6 @@ def identify(
     if source.errors_to_find and chosen.method != "ml":
         raise click.UsageError(f"{source.errors_to_find[0]} is for --method ml, not for {chosen.method}.")
     estimator = _estimator(chosen, ml, sindy)
-    process = drawing_beside(output, "linkwise.report.estimate:ESTIMATE_FOLDER")
     subject = read_told(structure)
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
@@ -180,19 +179,16 @@ def identify(
             progress=step,
         )
         profiles = _profiles(estimate, step) if chosen.profile else {}
-    if process is not None:
-        process.draw(estimate, true)
     result = lw.report.result_of(estimate, true)
     if chosen.profile:
         result["profile_intervals"] = {name: list(ends) for name, ends in profiles.items()}
     lines = [str(estimate), *_profile_lines(estimate, profiles), *_comparison_lines(result)]
     deliver(
         to_json(result) if as_json else "\n".join(lines),
+        estimate,
         output,
-        lambda folder, step: folders.ESTIMATE_FOLDER.write(
-            estimate, folder, truth=true, progress=step, process=process
-        ),
-        lambda folder: folders.ESTIMATE_FOLDER.write_numbers(estimate, folder, truth=true),
+        lambda: folders.ESTIMATE_FOLDER,
+        truth=true,
         quiet=as_json,
     )
     return exit_code(estimate.verdicts)

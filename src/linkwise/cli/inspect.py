@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Self
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, drawing_beside, progress, tell
+from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.options import FILE, FLAGS, folder_option, grouped
 from linkwise.cli.reading_options import READING, ReadingOptions
-from linkwise.output import to_json
+from linkwise.output import INSPECTION, to_json
 from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ records_options = grouped(
 
 @click.command()
 @records_options
-@folder_option
+@folder_option(INSPECTION)
 @click.option(
     "--levels",
     is_flag=True,
@@ -119,7 +119,6 @@ def inspect(
     if mapped is None:
         return
     source = mapped
-    process = drawing_beside(output, "linkwise.report.inspection:INSPECTION_FOLDER", "inspection.json")
     with progress("reading") as step:
         records = []
         for number, path in enumerate(source.records):
@@ -134,14 +133,11 @@ def inspect(
     if not as_json:
         for note in dict.fromkeys(note for record in records for note in record.notes):
             tell(f"note: {note}")
-    if process is not None:
-        process.draw(inspection)
     deliver(
         to_json(inspection.to_dict()) if as_json else str(inspection),
+        inspection,
         output,
-        lambda folder, step: folders.INSPECTION_FOLDER.write(
-            inspection, folder, progress=step, process=process
-        ),
+        lambda: folders.INSPECTION_FOLDER,
         quiet=as_json,
     )
 

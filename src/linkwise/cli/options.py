@@ -16,6 +16,7 @@ import click
 import linkwise as lw
 from linkwise.cli.console import tell
 from linkwise.errors import LinkwiseError, SimulationError
+from linkwise.output import check_result_folder
 from linkwise.registry import Registry, lazy_module
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -25,9 +26,25 @@ FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
-folder_option = click.option(
-    "-o", "--output", metavar="DIR", type=FOLDER, help="Folder for the result: numbers, figures, report."
-)
+
+def folder_option(mark: str) -> Callable[[F], F]:
+    """The option for a result folder that `mark` marks; one that cannot be written is refused before the work."""
+
+    def checked(context: click.Context, option: click.Parameter, folder: Path | None) -> Path | None:
+        if folder is not None:
+            check_result_folder(folder, mark)
+        return folder
+
+    return click.option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=FOLDER,
+        callback=checked,
+        help="Folder for the result: numbers, figures, report.",
+    )
+
+
 truth_option = click.option(
     "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, drawing_beside, exit_code, progress, tell
+from linkwise.cli.console import deliver, exit_code, progress, tell
 from linkwise.cli.options import POSITIVE, folder_option, json_option
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.output import VALIDATION, to_json
@@ -32,7 +32,7 @@ else:
     help="Time at the start of the record from which the initial state is estimated; it is not scored (default 5 % of "
     "the record, 50 to 300 samples).",
 )
-@folder_option
+@folder_option(VALIDATION)
 @json_option("validation.json")
 def validate(
     source: RecordOptions, answer: Path, burn: float | None, output: Path | None, as_json: bool
@@ -60,7 +60,6 @@ def validate(
       linkwise validate second.csv answer/structure.toml --json
     """
     source.refuse_unknown_errors()
-    process = drawing_beside(output, "linkwise.report.validation:VALIDATION_FOLDER", VALIDATION)
     subject = answers.ValidatedAnswer.of(answer)
     if subject.warning and not answer.is_dir():  # that of a folder is a finding
         tell(f"note: {answer}: {subject.warning}")
@@ -73,14 +72,11 @@ def validate(
         validation = lw.validate(
             record, answer, burn=burn, corrected=source.removed_errors(record), progress=step
         )
-    if process is not None:
-        process.draw(validation, None)
     deliver(
         to_json(lw.report.validation_of(validation)) if as_json else str(validation),
+        validation,
         output,
-        lambda folder, step: folders.VALIDATION_FOLDER.write(
-            validation, folder, progress=step, process=process
-        ),
+        lambda: folders.VALIDATION_FOLDER,
         quiet=as_json,
     )
     return exit_code(validation.verdicts)

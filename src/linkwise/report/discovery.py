@@ -38,12 +38,12 @@ from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.estimate import estimate_figures, page_parts, result_of, write_numbers
 from linkwise.report.page import (
-    TEMPLATES,
     Build,
     Reported,
     ResultFolder,
     Section,
     figure_section,
+    rendered,
     sections_of,
 )
 
@@ -213,14 +213,14 @@ def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:
 def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]) -> str:
     """The page as self-contained HTML; `pictures` are those that `write_figures` made of `discovery_figures`."""
     discovery = reported.result
-    return TEMPLATES.get_template("discovery.html.jinja").render(
-        {
-            **page_parts(links_of(reported), pictures),
-            "discovery": discovery,
-            "headline": headline(discovery),
-            "remarks": all_remarks(discovery),
-            "lead": sections_of(SECTIONS, reported),
-        }
+    return rendered(
+        "discovery.html.jinja",
+        interactive=True,
+        **page_parts(links_of(reported), pictures),
+        discovery=discovery,
+        headline=headline(discovery),
+        remarks=all_remarks(discovery),
+        lead=sections_of(SECTIONS, reported),
     )
 
 

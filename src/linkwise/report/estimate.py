@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from linkwise.display import format_chi_square, format_error, format_value
 from linkwise.errors import RecordError, expect
@@ -25,21 +24,15 @@ from linkwise.model.structure_file import format_structure
 from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import TEMPLATES, Build, Reported, ResultFolder, Section, sections_of
+from linkwise.report.page import Build, Reported, ResultFolder, Section, rendered, sections_of
 from linkwise.verdict import Verdict, is_trusted, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from linkwise.plot import estimates as fit_figures
-    from linkwise.plot import links as link_figures
-    from linkwise.plot import records as record_figures
     from linkwise.plot import style
-else:  # matplotlib loads where a figure is drawn
-    fit_figures = lazy_module("linkwise.plot.estimates")
-    link_figures = lazy_module("linkwise.plot.links")
-    record_figures = lazy_module("linkwise.plot.records")
-    style = lazy_module("linkwise.plot.style")
+else:
+    style = lazy_module("linkwise.plot.style")  # matplotlib is for those who want a page
 
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
 UNSEEN_HEAD = (
@@ -172,7 +165,7 @@ def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) 
 
     `pictures` are those that `write_figures` made of `estimate_figures`.
     """
-    return TEMPLATES.get_template("page.html.jinja").render(page_parts(reported, pictures))
+    return rendered("page.html.jinja", interactive=True, **page_parts(reported, pictures))
 
 
 def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> dict[str, Any]:
@@ -195,9 +188,7 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
         "sections": sections_of(SECTIONS, reported),
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
-        "plotly": Markup(get_plotlyjs()),
         "compared": truth is not None,
-        "version": version("linkwise"),
     }
 
 

@@ -5,8 +5,9 @@ A new figure is one function and one line in such a list:
 
     SECTIONS = Registry("section", {..., "forces": figure_section("Forces", lambda fit: links.forces_figure(fit))})
 
-It is then drawn once, saved as forces.png and forces.svg beside the page and shown on it. Matplotlib loads when the
-figure is drawn, which another process may do. Templates escape what they print and miss nothing silently.
+It is then drawn once, saved as forces.png and forces.svg beside the page and shown on it. `linkwise.plot` loads matplotlib
+when the figure is drawn.
+Templates escape what they print and miss nothing silently.
 """
 
 from __future__ import annotations
@@ -14,14 +15,12 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from linkwise.display import format_duration, format_error
 from linkwise.model.structure import Structure
@@ -29,17 +28,19 @@ from linkwise.model.structure_file import format_structure
 from linkwise.output import RESULT, atomic_folder, check_result_folder, to_json
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.registry import lazy_module
-from linkwise.report.drawing_process import DrawingProcess, Picture
 
 if TYPE_CHECKING:
+    import jinja2
+    from jinja2 import Environment
     from matplotlib.figure import Figure
+    from plotly import offline
 
     from linkwise.plot import interactive, style
-else:  # matplotlib loads where a figure is drawn, which may be another process
+else:  # what draws and renders loads where a page is written: who wants the numbers alone does not wait for it
     interactive = lazy_module("linkwise.plot.interactive")
     style = lazy_module("linkwise.plot.style")
-
-_FEW = 4  # figures: loading matplotlib in a second process, too, takes as long as drawing so many
+    jinja2 = lazy_module("jinja2")
+    offline = lazy_module("plotly.offline")
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -89,54 +90,30 @@ def sections_of(builders: Mapping[str, Build[R]], reported: Reported[R]) -> dict
 
 
 def write_figures(
-    sections: Mapping[str, Section],
-    folder: Path,
-    progress: Progress = silent,
-    process: DrawingProcess | None = None,
+    sections: Mapping[str, Section], folder: Path, progress: Progress = silent
 ) -> dict[str, Markup]:
     """Draw the figures of the sections and save each as NAME.png and NAME.svg in `folder`.
 
-    Returns what a page shows of each, by the name of its section. `progress` is called with the fraction done. Where a
-    `process` draws the same figures from the first one on, this one draws what that leaves over and, of many, from the last
-    one on.
+    Returns what a page shows of each, by the name of its section. `progress` is called with the fraction done.
     """
-    draws = drawings(sections)
-    pictures: dict[str, Picture] = {}
-
-    def draw(name: str) -> None:
-        progress(ProgressReport(len(pictures) / len(draws), f"figure {name}"))
-        pictures[name] = draws[name]()
-
-    if process is not None:
-        for name in reversed(draws if len(draws) > _FEW else ()):
-            if process.claim(name):
-                draw(name)
-        pictures |= {name: picture for name, picture in process.pictures().items() if name in draws}
-    for name in draws:
-        if name not in pictures:
-            draw(name)
-        (folder / f"{name}.png").write_bytes(pictures[name].png)
-        (folder / f"{name}.svg").write_bytes(pictures[name].svg)
-    return {name: Markup(pictures[name].html) for name in draws}
+    drawn = [(name, section) for name, section in sections.items() if section.figure is not None]
+    pictures: dict[str, Markup] = {}
+    for name, section in drawn:
+        progress(ProgressReport(len(pictures) / len(drawn), f"figure {name}"))
+        pictures[name] = _picture(name, section, folder)
+    return pictures
 
 
-def drawings(sections: Mapping[str, Section]) -> dict[str, Callable[[], Picture]]:
-    """What draws the figures of the sections, by name; nothing is drawn yet."""
-    return {
-        name: partial(_picture, name, section)
-        for name, section in sections.items()
-        if section.figure is not None
-    }
-
-
-def _picture(name: str, section: Section) -> Picture:
+def _picture(name: str, section: Section, folder: Path) -> Markup:
+    """What a page shows of the figure of a section, which is saved in `folder`."""
     assert section.figure is not None
     figure = section.figure()
     png, svg = style.encoded(figure)
+    (folder / f"{name}.png").write_bytes(png)
+    (folder / f"{name}.svg").write_bytes(svg)
     if section.interactive:
-        return Picture(png, svg, interactive.interactive_html(figure, name))
-    image = Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
-    return Picture(png, svg, str(image))
+        return Markup(interactive.interactive_html(figure, name))
+    return Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
 
 
 def embedded(svg: bytes) -> str:
@@ -144,14 +121,23 @@ def embedded(svg: bytes) -> str:
     return f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}"
 
 
-TEMPLATES = Environment(
-    loader=PackageLoader("linkwise", "report"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-TEMPLATES.filters |= {"duration": format_duration, "two_digits": format_error}
+@cache
+def _templates() -> Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("linkwise", "report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"duration": format_duration, "two_digits": format_error}
+    return environment
+
+
+def rendered(template: str, *, interactive: bool, **parts: Any) -> str:
+    """The page that a template makes of its parts, with the version, and the script of `interactive` figures."""
+    plotly = Markup(offline.get_plotlyjs()) if interactive else ""
+    return _templates().get_template(template).render(parts, plotly=plotly, version=version("linkwise"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,18 +169,17 @@ class ResultFolder(Generic[R]):
         *,
         truth: Structure | None = None,
         progress: Progress = silent,
-        process: DrawingProcess | None = None,
     ) -> Path:
         """Write everything or nothing; returns the folder.
 
-        An earlier result of this kind is replaced when the new one is complete. A `process` that draws the same result takes
-        its part of the figures. Raises OutputError for a folder that holds something else.
+        An earlier result of this kind is replaced when the new one is complete. Raises OutputError for a folder that holds
+        something else.
         """
         document, reported = self._reported(result, truth)
         with atomic_folder(Path(folder), self.mark) as partial:
             self.data(reported, partial)
             sections = self.figures(reported)
-            pictures = write_figures(sections, partial, part(progress, 0.0, 0.9), process)
+            pictures = write_figures(sections, partial, part(progress, 0.0, 0.9))
             progress(ProgressReport(0.9, "page"))
             (partial / "report.html").write_text(self.page(reported, pictures), encoding="utf-8")
             self._conclude(document, partial)
@@ -213,10 +198,6 @@ class ResultFolder(Generic[R]):
         files = sorted(path.name for path in folder.iterdir())
         text = to_json({**document, "files": files}, indent=1) + "\n"
         (folder / self.mark).write_text(text, encoding="utf-8")
-
-    def drawings(self, result: R, truth: Structure | None = None) -> dict[str, Callable[[], Picture]]:
-        """What draws the figures of a result, by the name of their files."""
-        return drawings(self.figures(self._reported(result, truth)[1]))
 
     def _reported(self, result: R, truth: Structure | None) -> tuple[dict[str, Any], Reported[R]]:
         """The document, and what figures and pages are made of."""
@@ -240,15 +221,14 @@ def section_page(
     The first line of `verdict` is its headline, `findings` is what the result does not determine, and `pictures` are those
     that `write_figures` returned for the sections. The title is the name of the structure unless it is given.
     """
-    interactive = any(section.interactive for section in sections.values())
-    return TEMPLATES.get_template("section_page.html.jinja").render(
+    return rendered(
+        "section_page.html.jinja",
+        interactive=any(section.interactive for section in sections.values()),
         title=title or (structure and structure.name) or "structure",
         verdict=verdict,
         trusted=trusted,
         findings=findings,
         sections=sections,
         pictures=pictures,
-        plotly=Markup(get_plotlyjs()) if interactive else "",
         structure="" if structure is None else format_structure(structure),
-        version=version("linkwise"),
     )

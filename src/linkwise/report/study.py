@@ -8,7 +8,6 @@ import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,8 +29,8 @@ from linkwise.paper.figures import (
 from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, explanation
 from linkwise.plot import save
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import TEMPLATES, embedded
+from linkwise.registry import Registry
+from linkwise.report.page import embedded, rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.definition import Study
@@ -121,12 +120,12 @@ class StudyReport:
         return [verdict.value for verdict in self.table.verdicts if verdict is not Verdict.STUDY_COMPLETE]
 
 
-def study_page(
-    report: StudyReport, illustrations: Mapping[str, Sequence[Illustration]], *, version: str
-) -> str:
+def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Illustration]]) -> str:
     """The page as text: HTML that asks nobody for anything. `illustrations` are figures by the heading above them."""
     comparison, table = report.comparison, report.table
-    return TEMPLATES.get_template("study.html.jinja").render(
+    return rendered(
+        "study.html.jinja",
+        interactive=False,
         report=report,
         study=report.study,
         methods=[method for method in table.methods if method not in comparison.classical],
@@ -143,7 +142,6 @@ def study_page(
         seconds=sum(row.seconds for cell in table.cells for row in cell.answers),
         near=NEAR,
         spread=[round(100 * part) for part in SPREAD],
-        version=version,
     )
 
 
@@ -442,7 +440,7 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
     if report.comparison.cells:
         _write_table(report.comparison, report.table.methods, home / "table_2.csv")
     with atomic_file(home / "report.html") as page:
-        page.write_text(study_page(report, shown, version=version("linkwise")), encoding="utf-8")
+        page.write_text(study_page(report, shown), encoding="utf-8")
     return home / "report.html"
 
 
