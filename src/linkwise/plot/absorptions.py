@@ -215,7 +215,7 @@ def map(
     '%'
     """
     values, unit = _shown(result, quantity)
-    with axes_for(ax, width=4.6, height=3.4, colorbars=len(result.axes) == 2) as axes:
+    with axes_for(ax, width=4.6, height=3.4) as axes:
         if len(result.axes) == 2:
             _draw_map(axes, result, values, unit)
         else:
@@ -232,7 +232,7 @@ def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     if not names:
         raise LinkwiseError("names must hold at least one quantity, got none")
     rows = -(-len(names) // 2)
-    with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows, colorbars=True) as (figure, panels):
+    with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):
             map(result, name, legend=False, ax=axes)
         for axes in panels[len(names) :]:

@@ -220,7 +220,7 @@ def shapes_figure(structure: Structure) -> Figure:
     hosts = [part for host in structure.hosts for part in _by_unit(host)]
     if not hosts:
         raise StructureError("the structure has no host, whose shapes could be drawn")
-    with sheet(len(hosts), height=_HEIGHT * len(hosts), colorbars=True) as (
+    with sheet(len(hosts), height=_HEIGHT * len(hosts)) as (
         figure,
         panels,
     ):  # beside which there is room

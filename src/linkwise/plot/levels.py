@@ -336,7 +336,7 @@ def acceleration_surface(
     some: slice | Indices = scattered(len(force))
     if section:
         some = np.flatnonzero(np.abs(velocity) < _AT_REST * np.abs(velocity).max())
-    with axes_for(ax, legend=legend, colorbars=not section) as axes:
+    with axes_for(ax, legend=legend) as axes:
         axes.set_xlabel(f"displacement of {literal(surface.channel)}, {unit_d}")
         if section:
             axes.plot(
@@ -369,7 +369,7 @@ def acceleration_surface(
 def acceleration_surfaces_figure(comparison: LevelComparison) -> Figure:
     """Restoring force per mass at each sensor that moves most, over displacement and velocity and at no velocity."""
     rows = len(comparison.surfaces)
-    with sheet(rows, 2, height=0.6 + 2.4 * rows, colorbars=True) as (figure, panels):
+    with sheet(rows, 2, height=0.6 + 2.4 * rows) as (figure, panels):
         for number in range(rows):
             acceleration_surface(comparison, number=number, legend=False, ax=panels[2 * number])
             acceleration_surface(

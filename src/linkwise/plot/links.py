@@ -313,7 +313,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     largest = float(np.abs(force).max())
     to_f, unit_f = scale(largest, law.force_unit)
     some = scattered(len(estimate.motion.d))
-    with axes_for(ax, legend=legend, colorbars=True) as axes:
+    with axes_for(ax, legend=legend) as axes:
         bound = max(largest * to_f, np.finfo(float).tiny)
         mesh = axes.pcolormesh(
             d * to_d, v * to_v, force * to_f, cmap="RdBu_r", vmin=-bound, vmax=bound, rasterized=True

@@ -20,6 +20,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, NullFormatter
 
@@ -27,23 +29,24 @@ from linkwise.arrays import Floats
 from linkwise.errors import expect
 from linkwise.model.structure import Link
 from linkwise.output import atomic_file
-from linkwise.plot.layout import LEGEND_SIZE, SUPTITLE_SIZE, TITLE_SIZE, EstimatedLayout
 
 _STYLE: Any = {
     "axes.axisbelow": True,
     "axes.grid": True,
     "axes.spines.right": False,
     "axes.spines.top": False,
-    "axes.titlesize": TITLE_SIZE,
+    "axes.titlesize": 10,
     "axes.titlelocation": "left",
     "axes.titley": 1.0,  # else every drawing measures all ticks, to keep above those on top, which no figure has
+    "figure.constrained_layout.use": True,
     "figure.dpi": 150,
     "font.size": 9,
     "grid.alpha": 0.35,
     "grid.linewidth": 0.5,
     "legend.frameon": False,
-    "legend.fontsize": LEGEND_SIZE,
+    "legend.fontsize": 8,
     "lines.linewidth": 1.2,
+    "svg.fonttype": "none",  # text stays text: to be searched, and it need not be drawn letter by letter
     "svg.hashsalt": "linkwise",  # the same figure is the same file
 }
 _CHARACTERS = 13  # of a title that fit into an inch
@@ -58,35 +61,26 @@ def sheet(
     width: float = 6.3,
     height: float = 3.6,
     share_time: bool = False,
-    colorbars: bool = False,
 ) -> Iterator[tuple[Figure, list[Axes]]]:
     """A new figure of `width` by `height` inches and its axes, row by row, in the style of this package.
 
-    With `share_time` all axes keep one horizontal range, and only the lowest row is labelled. Panels with `colorbars` are laid
-    out by measuring everything, which takes longer.
+    With `share_time` all axes keep one horizontal range, and only the lowest row is labelled.
     """
     with rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained" if colorbars else EstimatedLayout())
+        figure = Figure(figsize=(width, height))
         yield figure, list(figure.subplots(rows, columns, squeeze=False, sharex=share_time).flat)
 
 
 @contextmanager
 def axes_for(
-    ax: Axes | None, *, legend: bool = False, width: float = 6.3, height: float = 3.6, colorbars: bool = False
+    ax: Axes | None, *, legend: bool = False, width: float = 6.3, height: float = 3.6
 ) -> Iterator[Axes]:
     """The Axes of the caller as they are, or those of a new figure in the style of this package.
 
     With `legend` they get one of what was drawn when the block ends.
     """
     expect("ax", ax, Axes, NoneType)
-    with (
-        nullcontext((None, [ax]))
-        if ax is not None
-        else sheet(width=width, height=height, colorbars=colorbars) as (
-            _,
-            [axes],
-        )
-    ):
+    with nullcontext((None, [ax])) if ax is not None else sheet(width=width, height=height) as (_, [axes]):
         yield axes
         if legend and axes.get_legend_handles_labels()[0]:
             axes.legend()
@@ -112,7 +106,7 @@ def wrap_title(axes: Axes, text: str) -> None:
     axes.set_title(wrapped(text, axes_inches(axes)[0]))
 
 
-def heading(figure: Figure, text: str, *, size: float = SUPTITLE_SIZE) -> None:
+def heading(figure: Figure, text: str, *, size: float = 10.0) -> None:
     """A title above all panels of a figure, at its left edge, in `size` points."""
     figure.suptitle(text, x=0.01, horizontalalignment="left", fontsize=size)
 
@@ -185,20 +179,27 @@ def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
 
 def place_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], columns: int) -> None:
     """A legend of so many columns below all panels of a figure that `sheet` made."""
-    engine = figure.get_layout_engine()
-    if isinstance(engine, EstimatedLayout):
-        engine.legend_rows = -(-len(handles) // columns)
-        figure.legend(list(handles), list(labels), loc="lower center", ncols=columns)
-    else:
-        figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
+    figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
 
 
 def encoded(figure: Figure) -> tuple[bytes, bytes]:
-    """The figure as the contents of a PNG and of an SVG file."""
+    """The figure as the contents of a PNG and of an SVG file, laid out once and drawn once for each.
+
+    `Figure.savefig` would lay it out and draw it twice for each.
+    """
     png, svg = BytesIO(), BytesIO()
-    with rc_context(_STYLE), _without_glyph_warnings(), _laid_out(figure):
-        figure.savefig(png, format="png", metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3})
-        figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "linkwise"})
+    canvas, engine = figure.canvas, figure.get_layout_engine()
+    try:
+        with rc_context(_STYLE), _without_glyph_warnings():
+            raster, vector = FigureCanvasAgg(figure), FigureCanvasSVG(figure)
+            if engine is not None:
+                engine.execute(figure)
+                figure.set_layout_engine("none")
+            raster.print_png(png, metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3})
+            vector.print_svg(svg, metadata={"Date": None, "Creator": "linkwise"})
+    finally:
+        figure.set_layout_engine(engine)
+        figure.set_canvas(canvas)
     return png.getvalue(), svg.getvalue()
 
 
@@ -248,26 +249,6 @@ def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
         with atomic_file(path) as partial:
             partial.write_bytes(content)
     return png, svg
-
-
-def warm_up() -> None:
-    """Load what the first figure of a process loads: backends and fonts."""
-    with sheet(width=1.0, height=1.0) as (figure, [axes]):
-        axes.set_title("t")
-    encoded(figure)
-
-
-@contextmanager
-def _laid_out(figure: Figure) -> Iterator[None]:
-    """Lay the figure out once for all files that are written; each would do so again, at the cost of two more drawings."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.execute(figure)
-        figure.set_layout_engine(None)
-    try:
-        yield
-    finally:
-        figure.set_layout_engine(engine)
 
 
 # Okabe and Ito: told apart with any kind of colour vision, and in grey.
