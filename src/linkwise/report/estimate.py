@@ -30,9 +30,15 @@ from linkwise.verdict import Verdict, is_trusted, status_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from linkwise.plot import estimates as fit_figures
+    from linkwise.plot import links as link_figures
+    from linkwise.plot import records as record_figures
     from linkwise.plot import style
-else:
-    style = lazy_module("linkwise.plot.style")  # matplotlib is for those who want a page
+else:  # matplotlib is for those who want a page
+    fit_figures = lazy_module("linkwise.plot.estimates")
+    link_figures = lazy_module("linkwise.plot.links")
+    record_figures = lazy_module("linkwise.plot.records")
+    style = lazy_module("linkwise.plot.style")
 
 PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
 UNSEEN_HEAD = (

@@ -29,7 +29,7 @@ from linkwise.paper.figures import (
 from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, explanation
 from linkwise.plot import save
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import embedded, rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
