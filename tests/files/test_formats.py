@@ -439,6 +439,16 @@ def test_tdms_with_a_waveform_step(tmp_path: Path) -> None:
     assert record.start == 0.5
 
 
+def test_tdms_with_a_text_that_cannot_be_decoded_is_read_in_silence(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "run.tdms"
+    lab_view(path, {"x:m1": (X, "m")}, wf_increment=1.0 / RATE, remark="sound")
+    path.write_bytes(path.read_bytes().replace(b"sound", b"\x87ound"))
+    check(read_record(path), ("x:m1",))
+    assert not caplog.records
+
+
 def test_tdms_with_a_time_channel(tmp_path: Path) -> None:
     path = tmp_path / "run.tdms"
     lab_view(path, {"time": (1000.0 * T, "ms"), "x:m1": (X, "")})

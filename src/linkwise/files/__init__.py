@@ -165,12 +165,10 @@ def _table(path: Path, header: str | int | None) -> Table:
             table: Table = resolve_name(format_.reader)(path, **options)
     except RecordError:
         raise
-    except MemoryError as error:
-        raise RecordError(
-            f"cannot be read as a {path.suffix} file: it states more numbers than memory holds", path
-        ) from error
     except Exception as error:  # format libraries raise all kinds of errors on a damaged file
         reason = " ".join(str(error).split())[:_LONGEST] or type(error).__name__
+        if isinstance(error, MemoryError):
+            reason = "it states more numbers than memory holds"
         raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
     return replace(table, file=str(path))
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 import struct
 from pathlib import Path
 
 import nptdms
 import numpy as np
+from nptdms.log import log_manager
 
 from linkwise.errors import RecordError
 from linkwise.files.table import Column, Table
 
 _TAG = b"TDSm"
-_LEAD_IN = struct.Struct(
-    "<12xQ8x"
-)  # tag, contents, version; length of the segment behind the lead-in, and of its metadata
+_LEAD_IN = struct.Struct("<12xQ8x")
+"""Tag, contents, version; length of the segment behind the lead-in, and of its metadata."""
 _UNKNOWN = 2**64 - 1
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
@@ -26,7 +27,12 @@ def read_table(path: Path) -> Table:
     needs a time channel.
     """
     notes = _check_segments(path)
-    content = nptdms.TdmsFile.read(path)
+    level = log_manager.log_level
+    log_manager.set_level(logging.ERROR)  # of texts that cannot be decoded it writes all that follows them
+    try:
+        content = nptdms.TdmsFile.read(path)
+    finally:
+        log_manager.set_level(level)
     columns, rates, starts = [], [], []
     for group in content.groups():
         for channel in group.channels():

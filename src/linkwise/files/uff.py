@@ -15,9 +15,8 @@ from linkwise.files.table import Column, Table
 _TIME_RESPONSE = 1
 _EVEN = 1
 _KINDS = {8: "x", 9: "force", 11: "v", 12: "a", 13: "force"}  # ordinate_spec_data_type
-_MARK = re.compile(
-    rb"    -1(?=[\r\n]|\Z| {74})"
-)  # the line before and after each data set, as pyuff finds it
+_MARK = re.compile(rb"    -1(?=[\r\n]|\Z| {74})")
+"""The line before and after each data set, as pyuff finds it."""
 _NONE = frozenset({"", "NONE"})
 
 
@@ -42,6 +41,7 @@ def read_table(path: Path) -> Table:
     if not sets:
         raise RecordError("contains no time response (data set 58, function type 1)", path)
     columns = tuple(_column(data) for data in sets)
+    first = sets[0]
     for data, column in zip(sets, columns, strict=True):
         if len(data["data"]) != data["num_pts"]:
             raise RecordError(
@@ -49,8 +49,6 @@ def read_table(path: Path) -> Table:
                 path,
                 channel=column.header,
             )
-    first = sets[0]
-    for data, column in zip(sets, columns, strict=True):
         if data["abscissa_spacing"] != first["abscissa_spacing"] or not np.array_equal(data["x"], first["x"]):
             raise RecordError(
                 f"has a different time axis than {columns[0].header}", path, channel=column.header
