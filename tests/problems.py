@@ -58,6 +58,11 @@ class Problem:
         return np.asarray((fit.values - truth(self.structure, fit.given_structure)) / deviations)
 
 
+def parsed(*names: str) -> tuple[lw.records.Channel, ...]:
+    """The channels of these names."""
+    return tuple(map(lw.records.Channel.parse, names))
+
+
 def paper_speed(masses: int) -> float:
     """Velocity in m/s at which the paper releases the first mass of its chain."""
     return 1.0 if masses == 2 else 3.0

@@ -16,6 +16,7 @@ from structures import equal_sinks
 
 import linkwise as lw
 from linkwise.cli import run
+from linkwise.model.names import Name
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -26,7 +27,11 @@ def known(covariance: list[list[float]], *names: str, lower: float = -np.inf) ->
     chain = lw.bnes_chain(2)
     count = len(names)
     return lw.estimates.Posterior(
-        chain, names, np.array(covariance), np.full(count, lower), np.full(count, np.inf)
+        chain,
+        tuple(map(Name.parse, names)),
+        np.array(covariance),
+        np.full(count, lower),
+        np.full(count, np.inf),
     )
 
 
@@ -76,7 +81,7 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
 def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
     chain = lw.bnes_chain(6)
     knowledge = lw.estimates.Posterior(
-        chain, ("nes1.alpha",), np.array([[1.0]]), np.array([-np.inf]), np.array([np.inf])
+        chain, (Name("nes1", "alpha"),), np.array([[1.0]]), np.array([-np.inf]), np.array([np.inf])
     )
     intervals = lw.absorption.absorption_intervals(
         knowledge, duration=3.0, rate=500.0, release={"v:m1": 3.0}, draws=8

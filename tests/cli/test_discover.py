@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import some
-from problems import chain_record
+from problems import chain_record, parsed
 
 import linkwise as lw
 from linkwise.cli import run
@@ -162,7 +162,9 @@ def test_a_mass_at_rest_is_told_before_the_work_and_left_out(
     record = lw.read_record(files / "run.csv")
     still = np.random.default_rng(1013).normal(0.0, 1e-4, len(record))
     lw.write_record(
-        replace(record, channels=(*record.channels, "x:m3"), values=np.column_stack([record.values, still])),
+        replace(
+            record, channels=parsed(*record.channels, "x:m3"), values=np.column_stack([record.values, still])
+        ),
         tmp_path / "rest.csv",
     )
     assert run(["discover", str(tmp_path / "rest.csv"), *MASSES, "--mass", "m3=1"]) == 0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judged import masses
-from problems import chain_record
+from problems import chain_record, parsed
 from structures import link, structure
 
 import linkwise as lw
@@ -35,7 +35,7 @@ def quieted(record: lw.Record, **share: float) -> lw.Record:
     """The motion of some masses scaled down, white noise of `NOISE` on all."""
     factors = np.array([share.get(channel.removeprefix("x:"), 1.0) for channel in record.channels])
     noise = NOISE * np.random.default_rng(1000).normal(size=record.values.shape)
-    stated = dict.fromkeys(record.channels, NOISE)
+    stated: dict[str, float] = dict.fromkeys(record.channels, NOISE)
     return replace(record, values=record.values * factors + noise, noise=stated, simulated=None)
 
 
@@ -82,9 +82,9 @@ def test_a_base_whose_displacement_is_not_there_is_refused(
 ) -> None:
     """It would be left out without a word, and its links found elsewhere."""
     moved = np.column_stack([record.values, np.sin(150.0 * np.arange(len(record)) / record.rate)])
-    based = replace(record, channels=(*record.channels, "x:base"), values=moved, simulated=None)
+    based = replace(record, channels=parsed(*record.channels, "x:base"), values=moved, simulated=None)
     assert lw.discovery.check_discovery(based, masses(chain)) == ()
-    lost = replace(based, channels=(*record.channels, f"{kind}:base"))
+    lost = replace(based, channels=parsed(*record.channels, f"{kind}:base"))
     with pytest.raises(
         lw.IdentificationError, match=f"{kind}:base gives the displacement .* only up to drift"
     ):

@@ -154,7 +154,7 @@ def test_where_they_do_touch_the_link_is_found() -> None:
 def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: bool) -> None:
     clean = chain_record(n, duration=DURATION)
     values = 1e-3 * np.random.default_rng(1000).normal(size=clean.values.shape)
-    noise = dict.fromkeys(clean.channels, 1e-3) if stated else {}
+    noise: dict[str, float] = dict.fromkeys(clean.channels, 1e-3) if stated else {}
     record = replace(clean, values=values, noise=noise, simulated=None)
     with pytest.raises(
         lw.IdentificationError, match="no motion above the noise in any channel, so no structure can be found"

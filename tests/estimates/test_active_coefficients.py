@@ -10,6 +10,7 @@ from structures import link, oscillator
 import linkwise as lw
 from linkwise.estimates.findings import energy_findings
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
+from linkwise.model.names import Name
 
 RIG = oscillator("k*d + c*v + fc*tanh(v/0.01)", name="spring", k=1000.0, c=2.0, fc=-0.5)
 
@@ -35,7 +36,7 @@ def findings_of(law: str, amplitude: float, /, **values: float) -> list[str]:
     errors = {name: 0.01 * abs(value) for name, value in values.items()}
     estimates = tuple(
         CoefficientEstimate(
-            f"link.{name}",
+            Name("link", name),
             value,
             "?",
             False,
@@ -86,7 +87,7 @@ def test_friction_that_is_smaller_at_larger_rates_is_not_named() -> None:
 
 def test_a_coefficient_whose_interval_holds_zero_is_not_named() -> None:
     subject = link("link", "m1-ground", "c*v", c=-1.0)
-    estimates = (CoefficientEstimate("link.c", -1.0, "?", False, 0.6, (-2.2, 0.2)),)
+    estimates = (CoefficientEstimate(Name("link", "c"), -1.0, "?", False, 0.6, (-2.2, 0.2)),)
     estimate = LinkEstimate(subject, estimates, (-1.0, 1.0), (-1.0, 1.0), ("c",), np.array([[0.36]]), 1.0)
     d = np.sin(np.linspace(0.0, 6.0, 500))
     assert not list(energy_findings(estimate, d, np.gradient(d, 6.0 / 499)))

@@ -130,7 +130,7 @@ def test_what_is_known_has_neither_error_nor_band(fit: lw.Estimate) -> None:
 def test_intervals_are_two_standard_errors_wide(fit: lw.Estimate) -> None:
     for name in ("nes1.alpha", "nes1.c", "m2.mass"):
         estimate = fit.coefficient(name)
-        number = [parameter.name for parameter in fit.parameters].index(name)
+        number = [str(parameter.name) for parameter in fit.parameters].index(name)
         assert estimate.standard_error == pytest.approx(np.sqrt(fit.covariance[number, number]))
         half = 1.959964 * present(estimate.standard_error)
         assert estimate.interval == pytest.approx((estimate.value - half, estimate.value + half))

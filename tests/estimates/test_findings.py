@@ -12,6 +12,7 @@ from structures import link, structure
 import linkwise as lw
 from linkwise.estimates.findings import bound_findings, link_findings, supplied_power
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
+from linkwise.model.names import Name
 
 TIME = np.arange(400) / 1000.0
 
@@ -28,7 +29,9 @@ def link_estimate(
     if len(errors) > 1:
         covariance[0, 1] = covariance[1, 0] = correlation * errors[0] * errors[1]
     coefficients = tuple(
-        CoefficientEstimate(f"sink.{name}", value, "?", False, error, (value - 2 * error, value + 2 * error))
+        CoefficientEstimate(
+            Name("sink", name), value, "?", False, error, (value - 2 * error, value + 2 * error)
+        )
         for (name, value), error in zip(values.items(), errors, strict=True)
     )
     return LinkEstimate(

@@ -367,7 +367,7 @@ UNITS = ("len_unit_exp", "force_unit_exp", "temp_unit_exp", "spec_data_type")
 def universal(path: Path, sets: list[tuple[Any, ...]]) -> None:
     """A universal file of type-58 sets: (id line, values, quantity code, node, unit, even step or None for T)."""
     axes = ("abscissa", "ordinate", "orddenom", "z_axis")
-    none = {f"{axis}_{unit}": 0 for axis in axes for unit in UNITS}
+    none: dict[str, Any] = {f"{axis}_{unit}": 0 for axis in axes for unit in UNITS}
     none |= {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "NONE" for k in range(2, 6)}
     for i, (label, values, quantity, node, unit, step) in enumerate(sets):
         data = {

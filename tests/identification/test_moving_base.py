@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy
 from present import some
-from problems import truth
+from problems import parsed, truth
 from structures import HARDENING, link, structure
 
 import linkwise as lw
@@ -145,7 +145,7 @@ def test_a_base_at_rest_with_an_accelerometer_is_no_frame() -> None:
     noise = 0.01 * np.random.default_rng(SEED).standard_normal(len(at_rest))
     record = replace(
         at_rest,
-        channels=(*at_rest.channels, "a:base"),
+        channels=parsed(*at_rest.channels, "a:base"),
         values=np.column_stack([at_rest.values, noise]),
         simulated=None,
     )

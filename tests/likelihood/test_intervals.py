@@ -309,7 +309,7 @@ def test_no_interval_where_none_can_be(
 
 CHAIN = lw.bnes_chain(2)
 UNKNOWN = CHAIN.unknown("all")
-ALPHA = [parameter.name for parameter in UNKNOWN.parameters].index("nes1.alpha")
+ALPHA = [str(parameter.name) for parameter in UNKNOWN.parameters].index("nes1.alpha")
 
 
 def released(speed: float, duration: float, decibel: float, seed: int) -> lw.Record:

@@ -154,7 +154,7 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
 def nearby(subject: lw.Structure, part: float) -> lw.Structure:
     """All coefficients unknown, with starts that are off by a part, up and down in turn."""
     unknown = subject.unknown("all")
-    factors = {p.name: 1.0 + part * (-1.0) ** number for number, p in enumerate(unknown.parameters)}
+    factors = {str(p.name): 1.0 + part * (-1.0) ** number for number, p in enumerate(unknown.parameters)}
     links = []
     for own in unknown.links:
         starts = {
@@ -350,7 +350,7 @@ def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
 def test_starts_are_near_where_the_motion_is_measured_well(kind: str) -> None:
     unknown = wing().unknown("payload")
     best, *_ = host_memory_starts([shaken(kind, 67)], unknown, {})
-    found = {p.name: value for p, value in zip(unknown.parameters, best.values, strict=True)}
+    found = {str(p.name): value for p, value in zip(unknown.parameters, best.values, strict=True)}
     for name in ("F", "s", "x0"):  # a search from there converges
         assert found[f"payload.{name}"] == pytest.approx(HYSTERETIC[name], rel=0.5)
 

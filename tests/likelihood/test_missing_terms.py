@@ -38,7 +38,7 @@ def assert_held(fit: lw.Estimate, true: lw.Structure, moved: str = "", times: fl
     off, covariance = np.abs(fit.values - truth(true, fit.given_structure)), np.asarray(fit.covariance)
     assert np.all(off < CHANCE * np.sqrt(covariance.diagonal()))
     if moved:
-        number = [parameter.name for parameter in fit.parameters].index(moved)
+        number = [str(parameter.name) for parameter in fit.parameters].index(moved)
         alone = covariance - present(fit.for_dropped_terms)
         assert off[number] > times * CHANCE * np.sqrt(alone[number, number])
 
@@ -105,7 +105,7 @@ def test_intervals_beside_errors_of_sensors_hold_the_same() -> None:
     added = present(fit.for_dropped_terms)
     assert added.shape == (3, 3)
     alone = present(lw.identify(given, unknown).for_dropped_terms)
-    number = [parameter.name for parameter in fit.parameters].index("link.c")
+    number = [str(parameter.name) for parameter in fit.parameters].index("link.c")
     # an offset moves the damping by far less than the missing damping does
     assert added[number, number] == pytest.approx(alone[number, number], rel=0.2)
 
@@ -310,7 +310,7 @@ def test_friction_that_a_model_error_hides_takes_trust_away(rough_chain: lw.Reco
     """The damper stood for it, 6 to 8 standard errors off, and nothing was said."""
     chain = lw.bnes_chain(2)
     fit = lw.identify(rough_chain.with_noise(20.0, seed=seed), chain.unknown("nes"))
-    number = [parameter.name for parameter in fit.parameters].index("nes1.c")
+    number = [str(parameter.name) for parameter in fit.parameters].index("nes1.c")
     off = fit.values[number] - truth(chain, chain.unknown("nes"))[number]
     assert off > 5.0 * np.sqrt(fit.covariance[number, number])
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
@@ -385,7 +385,7 @@ def test_an_error_that_intervals_hold_leaves_trust(change: Change, kind: str) ->
     assert_held(fit, TRUE)
     covariance = np.asarray(fit.covariance)
     for cause in some(cause for cause in fit.diagnosis if cause.is_instrument):
-        number = [parameter.name for parameter in fit.parameters].index(cause.shifted)
+        number = [str(parameter.name) for parameter in fit.parameters].index(cause.shifted)
         before = np.sqrt((covariance - present(fit.for_dropped_terms))[number, number])
         assert cause.shift <= 3.0 and before < np.sqrt(covariance[number, number])
 

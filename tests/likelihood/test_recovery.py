@@ -49,7 +49,7 @@ class Case:
         return clean.with_noise(self.snr_db, seed=seed)
 
 
-FORCE = {"forces": {"m1": "30*sin(50*t) + 20*sin(71*t + 1)"}}
+FORCE: dict[str, Any] = {"forces": {"m1": "30*sin(50*t) + 20*sin(71*t + 1)"}}
 BASE = {"base": "0.002*sin(55*t) + 0.001*sin(83*t)"}
 CUBIC = {"k": 500.0, "c": 0.5, "b": 1e6}
 DUFFING = oscillator("k*d + c*v + k3*d**3", mass=1.3, name="spring", k=1500.0, c=1.5, k3=2e5)

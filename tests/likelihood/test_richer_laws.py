@@ -169,7 +169,7 @@ def test_a_term_starts_at_its_size_along_the_elongation_from_the_base(
     starts: list[float] = []
 
     def fitted(records: list[lw.Record], richer: lw.Structure, theta: Floats, **rest: Any) -> LikelihoodFit:
-        names = [parameter.name for parameter in richer.parameters]
+        names = [str(parameter.name) for parameter in richer.parameters]
         starts.append(float(theta[names.index("lower.added")]))
         return likelihood_fit(records, richer, theta, **rest)
 

@@ -179,7 +179,8 @@ def test_calibration_widens_only_what_a_gain_may_change(record: lw.Record) -> No
     sharp = lw.identify(record, unknown)
     wide = lw.identify(record, unknown, calibration={"common": 0.01})
     ratio = {
-        name: present(wide.coefficient(name).standard_error) / present(sharp.coefficient(name).standard_error)
+        str(name): present(wide.coefficient(name).standard_error)
+        / present(sharp.coefficient(name).standard_error)
         for name in TRUTH
     }
     assert ratio["nes1.beta"] > 10.0  # 2 % of it, 0.03 % without

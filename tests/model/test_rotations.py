@@ -191,7 +191,7 @@ def test_a_mass_is_not_equal_to_a_moment_of_inertia() -> None:
 
 def test_shapes_of_points_that_turn_have_their_unit(tmp_path: Path) -> None:
     structure = beam(tmp_path).unknown("beam.mode1.shape.tip", "beam.mode1.shape.tip_r")
-    units = {parameter.name: parameter.unit for parameter in structure.parameters}
+    units = {str(parameter.name): parameter.unit for parameter in structure.parameters}
     assert units["beam.mode1.shape.tip"] == "1/sqrt(kg)"
     assert units["beam.mode1.shape.tip_r"] == "rad/(m sqrt(kg))"
 

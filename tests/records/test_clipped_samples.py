@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from present import present
-from problems import chain_record
+from problems import chain_record, parsed
 
 import linkwise as lw
 
@@ -67,6 +67,6 @@ def test_clipped_samples_of_what_is_no_response_are_refused() -> None:
     record = marked()
     with pytest.raises(lw.RecordError, match='"x:m7", which is not a channel; the channels are x:m1, x:m2'):
         replace(record, clipped={"x:m7": record.clipped["x:m2"]})
-    forced = replace(record, channels=("x:m1", "force:m2"), clipped={}, noise={})
+    forced = replace(record, channels=parsed("x:m1", "force:m2"), clipped={}, noise={})
     with pytest.raises(lw.RecordError, match="force:m2 is an input"):
         replace(forced, clipped={"force:m2": record.clipped["x:m2"]})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from judged import masses
 from present import present
-from problems import chain_record
+from problems import chain_record, parsed
 
 import linkwise as lw
 from linkwise.records.joining import common_samples, sampled_every
@@ -108,5 +108,5 @@ def test_a_slow_load_cell_does_not_thin_the_motion() -> None:
     slow = np.full((len(record), 1), np.nan)
     slow[::100] = 1.0
     channels = (*record.channels, "f:nes1")
-    beside = replace(record, channels=channels, values=np.hstack([record.values, slow]))
+    beside = replace(record, channels=parsed(*channels), values=np.hstack([record.values, slow]))
     assert common_samples(beside) is None

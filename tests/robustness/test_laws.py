@@ -69,7 +69,7 @@ def test_modes_of_coefficients_near_the_largest_number_are_refused(k: float, c: 
 
 def test_samples_that_nothing_can_have_are_refused() -> None:
     record = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
-    values = {name: record.channel(name).copy() for name in record.channels}
+    values = {str(name): record.channel(name).copy() for name in record.channels}
     values["x:m2"][40] = 1e300
     with pytest.raises(lw.RecordError, match=r"the value is 1e\+300, more than 1e\+100 \(sample 40\)"):
         lw.Record.from_arrays(record.time, values)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import parsed
 from structures import CANTILEVER, CANTILEVER_SHAPES, CANTILEVER_SINK, NES, host, link, structure
 
 import linkwise as lw
@@ -65,7 +66,9 @@ def test_modes_that_are_single_points_are_masses() -> None:
         30.0, seed=4
     )
     moved = moved.select(["x:m1", "x:m2", "force:m1"])
-    at_points = replace(moved, channels=("x:two.first", "x:two.second", "force:two.first"), simulated=None)
+    at_points = replace(
+        moved, channels=parsed("x:two.first", "x:two.second", "force:two.first"), simulated=None
+    )
     by_modes, by_masses = (
         lw.identify(noisy, asked.unknown("joint"), method="weak")
         for noisy, asked in ((at_points, modal), (moved, plain))

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -28,7 +28,6 @@ else:  # rich is for terminals
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 
-R = TypeVar("R")
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
@@ -52,9 +51,9 @@ def tell(message: str) -> None:
 
 def deliver(
     answer: str,
-    result: R,
+    result: object,
     folder: Path | None,
-    kind: Callable[[], ResultFolder[R]],
+    kind: Callable[[], ResultFolder[Any]],
     *,
     truth: Structure | None = None,
     quiet: bool = False,
@@ -83,7 +82,9 @@ def deliver(
         raise unheard
 
 
-def _keep(kind: ResultFolder[R], result: R, folder: Path, truth: Structure | None, *, whole: bool) -> None:
+def _keep(
+    kind: ResultFolder[Any], result: object, folder: Path, truth: Structure | None, *, whole: bool
+) -> None:
     """Keep what should have been in `folder` in a temporary one, without figures and page unless `whole`, and say where."""
     try:
         home = Path(tempfile.mkdtemp(prefix="linkwise-"))

@@ -9,6 +9,7 @@ from typing import TypeVar
 from linkwise.display import near_miss
 from linkwise.errors import StructureError
 
+Text = TypeVar("Text", bound=str)  # of mappings by name, whose keys may be texts or read already
 MASS = "mass"
 SHAPE = "shape."
 """What the names of shapes in their mode begin with; the name of the point follows."""

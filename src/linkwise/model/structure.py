@@ -21,7 +21,7 @@ from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.host import Host, counted, is_between_modes, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
-from linkwise.model.names import MASS, Name, check_unique, index_of, quoted
+from linkwise.model.names import MASS, Name, Text, check_unique, index_of, quoted
 from linkwise.model.parameters import (
     CoefficientSlot,
     Parameter,
@@ -381,7 +381,7 @@ class Structure(NotebookView):
         freed = {name: self._slots[name].freed for name in {self._leaders.get(name, name) for name in chosen}}
         return self._with(freed)
 
-    def with_values(self, values: Mapping[str, float]) -> Structure:
+    def with_values(self, values: Mapping[Text, float]) -> Structure:
         """Set coefficients to known values.
 
         Coefficients that share a changed one change with it; if an unknown is set, shared ones with a value become numbers.

@@ -195,8 +195,12 @@ def encoded(figure: Figure) -> tuple[bytes, bytes]:
             if engine is not None:
                 engine.execute(figure)
                 figure.set_layout_engine("none")
-            raster.print_png(png, metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3})
-            vector.print_svg(svg, metadata={"Date": None, "Creator": "linkwise"})
+            raster.print_png(  # type: ignore[no-untyped-call]
+                png, metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3}
+            )
+            vector.print_svg(  # type: ignore[no-untyped-call]
+                svg, metadata={"Date": None, "Creator": "linkwise"}
+            )
     finally:
         figure.set_layout_engine(engine)
         figure.set_canvas(canvas)

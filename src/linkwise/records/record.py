@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError, expect
+from linkwise.model.names import Text
 from linkwise.records.channel import (
     MOTIONS,
     OF_CHANNELS,
@@ -144,6 +145,21 @@ class Record(NotebookView):
     uncertainty: Mapping[str, SensorUncertainty] = field(default_factory=dict)
     clipped: Mapping[str, ClippedSamples] = field(default_factory=dict)
 
+    if TYPE_CHECKING:  # that of the fields, with channels by their names, which are parsed
+
+        def __init__(
+            self,
+            start: float,
+            rate: float,
+            channels: Sequence[str],
+            values: ArrayLike,
+            noise: Mapping[Text, float] = ...,
+            *,
+            simulated: SimulationTruth | None = ...,
+            source: str = ...,
+            **attributes: Any,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         for name in ("start", "rate"):
             expect(f"Record: {name}", getattr(self, name), float)
@@ -166,7 +182,7 @@ class Record(NotebookView):
     def from_arrays(
         cls,
         time: ArrayLike,
-        channels: Mapping[str, ArrayLike],
+        channels: Mapping[Text, ArrayLike],
         *,
         noise: Mapping[str, float] | None = None,
         source: str = "",
@@ -212,8 +228,16 @@ class Record(NotebookView):
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
         columns = {Channel.parse(name): samples for name, samples in channels.items()}
         timeline, values, remarks = sampled_columns(time, columns, file, lines)
-        grid = timeline.start, timeline.rate, tuple(columns)
-        return cls(*grid, values, noise or {}, None, source or (file or ""), (*notes, *remarks))
+        named = tuple(columns)
+        return cls(
+            timeline.start,
+            timeline.rate,
+            named,
+            values,
+            noise or {},
+            source=source or (file or ""),
+            notes=(*notes, *remarks),
+        )
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
         values = (getattr(self, member.name) for member in fields(self))

@@ -200,7 +200,7 @@ def test_a_base_without_record_is_refused(three: lw.Structure) -> None:
 def test_a_gap_in_an_input_is_refused(three: lw.Structure) -> None:
     record = driven(three, sensors=("x",))
     values = record.values.copy()
-    values[50, list(record.channels).index("force:m2")] = np.nan
+    values[50, [str(channel) for channel in record.channels].index("force:m2")] = np.nan
     gappy = lw.Record(0.0, RATE, record.channels, values)
     with pytest.raises(
         lw.IdentificationError, match=r"force:m2: 1 of .* samples are missing.*inputs must be complete"

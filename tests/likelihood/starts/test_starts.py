@@ -164,7 +164,7 @@ def test_voltages_tell_the_motion_of_a_chain_whatever_the_order_of_its_links(ord
     force = {"m1": "5*sin(20*t) + 4*sin(31*t)"}
     record = lw.simulate(chain, forces=force, duration=3.0, rate=300.0, sensors=["state", "v"])
     x, v = np.zeros((2, len(record))), np.zeros((2, len(record)))
-    sigma = {name: 1e-6 * float(record.channel(name).std()) for name in record.channels}
+    sigma = {str(name): 1e-6 * float(record.channel(name).std()) for name in record.channels}
     assert sorted(motion_from_states(record, chain, sigma, x, v)) == [0, 1]
     for name, velocity in zip(("v:m1", "v:m2"), v, strict=True):
         shown = record.channel(name)
