@@ -153,7 +153,7 @@ class Record(NotebookView):
             rate: float,
             channels: Sequence[str],
             values: ArrayLike,
-            noise: Mapping[Text, float] = ...,
+            noise: Mapping[Any, float] = ...,
             *,
             simulated: SimulationTruth | None = ...,
             source: str = ...,
