@@ -1,7 +1,8 @@
 """Run a command on every Python that the package supports and that is installed, and once with the lowest versions.
 
 `make matrix` calls it with the arguments that `make test` gives to Python. Each interpreter gets an environment of
-its own below `.matrix`, which is built again when pyproject.toml changes.
+its own below `.matrix`, which is built again when pyproject.toml changes. The newest one also runs it with products of
+matrices that differ in their last digits: with another kernel of OpenBLAS, and with two threads of it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from constraints import PYPROJECT, constraints
 TOP = PYPROJECT.parent
 ENVIRONMENTS = TOP / ".matrix"
 OLDEST = (3, 11)
+KERNELS = Path(__file__).with_name("kernels.py")
 EXECUTABLE = re.compile(r"python3\.\d+")
 PRINT_VERSION = "import sys; print(*sys.version_info[:2])"
 
@@ -75,15 +77,21 @@ def main(arguments: list[str]) -> int:
     if not found:
         print(f"no Python from {OLDEST[0]}.{OLDEST[1]} on PATH or in pyenv", file=sys.stderr)
         return 1
-    oldest = min(found)
-    rows = [(f"python{major}.{minor}", found[major, minor], "") for major, minor in found]
-    rows.append((f"python{oldest[0]}.{oldest[1]}-lowest", found[oldest], constraints()))
+    names = {version: f"python{version[0]}.{version[1]}" for version in found}
+    oldest, newest = min(found), max(found)
+    rows: list[tuple[str, str, Path, str, list[str]]] = [
+        *((name, name, found[version], "", []) for version, name in names.items()),
+        (f"{names[oldest]}-lowest", f"{names[oldest]}-lowest", found[oldest], constraints(), []),
+        (f"{names[newest]}-kernel", names[newest], found[newest], "", [sys.executable, str(KERNELS)]),
+        (f"{names[newest]}-threads", names[newest], found[newest], "", ["env", "OPENBLAS_NUM_THREADS=2"]),
+    ]
     results = []
-    for name, interpreter, constrained in rows:
+    for name, folder, interpreter, constrained, before in rows:
         print(f"\n=== {name}", flush=True)
         begin = time.monotonic()
         try:
-            code = subprocess.run([build(name, interpreter, constrained), *arguments], cwd=TOP).returncode
+            python = build(folder, interpreter, constrained)
+            code = subprocess.run([*before, python, *arguments], cwd=TOP).returncode
             said = "passed" if code == 0 else f"failed ({code})"
         except subprocess.CalledProcessError as error:
             said = f"not built ({error.returncode})"
