@@ -12,7 +12,7 @@ KEEPING := MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=268435456
 TESTING := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(KEEPING)
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify study test coverage kernels matrix docs benchmark corpus fuzz check clean
+.PHONY: help env identify study test test-slow coverage kernels matrix docs benchmark corpus fuzz check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -36,8 +36,11 @@ identify: env  ## simulate the paper's two-mass chain at 30 dB, identify its sin
 study: env  ## reproduce the paper in results/paper: half an hour on two processors; stopped, it goes on where it was
 	$(BIN)/linkwise study paper -o $(STUDY)
 
-test: env  ## run all tests
-	$(TESTING) $(BIN)/python $(PYTEST)
+test: env  ## run all tests but those that take long
+	$(TESTING) $(BIN)/python $(PYTEST) -m 'not slow'
+
+test-slow: env  ## run the tests that take long
+	$(TESTING) $(BIN)/python $(PYTEST) -m slow
 
 coverage: env  ## run all tests and measure the lines that they run; fail below the share in pyproject.toml
 	$(TESTING) $(BIN)/python $(PYTEST) --cov
@@ -45,11 +48,9 @@ coverage: env  ## run all tests and measure the lines that they run; fail below 
 # Products of matrices differ in their last digits from one processor to another, and on one machine all tests meet the same.
 # These judge fits whose laws are wrong, or nearly determine nothing, where searches and factors hang on rounding most; the
 # others take half an hour and follow in `make matrix`.
-NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,changed_coefficients diagnosis \
-	faint_links held_closer held_errors hidden_wells local_optima missing_terms model_error nearly_exact noise_level \
-	profile score_test skewed_profiles valleys)
+NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,causes missing_terms optima score_tests)
 kernels: env  ## run numerical tests with another kernel of OpenBLAS than this processor takes: other last digits, same answers
-	$(TESTING) $(BIN)/python .ci/kernels.py $(BIN)/python $(PYTEST) $(NUMERICAL)
+	$(TESTING) $(BIN)/python .ci/kernels.py $(BIN)/python $(PYTEST) -m 'not slow' $(NUMERICAL)
 
 matrix: env  ## run all tests on every installed Python from 3.11, with the lowest dependencies, another BLAS kernel and two threads
 	$(TESTING) $(BIN)/python .ci/matrix.py $(PYTEST)
