@@ -227,7 +227,7 @@ def test_profiles_are_printed(files: Path, capsys: pytest.CaptureFixture[str]) -
 def test_a_profile_that_differs_is_marked(
     files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lw, "profile_interval", lambda estimate, name: (-200.0, np.inf))
+    monkeypatch.setattr(lw.likelihood, "profile_interval", lambda estimate, name: (-200.0, np.inf))
     assert run(arguments(files, "--profile")) == 0
     assert "-200 to inf N/m  differs from the table: trust this one" in capsys.readouterr().out
 
@@ -240,7 +240,7 @@ def test_an_interrupted_profile_leaves_the_rest_out(
             raise KeyboardInterrupt
         return estimate.coefficient(name).interval or (0.0, 0.0)
 
-    monkeypatch.setattr(lw, "profile_interval", interrupted)
+    monkeypatch.setattr(lw.likelihood, "profile_interval", interrupted)
     assert run(arguments(files, "--profile")) == 0
     out, err = capsys.readouterr()
     assert err == "note: interrupted; 2 profile intervals are left out\n"
@@ -253,7 +253,7 @@ def test_a_profile_that_cannot_be_followed_is_told(
     def lost(estimate: lw.Estimate, name: str) -> tuple[float, float]:
         raise lw.IdentificationError(f"the profile of {name} cannot be followed")
 
-    monkeypatch.setattr(lw, "profile_interval", lost)
+    monkeypatch.setattr(lw.likelihood, "profile_interval", lost)
     assert run(arguments(files, "--profile")) == 0
     out, err = capsys.readouterr()
     assert "note: the profile of nes1.beta cannot be followed" in err and "(profiles)" not in out
