@@ -210,7 +210,7 @@ class AbsorptionMap(JudgedView):
         return as_text(self)
 
 
-_RUN_BYTES, _MASS_BYTES = 4500, 1100  # at most, until the last run has ended, for each run and mass
+_RUN_BYTES, _MASS_BYTES = 5000, 1200  # at most, until the last run has ended, for each run and mass
 
 
 def absorption_map(
