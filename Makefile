@@ -48,7 +48,8 @@ coverage: env  ## run all tests and measure the lines that they run; fail below 
 # Products of matrices differ in their last digits from one processor to another, and on one machine all tests meet the same.
 # These judge fits whose laws are wrong, or nearly determine nothing, where searches and factors hang on rounding most; the
 # others take half an hour and follow in `make matrix`.
-NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,causes missing_terms optima score_tests)
+NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,causes missing_terms optima score_tests) \
+	tests/likelihood/test_richer_laws.py::test_a_change_between_records_is_told_with_the_record
 kernels: env  ## run numerical tests with another kernel of OpenBLAS than this processor takes: other last digits, same answers
 	$(TESTING) $(BIN)/python .ci/kernels.py $(BIN)/python $(PYTEST) -m 'not slow' $(NUMERICAL)
 
