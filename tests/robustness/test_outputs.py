@@ -252,6 +252,9 @@ def full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     lw.write_record(chain_record(2, duration=0.1, rate=500.0), "run.csv")
     Path("modes.csv").write_text("frequency[Hz],damping,tip\n5.2,0.01,1.0\n")
     lw.plot.save(shapes_figure(beam_of_one_mode()), "shown")  # fonts are found before
+    monkeypatch.setattr(
+        "sys.dont_write_bytecode", True
+    )  # Python keeps what it could write of a module, and fails to load it
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     yield
