@@ -191,7 +191,8 @@ def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor:
     scaled = np.zeros((len(gram.names), len(targets)))
     setting = np.zeros(len(targets))
     for number, column in enumerate(columns):
-        scaled[:, number], setting[number], _ = regressor.solve(gram, column)
+        solution, setting[number], _ = regressor.solve(gram, column)
+        scaled[:, number] = solution.scaled
     norms = np.where(gram.norms[columns] > 0, gram.norms[columns], 1.0)
     return RegressionFit(
         names=gram.names,
@@ -407,10 +408,9 @@ class SindyMethod(StudyMethod):
         unexplained = 0.0
         for number, target in enumerate(equations.targets):
             if target.endswith("''"):
-                scaled = regressor.solve(gram, number)[0]
-                chosen |= {(target, gram.names[column]) for column in np.flatnonzero(scaled)}
-                squares = gram.sums.squares_at(scaled - gram.anchor[:, number], number)
-                unexplained = max(unexplained, np.sqrt(squares) / (gram.norms[number] or 1.0))
+                solution = regressor.solve(gram, number)[0]
+                chosen |= {(target, gram.names[column]) for column in np.flatnonzero(solution.scaled)}
+                unexplained = max(unexplained, np.sqrt(solution.squares) / (gram.norms[number] or 1.0))
         seconds = perf_counter() - started
         named = dict(zip(states.masses, tags(states.masses), strict=True))
         inputs = {(f"x{named[mass]}''", f"f{named[mass]}") for mass in states.driven}

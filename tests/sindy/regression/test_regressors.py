@@ -191,16 +191,17 @@ def test_dropping_columns_gives_what_qr_gives_on_the_rest(dropped: int) -> None:
                 equations.target[rows, target],
             )
             direct = np.linalg.lstsq(matrix, right)[0]
-            scaled, squares = whole.project(support, target)
+            solution = whole.solution(target).on(support)
+            scaled, squares = solution.scaled, solution.squares
             # Same numerics: the condition number of these columns is about 20.
             np.testing.assert_allclose(scaled[support], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max())
             assert not scaled[~support].any()
             assert squares == pytest.approx(np.sum((right - matrix @ direct) ** 2), rel=1e-8)
-            small = whole.restricted(support, target)
+            small = solution.restricted()
             np.testing.assert_allclose(
                 small.anchor[:, 0], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max()
             )
-            answer = gram.unscaled(np.sqrt(whole.variances(support)) * gram.scale**2)[support]
+            answer = gram.unscaled((np.sqrt(solution.variances()) * gram.scale**2)[:, None])[support, 0]
             covariance = np.linalg.inv(matrix.T @ matrix)
             # the inverse of the same Gram matrix
             np.testing.assert_allclose(answer, np.sqrt(np.diag(covariance)), rtol=1e-6)

@@ -1,9 +1,9 @@
 """The Gram matrix of a linear system, formed once for all targets, thresholds and supports.
 
 Columns are scaled to unit norm, so "small" means the same in every unit. The normal equations square the condition
-number, and with it lose half of the digits; they come back by one more pass over the rows: it computes the residual of an
-anchor solution to all digits, and every later fit is a correction of that anchor. Its error is then relative to the
-correction, not to the target.
+number, and with it lose half of the digits; they come back by one more pass over the rows: it computes the residual of
+an anchor solution to all digits, and every later fit is a correction of that anchor. Its error is then relative to the
+correction, not to the target. The same holds for the residual over rows that were held out.
 
 Every fifth of a hundred runs of neighbouring rows is held out. Neighbouring samples are strongly correlated: predicting a
 whole run is a test, predicting a row between two fitted ones is not.
@@ -11,26 +11,66 @@ whole run is a test, predicting a row between two fitted ones is not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve
-from scipy.linalg.blas import dgemm, dsymm, dsymv, dsyrk, dtrsm
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+from scipy.linalg.blas import dsymm, dsymv, dtrsm
 from scipy.linalg.lapack import dpotri
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.sindy.regression.cholesky import CholeskyFactor, cholesky, ridged, vanishing
-from linkwise.sindy.regression.linear_system import LinearSystem
+from linkwise.sindy.regression.linear_system import LinearSystem, mirror, product
+
+CholeskyFactor = tuple[Floats, bool]  # the factor and True for lower, as `cho_solve` takes it
+
+_DEPENDENT = 3e-8  # pivot below which a column is dependent on the others, up to rounding
+_RIDGE = 1e-14  # added to the unit diagonal of dependent columns
+
+
+def cholesky(block: Floats) -> CholeskyFactor | None:
+    """Factor of a Gram matrix (p, p) of unit columns; None where the columns are dependent."""
+    try:
+        factor: CholeskyFactor = cho_factor(block, lower=True, check_finite=False)
+    except LinAlgError:
+        return None
+    return factor if np.min(np.diagonal(factor[0])) > _DEPENDENT else None
+
+
+def _ridged(block: Floats) -> CholeskyFactor:
+    """Factor of a Gram matrix (p, p), with the smallest ridge that makes it definite where columns are dependent."""
+    factor, ridge = cholesky(block), _RIDGE
+    while factor is None:
+        factor, ridge = cholesky(block + ridge * np.eye(len(block))), 100 * ridge
+    return factor
+
+
+def _vanishing(block: Floats) -> Floats:
+    """The combination (p,) of dependent columns that vanishes, its largest entry 1, by inverse iteration on (p, p)."""
+    combination = np.random.default_rng(0).normal(size=len(block))
+    for _ in range(3):
+        combination = cho_solve(_ridged(block), combination / np.abs(combination).max())
+    return np.asarray(combination / np.abs(combination).max())
 
 
 @dataclass(frozen=True, eq=False)
 class AnchoredSums:
-    """Sums over R rows about an anchor, for scaled columns: `matrix` A'A (p, p), `slope` A'(b - A anchor) (p, T),
-    `squares` ||b - A anchor||^2 and `norms` ||b|| (T,).
+    """Sums over R rows about an approximate solution, the anchor, for scaled columns.
+
+    Attributes
+    ----------
+    rows : int
+        Number of rows R.
+    matrix : array of shape (p, p)
+        A'A.
+    slope : array of shape (p, T)
+        A'(b - A anchor).
+    squares : array of shape (T,)
+        ||b - A anchor||^2.
+    norms : array of shape (T,)
+        ||b||.
     """
 
     rows: int
@@ -40,27 +80,25 @@ class AnchoredSums:
     norms: Floats
 
     def shifted(self, change: Floats) -> AnchoredSums:
-        """The same sums about an anchor that differs by `change` (p, T)."""
-        product = dsymm(1.0, self.matrix, change, lower=1)
-        squares = np.maximum(self.squares + np.sum(change * (product - 2 * self.slope), axis=0), 0.0)
-        return AnchoredSums(self.rows, self.matrix, self.slope - product, squares, self.norms)
+        """The same sums about an anchor that has changed by `change` (p, T)."""
+        moved = dsymm(1.0, self.matrix, change, lower=1)
+        squares = np.maximum(self.squares + np.sum(change * (moved - 2 * self.slope), axis=0), 0.0)
+        return replace(self, slope=self.slope - moved, squares=squares)
 
     def squares_at(self, change: Floats, target: int) -> float:
-        """Sum of squared residuals ||b - A (anchor + change)||^2 of a target, at a `change` (p,) of the anchor."""
-        product = dsymv(1.0, self.matrix, change, lower=1)
-        return max(float(self.squares[target] + change @ (product - 2 * self.slope[:, target])), 0.0)
+        """||b - A (anchor + change)||^2 of one target, for a change (p,)."""
+        moved = dsymv(1.0, self.matrix, change, lower=1)
+        return max(float(self.squares[target] + change @ (moved - 2 * self.slope[:, target])), 0.0)
 
     def restricted(self, retained: Indices, change: Floats, target: int) -> AnchoredSums:
-        """Sums of k `retained` columns and one target about an anchor, changed by `change` (p,), that is zero in the other
-        columns.
-        """
-        product = dsymv(1.0, self.matrix, change, lower=1)
+        """Sums of k columns and one target, about an anchor that `change` (p,) takes to zero in the other columns."""
+        moved = dsymv(1.0, self.matrix, change, lower=1)
         slope = self.slope[:, target]
-        squares = max(float(self.squares[target] + change @ (product - 2 * slope)), 0.0)
+        squares = max(float(self.squares[target] + change @ (moved - 2 * slope)), 0.0)
         return AnchoredSums(
             self.rows,
             self.matrix[np.ix_(retained, retained)].T,  # symmetric, and so in Fortran order
-            (slope - product)[retained, None],
+            (slope - moved)[retained, None],
             np.array([squares]),
             self.norms[target : target + 1],
         )
@@ -68,204 +106,154 @@ class AnchoredSums:
 
 _RUNS = 100
 _ONE_IN = 5
-_TILE = 128
 _FEWEST = 25  # rows below which none are held out: validation needs five
 
 
-class Products(NamedTuple):
-    """Products over some rows: `matrix` A'A (p, p), `moments` A'b (p, T) and `squares` ||b||^2 (T,)."""
+class _Products(NamedTuple):
+    """A'A (p, p), A'b (p, T) and ||b||^2 (T,) over some rows."""
 
     matrix: Floats
     moments: Floats
     squares: Floats
 
 
-class ResidualProducts(NamedTuple):
-    """Products of residuals over some rows: `squares` ||b - A c||^2 (T,) and `slope` A'(b - A c) (p, T)."""
+class _Residual(NamedTuple):
+    """A'(b - A c) (p, T) and ||b - A c||^2 (T,) over some rows."""
 
-    squares: Floats
     slope: Floats
+    squares: Floats
 
 
 def held_out_rows(rows: int) -> Bools:
-    """True (R,) for rows that are held out for validation: the middle one of every five runs; none of fewer than 25 rows."""
+    """True (R,) in the middle one of every five runs of rows; nowhere for fewer than 25 rows."""
     if rows < _FEWEST:
         return np.zeros(rows, dtype=bool)
     run = np.arange(rows) * min(_RUNS, rows - rows % _ONE_IN) // rows
     return np.asarray(run % _ONE_IN == _ONE_IN // 2)
 
 
-def products(system: LinearSystem) -> list[Products]:
-    """Products of the rows for training, and of those held out where there are any; one symmetric rank-k update per block
-    of rows.
-    """
-    columns, targets = len(system.names), len(system.targets)
-    parts = [
-        Products(np.zeros((columns, columns), order="F"), np.zeros((columns, targets)), np.zeros(targets))
-        for _ in range(1 + bool(held_out_rows(system.rows).any()))
-    ]
-    for part, rows, target in _blocks(system):
-        # syrk reads Fortran order; a block in C order is the transpose of one. It overwrites c.
-        transposed = rows.flags.c_contiguous
-        dsyrk(
-            1.0,
-            rows.T if transposed else rows,
-            beta=1.0,
-            c=parts[part].matrix,
-            trans=not transposed,
-            lower=1,
-            overwrite_c=1,
-        )
-        parts[part].moments[...] += blas_product(rows, target, transposed=True)
-        parts[part].squares[...] += np.sum(target**2, axis=0)
-    for part_products in parts:
-        mirror(part_products.matrix)
-    return parts
+def _products(system: LinearSystem, numbers: Indices | None = None) -> _Products:
+    """Products of the rows of these numbers, or of all."""
+    sums = system.gram_sums()
+    moments, squares = np.zeros((len(system.names), len(system.targets))), np.zeros(len(system.targets))
+    for rows, target in system.blocks(numbers):
+        sums.add(rows)
+        moments += product(rows, target, transposed=True)
+        squares += np.sum(target**2, axis=0)
+    return _Products(sums.matrix(), moments, squares)
 
 
-def residual_products(system: LinearSystem, coefficients: Floats) -> list[ResidualProducts]:
-    """Products of the residuals of coefficients c (p, T), computed from the rows themselves, in the parts of `products`."""
-    parts = [
-        ResidualProducts(np.zeros(coefficients.shape[1]), np.zeros_like(coefficients))
-        for _ in range(1 + bool(held_out_rows(system.rows).any()))
-    ]
-    for part, rows, target in _blocks(system):
-        residual = target - blas_product(rows, coefficients)
-        parts[part].slope[...] += blas_product(rows, residual, transposed=True)
-        parts[part].squares[...] += np.sum(residual**2, axis=0)
-    return parts
-
-
-def mirror(matrix: Floats) -> None:
-    """Copy the lower triangle of a square matrix to its upper one in place, in tiles that fit in the cache."""
-    edges = range(0, len(matrix), _TILE)
-    for row in edges:
-        for column in range(0, row, _TILE):
-            tile = matrix[row : row + _TILE, column : column + _TILE]
-            matrix[column : column + _TILE, row : row + _TILE] = tile.T
-        corner = matrix[row : row + _TILE, row : row + _TILE]
-        corner[...] = np.tril(corner) + np.tril(corner, -1).T
-
-
-def blas_product(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
-    """`rows` (B, p) @ `right` (p, T), or rows.T @ right (B, T) if `transposed`, by SciPy's BLAS.
-
-    NumPy links a BLAS of its own; threads of the two libraries that wait for work would slow each other down.
-    """
-    if rows.flags.c_contiguous:
-        return np.asarray(dgemm(1.0, rows.T, right, trans_a=not transposed))
-    return np.asarray(dgemm(1.0, rows, right, trans_a=transposed))
-
-
-def _blocks(system: LinearSystem) -> Iterator[tuple[int, Floats, Floats]]:
-    """All rows in blocks, first those for training (0), then those held out (1)."""
-    held_out = held_out_rows(system.rows)
-    for part, chosen in enumerate((~held_out, held_out)):
-        for rows, target in system.blocks(np.flatnonzero(chosen)):
-            yield part, rows, target
+def _residual(system: LinearSystem, coefficients: Floats, numbers: Indices | None = None) -> _Residual:
+    """Products of the residuals of coefficients (p, T), computed from the rows of these numbers, or from all."""
+    slope, squares = np.zeros_like(coefficients), np.zeros(len(system.targets))
+    for rows, target in system.blocks(numbers):
+        residual = target - product(rows, coefficients)
+        slope += product(rows, residual, transposed=True)
+        squares += np.sum(residual**2, axis=0)
+    return _Residual(slope, squares)
 
 
 _PASSES = 3  # at most over the rows to refine the anchor; one is enough unless columns are nearly dependent
 _ROUNDING = 1e-13  # a residual this far below its target cannot be refined
 
 
-def anchored_solution(
+def _anchored(
     system: LinearSystem, factor: CholeskyFactor, moments: Floats, inverse: Floats, norms: Floats
-) -> tuple[Floats, Floats, list[ResidualProducts]]:
-    """Least squares solution by iterative refinement in scaled coefficients: an approximate one, the anchor (p, T), a last
-    correction that is not applied, and the products of the residuals of the anchor in the parts of `products`. `factor` is
-    that of the Gram matrix of scaled columns, with a ridge where they are dependent, `moments` (p, T) are A'b in scaled
-    columns, `inverse` (p,) is 1 / ||A_j||, zero for columns that are zero throughout, `norms` (T,) are ||b||.
+) -> tuple[Floats, Floats, _Residual]:
+    """A least squares solution by iterative refinement, from A'b (p, T), 1 / ||A_j|| (p,) and ||b|| (T,).
+
+    Returns the anchor (p, T), a last correction that is not applied, and the products of the anchor's residuals, in scaled
+    columns.
     """
     anchor = np.asarray(cho_solve(factor, moments))
     for last in (*[False] * (_PASSES - 1), True):
-        left = [
-            ResidualProducts(part.squares, inverse[:, None] * part.slope)
-            for part in residual_products(system, anchor * inverse[:, None])
-        ]
-        squares = np.sum([part.squares for part in left], axis=0)
-        slope = np.sum([part.slope for part in left], axis=0)
+        slope, squares = _residual(system, anchor * inverse[:, None])
+        slope *= inverse[:, None]
         change = np.asarray(cho_solve(factor, slope))
         gain = np.sum(change * slope, axis=0)
         if last or np.all((gain < squares / 2) | (squares <= (_ROUNDING * norms) ** 2)):
             break
         anchor = anchor + change
-    return anchor, change, left
-
-
-_SMALL = 8  # a support below one in eight columns is first solved without the anchor
-_CANCELLING = 3e-5  # residual, as a share of its target, below which ||b||^2 - c'A'b has lost too many digits
-_STATIONARY = 1e-13  # slope, as a share of the target, at which a solution needs no refinement
-_REFINEMENTS = 3
+    return anchor, change, _Residual(slope, squares)
 
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """Gram matrix of a system in p columns of unit norm, and the anchor that restores its digits.
+    """Gram matrix of a system in columns of unit norm, and the anchor that restores its digits.
 
-    Scaled coefficients are z_j = c_j ||A_j||, the norm `scale` (p,) taken over all rows of the system.
+    Scaled coefficients are z_j = c_j ||A_j||, the norm taken over all rows of the system.
 
-    `sums` are those of the rows that are fitted, about the `anchor` (p, T), their least squares solution; `moments` (p, T)
-    are A'b. `held_out` are sums of the rows held out about the same anchor, None where there are too few rows; they are
-    among the fitted rows in the result of `of` and apart from them in `training`. Columns that are zero throughout are not
-    `alive` (p,) and have a one on the diagonal, so that the matrix is not singular. `factor` is None where columns are
-    dependent or it is not needed.
+    Attributes
+    ----------
+    system : LinearSystem
+        The equations.
+    names : tuple of str
+        Names of the p columns.
+    sums : AnchoredSums
+        Sums of the rows that are fitted, about the anchor.
+    moments : array of shape (p, T)
+        A'b.
+    scale : array of shape (p,)
+        ||A_j||.
+    alive : array of bool, shape (p,)
+        False for columns that are zero throughout; these have a one on the diagonal, so that the matrix is not singular.
+    anchor : array of shape (p, T)
+        Least squares solution of the rows that are fitted.
+    factor : CholeskyFactor or None
+        Cholesky factor of the matrix; None where columns are dependent or it is not needed.
+    held_out : AnchoredSums or None
+        Sums of the rows held out, about the same anchor, in `training`; None where they are among those fitted.
     """
 
+    system: LinearSystem
     names: tuple[str, ...]
     sums: AnchoredSums
     moments: Floats
     scale: Floats
     alive: Bools
     anchor: Floats
-    held_out: AnchoredSums | None
-    factor: CholeskyFactor | None = None
+    factor: CholeskyFactor | None
+    held_out: AnchoredSums | None = None
 
     @classmethod
     def of(cls, system: LinearSystem) -> Gram:
-        """Form the Gram matrix of a system in two passes over its rows, and up to two more where columns are nearly
-        dependent; IdentificationError if it has no rows or no columns, or every column is zero.
+        """Form the Gram matrix of a system in two passes over its rows, and up to two more where columns are nearly dependent.
+
+        Parameters
+        ----------
+        system : LinearSystem
+            The equations.
+
+        Returns
+        -------
+        Gram
+            Its Gram matrix.
+
+        Raises
+        ------
+        IdentificationError
+            If the system has no rows or no columns, or every column is zero.
         """
         if not system.rows or not system.names:
             raise IdentificationError(
                 f"a fit needs equations and unknowns, got {system.rows} equations in {len(system.names)} unknowns"
             )
-        parts = products(system)
-        scale = np.sqrt(sum(np.diagonal(part.matrix) for part in parts))
+        whole, moments, squares = _products(system)
+        scale = np.sqrt(np.diagonal(whole))
         alive = scale > 0
         if not alive.any():
             raise IdentificationError(
                 "every column of the equations is zero throughout: the record shows no motion to fit"
             )
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=alive)
-        for part in parts:
-            part.matrix[...] *= inverse[:, None]
-            part.matrix[...] *= inverse
-        whole = parts[0].matrix
-        for part in parts[1:]:
-            whole += part.matrix
+        whole *= inverse[:, None]
+        whole *= inverse
         whole[~alive, ~alive] = 1.0
-        moments = inverse[:, None] * np.sum([part.moments for part in parts], axis=0)
-        norms = np.sqrt(np.sum([part.squares for part in parts], axis=0))
+        moments, norms = inverse[:, None] * moments, np.sqrt(squares)
         factor = cholesky(whole)
-        anchor, change, left = anchored_solution(system, factor or ridged(whole), moments, inverse, norms)
-        rows = AnchoredSums(
-            system.rows,
-            whole,
-            np.sum([part.slope for part in left], axis=0),
-            np.sum([part.squares for part in left], axis=0),
-            norms,
-        )
-        held_out = None
-        if len(parts) > 1:
-            count = int(np.count_nonzero(held_out_rows(system.rows)))
-            held_out = AnchoredSums(
-                count, parts[1].matrix, left[1].slope, left[1].squares, np.sqrt(parts[1].squares)
-            )
-            held_out = held_out.shifted(change)
-        return cls(
-            system.names, rows.shifted(change), moments, scale, alive, anchor + change, held_out, factor
-        )
+        anchor, change, left = _anchored(system, factor or _ridged(whole), moments, inverse, norms)
+        sums = AnchoredSums(system.rows, whole, left.slope, left.squares, norms).shifted(change)
+        return cls(system, system.names, sums, moments, scale, alive, anchor + change, factor)
 
     @property
     def rows(self) -> int:
@@ -284,182 +272,224 @@ class Gram:
 
     @cached_property
     def training(self) -> Gram:
-        """The same without the rows held out, in the same scaled coefficients (whose columns then have a norm near 0.9);
-        IdentificationError if there are too few rows to hold any out.
+        """The same without the rows held out, in the same scaled coefficients (whose columns then have a norm near 0.9).
+
+        Raises
+        ------
+        IdentificationError
+            If there are too few rows to hold any out.
         """
-        if self.held_out is None:
+        numbers = np.flatnonzero(held_out_rows(self.rows))
+        if not numbers.size:
             raise IdentificationError(
                 f"{self.rows} equations are too few to choose a threshold or a penalty on rows held out; give one"
             )
-        matrix = np.asfortranarray(self.matrix - self.held_out.matrix)
+        inverse = self.unscaled(np.ones((len(self.names), 1)))
+        matrix, _, squares = _products(self.system, numbers)
+        matrix *= inverse
+        matrix *= inverse[:, 0]
+        left = _residual(self.system, self.anchor * inverse, numbers)
+        held_out = AnchoredSums(len(numbers), matrix, inverse * left.slope, left.squares, np.sqrt(squares))
+        matrix = np.asfortranarray(self.matrix - matrix)
         rows = AnchoredSums(
-            self.rows - self.held_out.rows,
+            self.rows - len(numbers),
             matrix,
-            self.sums.slope - self.held_out.slope,
-            np.maximum(self.sums.squares - self.held_out.squares, 0.0),
-            np.sqrt(np.maximum(self.norms**2 - self.held_out.norms**2, 0.0)),
+            self.sums.slope - held_out.slope,
+            np.maximum(self.sums.squares - held_out.squares, 0.0),
+            np.sqrt(np.maximum(self.norms**2 - held_out.norms**2, 0.0)),
         )
         factor = cholesky(matrix)
-        change = np.asarray(cho_solve(factor or ridged(matrix), rows.slope))
-        moments = rows.slope + dsymm(1.0, matrix, self.anchor, lower=1)
-        return Gram(
-            self.names,
-            rows.shifted(change),
-            moments,
-            self.scale,
-            self.alive,
-            self.anchor + change,
-            self.held_out.shifted(change),
-            factor,
+        change = np.asarray(cho_solve(factor or _ridged(matrix), rows.slope))
+        return replace(
+            self,
+            sums=rows.shifted(change),
+            moments=rows.slope + dsymm(1.0, matrix, self.anchor, lower=1),
+            anchor=self.anchor + change,
+            factor=factor,
+            held_out=held_out.shifted(change),
         )
 
-    def restricted(self, support: Bools, target: int) -> Gram:
-        """Restrict to the columns of a `support` (p,) and one target, about the least squares solution on it: solving
-        within a small support then costs no more than its size.
-        """
-        retained = np.flatnonzero(support & self.alive)
-        change = self._corrected(retained, target)
-        scaled = self.anchor[:, target] + change
-        return Gram(
-            tuple(self.names[column] for column in retained),
-            self.sums.restricted(retained, change, target),
-            self.moments[retained, target : target + 1],
-            self.scale[retained],
-            np.ones(len(retained), dtype=bool),
-            scaled[retained, None],
-            None if self.held_out is None else self.held_out.restricted(retained, change, target),
-        )
-
-    def project(self, support: Bools, target: int) -> tuple[Floats, float]:
-        """Least squares on a `support` (p,): scaled coefficients (p,), zero outside, and the sum of squared residuals, as
-        a correction of the anchor, which keeps its digits however small the residual is. Dependent columns get a ridge of
-        1e-14.
-        """
-        retained = np.flatnonzero(support & self.alive)
-        dropped = np.flatnonzero(~support & self.alive)
-        anchor = self.anchor[:, target]
-        if not dropped.size:
-            return np.where(self.alive, anchor, 0.0), float(self.sums.squares[target])
-        if 0 < retained.size < len(self.names) / _SMALL:
-            scaled, squares = self._directly(retained, target)
-            if squares > (_CANCELLING * self.norms[target]) ** 2:
-                return scaled, squares
-        change = self._change(retained, dropped, target)
-        return np.where(support & self.alive, anchor + change, 0.0), self.sums.squares_at(change, target)
-
-    def solve(self, support: Bools, target: int) -> Floats:
-        """Scaled coefficients of `project` alone."""
-        retained = np.flatnonzero(support & self.alive)
-        change = self._change(retained, np.flatnonzero(~support & self.alive), target)
-        return np.where(support & self.alive, self.anchor[:, target] + change, 0.0)
+    def solution(self, target: int) -> Solution:
+        """Least squares of one target on all columns that are not zero throughout."""
+        nothing, columns = np.zeros(0, dtype=np.intp), len(self.names)
+        # not of dependent columns, nor of a restricted matrix, which no other target shares
+        eliminated = _Eliminated(nothing, np.empty((0, columns)), np.empty((0, 0))) if self.factor else None
+        return Solution(self, target, self.alive, np.zeros(columns), eliminated)
 
     def unscaled(self, scaled: Floats) -> Floats:
-        """Scaled coefficients (p,) or (p, T) in their own units; zero for columns that are zero throughout."""
-        inverse = np.divide(1.0, self.scale, out=np.zeros_like(self.scale), where=self.alive)
-        return scaled * (inverse if scaled.ndim == 1 else inverse[:, None])
-
-    def variances(self, support: Bools) -> Floats:
-        """Diagonal (p,) of (A'A)^-1 on a support, in the coefficients' own units squared, zero outside;
-        IdentificationError if columns of the support are dependent, which it names.
-        """
-        diagonal = np.zeros(len(self.names))
-        retained, dropped = np.flatnonzero(support & self.alive), np.flatnonzero(~support & self.alive)
-        if retained.size and (inverse := self._worth_inverting(retained, dropped)) is not None:
-            diagonal[retained] = np.diagonal(inverse)[retained]
-            if dropped.size:
-                cross = inverse[:, dropped]
-                eliminated = dtrsm(
-                    1.0, ridged(cross[dropped])[0], cross, side=1, lower=1, trans_a=1, overwrite_b=1
-                )
-                diagonal[retained] -= np.einsum("ij,ij->i", eliminated, eliminated)[retained]
-            least = 1.0 / np.diagonal(self.matrix)[retained]  # of a column that is orthogonal to all others
-            diagonal[retained] = np.maximum(diagonal[retained], least) / self.scale[retained] ** 2
-        elif retained.size:
-            block = self.matrix[np.ix_(retained, retained)]
-            factor = cholesky(block)
-            if factor is None:
-                raise self._dependent(retained, block)
-            diagonal[retained] = np.diagonal(dpotri(factor[0], lower=1)[0]) / self.scale[retained] ** 2
-        return diagonal
-
-    def _worth_inverting(self, retained: Indices, dropped: Indices) -> Floats | None:
-        """The inverse of the matrix where fewer columns are dropped than kept; None where not, where columns are
-        dependent, and of a restricted matrix, which no other target shares.
-        """
-        worth = dropped.size < retained.size and self.factor is not None
-        return self._inverse if worth else None
+        """Scaled coefficients (p, T) in their own units; zero for columns that are zero throughout."""
+        return scaled * np.divide(1.0, self.scale, out=np.zeros_like(self.scale), where=self.alive)[:, None]
 
     @cached_property
-    def _inverse(self) -> Floats | None:
-        """(p, p) inverse of the matrix, None where columns are dependent."""
-        if self.factor is None:
-            return None
+    def inverse(self) -> Floats:
+        """(p, p) inverse of the matrix, from its factor, which must exist."""
+        assert self.factor is not None
         inverse: Floats = dpotri(self.factor[0], lower=1)[0]
         mirror(inverse)
         return inverse
 
-    def _eliminated(self, retained: Indices, dropped: Indices, target: int, inverse: Floats) -> Floats:
-        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by elimination from the inverse: its
-        cost is that of the columns dropped. The inverse has lost digits, so the solution is refined until the gradient
-        vanishes; each refinement squares the relative error.
+
+class _Eliminated(NamedTuple):
+    """The d `columns` that are dropped, their `rows` (d, p) of the inverse, and the Cholesky factor (d, d) of these."""
+
+    columns: Indices
+    rows: Floats
+    factor: Floats
+
+    def with_(self, dropped: Indices, inverse: Floats) -> _Eliminated:
+        """With more columns dropped."""
+        rows = inverse.T[dropped]  # symmetric, and whole rows are read
+        below = solve_triangular(self.factor, self.rows[:, dropped], lower=True, check_finite=False)
+        corner, _ = _ridged(rows[:, dropped] - below.T @ below)
+        count = len(self.columns)
+        factor = np.zeros((count + len(dropped),) * 2, order="F")
+        factor[:count, :count], factor[count:, :count], factor[count:, count:] = self.factor, below.T, corner
+        return _Eliminated(np.append(self.columns, dropped), np.concatenate([self.rows, rows]), factor)
+
+    def taken(self, values: Floats) -> Floats:
+        """What elimination takes from a product (p,) with the inverse, so that it is zero in the dropped columns."""
+        return np.asarray(
+            cho_solve((self.factor, True), values[self.columns], check_finite=False) @ self.rows
+        )
+
+
+_SMALL = 8  # a support below one in eight columns is first solved without the anchor
+_CANCELLING = 3e-5  # residual, as a share of its target, below which ||b||^2 - c'A'b has lost too many digits
+_STATIONARY = 1e-13  # slope, as a share of the target, at which a solution needs no refinement
+_REFINEMENTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Least squares of one target on a support, as a correction of the anchor: it keeps its digits however small the residual.
+
+    Attributes
+    ----------
+    gram : Gram
+        The matrix.
+    target : int
+        Index of the target.
+    support : array of bool, shape (p,)
+        The columns, without those that are zero throughout; dependent ones get a ridge of 1e-14.
+    change : array of shape (p,)
+        Difference of the scaled coefficients from the anchor.
+    eliminated : _Eliminated or None
+        The other columns, where these are fewer and were eliminated from the inverse.
+    known_squares : float or None
+        Sum of squared residuals, where it came with the solution.
+    """
+
+    gram: Gram
+    target: int
+    support: Bools
+    change: Floats
+    eliminated: _Eliminated | None
+    known_squares: float | None = None
+
+    @cached_property
+    def scaled(self) -> Floats:
+        """(p,) scaled coefficients, zero outside the support."""
+        return np.where(self.support, self.gram.anchor[:, self.target] + self.change, 0.0)
+
+    @cached_property
+    def squares(self) -> float:
+        """Sum of squared residuals."""
+        known = self.known_squares
+        return self.gram.sums.squares_at(self.change, self.target) if known is None else known
+
+    def on(self, support: Bools) -> Solution:
+        """Least squares on those columns of the support that are in `support` (p,), too."""
+        gram, support = self.gram, support & self.support
+        dropped, retained = np.flatnonzero(self.support & ~support), np.flatnonzero(support)
+        if not dropped.size:
+            return self
+        if self.eliminated and np.count_nonzero(gram.alive) < 2 * retained.size:
+            return self._without(support, self.eliminated.with_(dropped, gram.inverse))
+        if 0 < retained.size < len(support) / _SMALL:
+            direct = self._directly(support, retained)
+            if direct.squares > (_CANCELLING * gram.norms[self.target]) ** 2:
+                return direct
+        change = np.where(support, 0.0, -gram.anchor[:, self.target])
+        if retained.size:
+            slope = gram.sums.slope[:, self.target] - dsymv(1.0, gram.matrix, change, lower=1)
+            factor = _ridged(gram.matrix[np.ix_(retained, retained)].T)
+            change[retained] = cho_solve(factor, slope[retained], check_finite=False)
+        return Solution(gram, self.target, support, change, None)
+
+    def _directly(self, support: Bools, retained: Indices) -> Solution:
+        """The solution without the anchor: cheaper for few columns, and as accurate where the residual is not tiny."""
+        gram, moments = self.gram, self.gram.moments[retained, self.target]
+        factor = _ridged(gram.matrix[np.ix_(retained, retained)].T)
+        solved = cho_solve(factor, moments, check_finite=False)
+        change = -gram.anchor[:, self.target]
+        change[retained] += solved
+        squares = float(gram.norms[self.target] ** 2 - solved @ moments)
+        return Solution(gram, self.target, support, change, None, squares)
+
+    def _without(self, support: Bools, eliminated: _Eliminated) -> Solution:
+        """The solution without the eliminated columns, at the cost of their number. The inverse has lost digits, so it is
+        refined until the gradient vanishes; each refinement squares the relative error.
         """
-        anchor, slope = self.anchor[:, target], self.sums.slope[:, target]
-        cross = inverse[:, dropped]
-        corner = ridged(cross[dropped])
-        change = cross @ cho_solve(corner, -anchor[dropped], check_finite=False)
+        gram, target = self.gram, self.target
+        away, norm = -gram.anchor[:, target], max(float(gram.norms[target]), np.finfo(float).tiny)
+        change = eliminated.taken(away)
         for _ in range(_REFINEMENTS):
-            change[dropped] = -anchor[dropped]
-            left = slope - dsymv(1.0, self.matrix, change, lower=1)
-            left[dropped] = 0.0
-            share = float(np.max(np.abs(left[retained]))) / max(
-                float(self.norms[target]), np.finfo(float).tiny
-            )
+            change[eliminated.columns] = away[eliminated.columns]
+            left = gram.sums.slope[:, target] - dsymv(1.0, gram.matrix, change, lower=1)
+            left[eliminated.columns] = 0.0
+            share = float(np.max(np.abs(left[support]))) / norm
             if share <= _STATIONARY:
                 break
-            step = dsymv(1.0, inverse, left, lower=1)
-            change += step - cross @ cho_solve(corner, step[dropped], check_finite=False)
+            step = dsymv(1.0, gram.inverse, left, lower=1)
+            change += step - eliminated.taken(step)
             if share**2 <= _STATIONARY:
                 break
-        change[dropped] = -anchor[dropped]
-        return np.asarray(change)
+        change[eliminated.columns] = away[eliminated.columns]
+        return Solution(gram, target, support, change, eliminated)
 
-    def _change(self, retained: Indices, dropped: Indices, target: int) -> Floats:
-        """The change (p,) of the anchor that takes the coefficients in `dropped` to zero, by the cheaper algorithm."""
-        if not dropped.size:
-            return np.zeros(len(self.names))
-        inverse = self._worth_inverting(retained, dropped)
-        if inverse is None:
-            return self._corrected(retained, target)
-        return self._eliminated(retained, dropped, target, inverse)
+    def variances(self) -> Floats:
+        """Diagonal (p,) of (A'A)^-1 on the support, in the coefficients' own units squared, zero outside the support.
 
-    def _corrected(self, retained: Indices, target: int) -> Floats:
-        """The change (p,) of the anchor that takes all coefficients but those in `retained` to zero."""
-        change = -self.anchor[:, target]
-        change[retained] = 0.0
-        if retained.size:
-            product = dsymv(1.0, self.matrix, change, lower=1)
-            factor = ridged(self.matrix[np.ix_(retained, retained)].T)
-            change[retained] = cho_solve(
-                factor, (self.sums.slope[:, target] - product)[retained], check_finite=False
-            )
-        return change
+        Raises IdentificationError, which names them, if columns of the support are dependent.
+        """
+        gram, retained = self.gram, np.flatnonzero(self.support)
+        diagonal = np.zeros(len(gram.names))
+        if self.eliminated:
+            taken = dtrsm(1.0, self.eliminated.factor, self.eliminated.rows.T, side=1, lower=1, trans_a=1)
+            inverse = np.diagonal(gram.inverse) - np.einsum("ij,ij->i", taken, taken)
+            least = 1.0 / np.diagonal(gram.matrix)  # of a column that is orthogonal to all others
+            diagonal[retained] = np.maximum(inverse, least)[retained]
+        elif retained.size:
+            block = gram.matrix[np.ix_(retained, retained)]
+            factor = cholesky(block)
+            if factor is None:
+                raise self._dependent(retained, block)
+            diagonal[retained] = np.diagonal(dpotri(factor[0], lower=1)[0])
+        return gram.unscaled(gram.unscaled(diagonal[:, None]))[:, 0]
 
-    def _directly(self, retained: Indices, target: int) -> tuple[Floats, float]:
-        """`project` without the anchor: cheaper for few columns, and as accurate where the residual is not tiny."""
-        moments = self.moments[retained, target]
-        solved = cho_solve(ridged(self.matrix[np.ix_(retained, retained)].T), moments, check_finite=False)
-        scaled = np.zeros(len(self.names))
-        scaled[retained] = solved
-        return scaled, float(self.norms[target] ** 2 - solved @ moments)
+    def restricted(self) -> Gram:
+        """The Gram matrix of the support and this target alone: solving within it then costs no more than its size."""
+        gram, retained = self.gram, np.flatnonzero(self.support)
+        return Gram(
+            gram.system,
+            tuple(gram.names[column] for column in retained),
+            gram.sums.restricted(retained, self.change, self.target),
+            gram.moments[retained, self.target : self.target + 1],
+            gram.scale[retained],
+            np.ones(len(retained), dtype=bool),
+            self.scaled[retained, None],
+            None,
+            None if gram.held_out is None else gram.held_out.restricted(retained, self.change, self.target),
+        )
 
     def _dependent(self, retained: Indices, block: Floats) -> IdentificationError:
-        if retained.size > self.rows:
+        if retained.size > self.gram.rows:
             return IdentificationError(
-                f"{retained.size} terms cannot be determined from {self.rows} equations; use a longer record, a smaller "
+                f"{retained.size} terms cannot be determined from {self.gram.rows} equations; use a longer record, a smaller "
                 "library (a lower order, mixing=2, the states of a mass and its neighbours), or let a threshold drop terms"
             )
-        shown = retained[np.flatnonzero(np.abs(vanishing(block)) > 0.1)]
-        named = ", ".join(self.names[column] for column in shown[:8])
+        shown = retained[np.flatnonzero(np.abs(_vanishing(block)) > 0.1)]
+        named = ", ".join(self.gram.names[column] for column in shown[:8])
         return IdentificationError(
             f"the columns {named} are collinear in these data, so only a combination of them is determined; leave one out, "
             "declare its coefficient known, or use a record in which they vary independently"

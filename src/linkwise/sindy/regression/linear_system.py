@@ -10,8 +10,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol, final
 
 import numpy as np
+from scipy.linalg.blas import dgemm, dsyrk
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
@@ -28,6 +30,58 @@ _BLOCKS = 4  # the block, its two parts and the residuals
 def fit_bytes(columns: int) -> int:
     """Peak memory in bytes of a fit with p columns, beside the data: seven p x p matrices and a few blocks of rows."""
     return 8 * _MATRICES * columns**2 + _BLOCKS * _BLOCK_BYTES
+
+
+class GramSums(Protocol):
+    """A'A of rows that come in blocks."""
+
+    def add(self, rows: Floats) -> None:
+        """Add the products of rows (B, p), in C or Fortran order."""
+
+    def matrix(self) -> Floats:
+        """The matrix (p, p) in Fortran order."""
+
+
+@final
+class RowSums:
+    """A'A of any rows: one symmetric rank-k update a block."""
+
+    def __init__(self, columns: int) -> None:
+        self._sum = np.zeros((columns, columns), order="F")
+
+    def add(self, rows: Floats) -> None:
+        # syrk reads Fortran order; a block in C order is the transpose of one
+        turned = rows.flags.c_contiguous
+        self._sum = dsyrk(
+            1.0, rows.T if turned else rows, beta=1.0, c=self._sum, trans=not turned, lower=1, overwrite_c=1
+        )
+
+    def matrix(self) -> Floats:
+        mirror(self._sum)
+        return self._sum
+
+
+_TILE = 128
+
+
+def mirror(matrix: Floats) -> None:
+    """Copy the lower triangle of a square matrix (p, p) to its upper one in place, in tiles that fit in the cache."""
+    edges = range(0, len(matrix), _TILE)
+    for row in edges:
+        for column in range(0, row, _TILE):
+            tile = matrix[row : row + _TILE, column : column + _TILE]
+            matrix[column : column + _TILE, row : row + _TILE] = tile.T
+        corner = matrix[row : row + _TILE, row : row + _TILE]
+        corner[...] = np.tril(corner) + np.tril(corner, -1).T
+
+
+def product(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:
+    """rows @ right, or rows.T @ right, of rows (B, p) in C or Fortran order, by SciPy's BLAS.
+
+    NumPy links a BLAS of its own; threads of the two libraries that wait for work would slow each other down.
+    """
+    turned = rows.flags.c_contiguous
+    return np.asarray(dgemm(1.0, rows.T if turned else rows, right, trans_a=transposed != turned))
 
 
 class LinearSystem(ABC):
@@ -68,6 +122,10 @@ class LinearSystem(ABC):
         target : array of shape (B, T)
             Rows of b.
         """
+
+    def gram_sums(self) -> GramSums:
+        """Sums for the Gram matrix of rows of this system."""
+        return RowSums(len(self.names))
 
     def blocks(self, rows: Indices | None = None) -> Iterator[tuple[Floats, Floats]]:
         """Iterate over rows in blocks of about 8 MB.

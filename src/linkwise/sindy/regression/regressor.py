@@ -16,7 +16,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.gram import Gram, Solution
 from linkwise.sindy.regression.linear_system import LinearSystem
 
 
@@ -237,15 +237,31 @@ class Regressor(ABC):
         IdentificationError
             As `fit`.
         """
-        scaled = np.zeros((len(gram.names), len(targets)))
-        setting, paths = np.zeros(len(targets)), []
+        shape = len(gram.names), len(targets)
+        scaled, variances = np.zeros(shape), np.zeros(shape)
+        setting, squares, paths = np.zeros(len(targets)), np.zeros(len(targets)), []
         for target in range(len(targets)):
-            scaled[:, target], setting[target], path = self.solve(gram, target)
+            solution, setting[target], path = self.solve(gram, target)
+            scaled[:, target], squares[target] = solution.scaled, solution.squares
+            variances[:, target] = solution.variances()
             paths.append(path)
-        return _fit(gram, scaled, units, targets, setting, tuple(paths))
+        norms, support = np.where(gram.norms > 0, gram.norms, 1.0), scaled != 0
+        freedom = np.maximum(gram.rows - support.sum(axis=0), 1)
+        return RegressionFit(
+            names=gram.names,
+            units=units,
+            targets=targets,
+            coefficients=gram.unscaled(scaled),
+            support=support,
+            standard_error=np.sqrt(variances * squares / freedom),
+            contribution=np.abs(scaled) / norms,
+            residual=np.sqrt(squares) / norms,
+            setting=setting,
+            paths=tuple(paths),
+        )
 
     @abstractmethod
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
         """Choose the support of one target and solve for its coefficients.
 
         Parameters
@@ -257,8 +273,8 @@ class Regressor(ABC):
 
         Returns
         -------
-        scaled : array of shape (p,)
-            Scaled coefficients, zero outside the support.
+        solution : Solution
+            Its coefficients on the support.
         setting : float
             Threshold or penalty in force; 0 where there is none.
         path : tuple of SupportCandidate
@@ -266,76 +282,36 @@ class Regressor(ABC):
         """
 
 
-def _fit(
-    gram: Gram,
-    scaled: Floats,
-    units: tuple[str, ...],
-    targets: tuple[str, ...],
-    setting: Floats,
-    paths: tuple[tuple[SupportCandidate, ...], ...],
-) -> RegressionFit:
-    """The fit that scaled coefficients (p, T) amount to."""
-    support = scaled != 0
-    norms = np.where(gram.norms > 0, gram.norms, 1.0)
-    squares = gram.sums.shifted(scaled - gram.anchor).squares
-    freedom = np.maximum(gram.rows - support.sum(axis=0), 1)
-    variances = _variances(gram, support)
-    return RegressionFit(
-        names=gram.names,
-        units=units,
-        targets=targets,
-        coefficients=gram.unscaled(scaled),
-        support=support,
-        standard_error=np.sqrt(variances * squares / freedom),
-        contribution=np.abs(scaled) / norms,
-        residual=np.sqrt(squares) / norms,
-        setting=setting,
-        paths=paths,
-    )
-
-
-def _variances(gram: Gram, support: Bools) -> Floats:
-    """`Gram.variances` of each target's support (p, T); targets that share a support share the work."""
-    by_support: dict[bytes, Floats] = {}
-    for column in support.T:
-        key = column.tobytes()
-        if key not in by_support:
-            by_support[key] = gram.variances(column)
-    return np.column_stack([by_support[column.tobytes()] for column in support.T])
-
-
 EXACT = 1e-11  # relative residual below which it is rounding: there fewer terms are always better
 
 
-def score_support(
-    training: Gram, target: int, scaled: Floats, squares: float, setting: float
-) -> SupportCandidate:
-    """Score a least squares solution (p,) with the sum of squares of the fitted rows on its support, to which a threshold
-    or penalty, the `setting`, led, by the rows held out. The criterion is BIC = R log(rss / R) + k log R over the R rows
-    held out. To the sum of squares rss is added (1e-11 ||b||)^2: the residual of noise-free data is rounding, which no
-    term should explain. A support of more than half as many terms as rows were fitted scores infinity, since such a fit
-    interpolates its rows.
+def score_support(solution: Solution, setting: float) -> SupportCandidate:
+    """Score a solution on the rows that are fitted by the rows held out.
+
+    The criterion is BIC = R log(rss / R) + k log R over the R rows held out. To the sum of squares rss is added
+    (1e-11 ||b||)^2: the residual of noise-free data is rounding, which no term should explain. A support of more than half as
+    many terms as rows were fitted scores infinity, since such a fit interpolates its rows.
     """
+    training, target = solution.gram, solution.target
     held_out = training.held_out
     assert held_out is not None  # `Gram.training` has refused systems without
     norm = held_out.norms[target]
-    squares_held_out = held_out.squares_at(scaled - training.anchor[:, target], target) + (EXACT * norm) ** 2
-    support = scaled != 0
+    squares = held_out.squares_at(solution.change, target) + (EXACT * norm) ** 2
+    support = solution.scaled != 0
     terms = int(np.count_nonzero(support))
     tiny = np.finfo(np.float64).tiny
-    bic = held_out.rows * np.log(max(squares_held_out, tiny) / held_out.rows) + terms * np.log(held_out.rows)
-    if terms > training.rows / 2:
-        bic = np.inf
+    bic = held_out.rows * np.log(max(squares, tiny) / held_out.rows) + terms * np.log(held_out.rows)
+    fitted = training.norms[target]
     return SupportCandidate(
         support=support,
         setting=setting,
         terms=terms,
-        residual=float(np.sqrt(squares) / training.norms[target]) if training.norms[target] > 0 else 0.0,
-        held_out=float(np.sqrt(squares_held_out) / norm) if norm > 0 else 0.0,
-        bic=float(bic),
+        residual=float(np.sqrt(solution.squares) / fitted) if fitted > 0 else 0.0,
+        held_out=float(np.sqrt(squares) / norm) if norm > 0 else 0.0,
+        bic=float(np.inf if terms > training.rows / 2 else bic),
     )
 
 
 def best_support(candidates: Iterable[SupportCandidate]) -> SupportCandidate:
-    """The candidate of smallest BIC; among equals the one with fewer terms."""
+    """The candidate of smallest BIC, of one at least; among equals the one with fewer terms."""
     return min(candidates, key=lambda candidate: (candidate.bic, candidate.terms))

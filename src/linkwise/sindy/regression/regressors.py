@@ -19,8 +19,7 @@ from scipy.linalg import cho_solve
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.runtime import one_blas_thread
-from linkwise.sindy.regression.cholesky import cholesky
-from linkwise.sindy.regression.gram import Gram
+from linkwise.sindy.regression.gram import Gram, Solution, cholesky
 from linkwise.sindy.regression.regressor import (
     EXACT,
     Regressor,
@@ -87,34 +86,33 @@ class Stlsq(Regressor):
     def with_threshold(self, threshold: float) -> Stlsq:
         return Stlsq(threshold)
 
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
-        if self.threshold is not None:
-            scaled = gram.solve(gram.alive, target)
-            return _shrink(gram, target, scaled, self.threshold), self.threshold, ()
-        training = gram.training
+    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
         with one_blas_thread():  # many small steps
-            path = tuple(_threshold_path(training, target))
+            if self.threshold is not None:
+                return _shrunk(gram.solution(target), self.threshold), self.threshold, ()
+            path = tuple(_threshold_path(gram.training, target))
         chosen = best_support(path)
-        return gram.solve(chosen.support, target), chosen.setting, path
+        return gram.solution(target).on(chosen.support), chosen.setting, path
 
 
-def _shrink(gram: Gram, target: int, scaled: Floats, threshold: float) -> Floats:
-    """Scaled coefficients after dropping terms until every one that remains reaches the threshold."""
+def _shrunk(solution: Solution, threshold: float) -> Solution:
+    """The solution after dropping terms until every one that remains reaches the threshold."""
+    least = threshold * solution.gram.norms[solution.target]
     for _ in range(_PASSES):
-        support = (np.abs(scaled) >= threshold * gram.norms[target]) & (scaled != 0)
+        scaled = solution.scaled
+        support = (np.abs(scaled) >= least) & (scaled != 0)
         if np.array_equal(support, scaled != 0):
             break
-        scaled = gram.solve(support, target)
-    return scaled
+        solution = solution.on(support)
+    return solution
 
 
 def _threshold_path(training: Gram, target: int) -> Iterator[SupportCandidate]:
     """Supports of decreasing size, from all columns to none, as the threshold rises."""
-    gram, columns = training, np.arange(len(training.names))
-    scaled, squares = gram.project(gram.alive, target)
-    setting, norm = 0.0, float(gram.norms[target])
+    columns, solution = np.arange(len(training.names)), training.solution(target)
+    setting, norm = 0.0, float(training.norms[target])
     while True:
-        candidate = score_support(gram, target, scaled, squares, setting)
+        candidate, scaled = score_support(solution, setting), solution.scaled
         support = np.zeros(len(training.names), dtype=bool)
         support[columns] = candidate.support
         yield replace(candidate, support=support)
@@ -126,11 +124,9 @@ def _threshold_path(training: Gram, target: int) -> Iterator[SupportCandidate]:
         setting = max(setting, float(np.abs(scaled[dropped[-1]])) / norm)
         remaining = candidate.support.copy()
         remaining[dropped] = False
+        solution = solution.on(remaining)
         if 0 < np.count_nonzero(remaining) < len(columns) / 2:
-            gram, columns, target = gram.restricted(remaining, target), columns[remaining], 0
-            scaled, squares = gram.anchor[:, 0], float(gram.sums.squares[0])
-        else:
-            scaled, squares = gram.project(remaining, target)
+            columns, solution = columns[remaining], solution.restricted().solution(0)
 
 
 def _step(terms: int) -> int:
@@ -190,7 +186,7 @@ class L1(Regressor):
                 "side that a term must explain beyond the others to be selected"
             )
 
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
+    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
         path: tuple[SupportCandidate, ...] = ()
         if self.penalty is None:
             training = gram.training
@@ -200,9 +196,10 @@ class L1(Regressor):
                 scaled = _at(gram, target, setting)
         else:
             scaled, setting = _at(gram, target, self.penalty), self.penalty
-        if self.debias:
-            scaled = gram.solve(scaled != 0, target)
-        return scaled, setting, path
+        solution = gram.solution(target).on(scaled != 0)
+        if not self.debias:
+            solution = replace(solution, change=scaled - gram.anchor[:, target], known_squares=None)
+        return solution, setting, path
 
 
 def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
@@ -214,7 +211,7 @@ def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandid
         key = support.tobytes()
         if key in compared:
             continue
-        candidate = score_support(gram, target, *gram.project(support, target), penalty)
+        candidate = score_support(gram.solution(target).on(support), penalty)
         worse = 0 if candidate.bic < lowest else worse + 1
         lowest = min(lowest, candidate.bic)
         compared[key] = candidate, scaled
@@ -333,5 +330,5 @@ class LeastSquares(Regressor):
 
     title = "least squares, nothing thresholded"
 
-    def solve(self, gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandidate, ...]]:
-        return gram.solve(gram.alive, target), 0.0, ()
+    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
+        return gram.solution(target), 0.0, ()
