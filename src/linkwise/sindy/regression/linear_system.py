@@ -233,6 +233,8 @@ class StreamedSystem(LinearSystem):
         Units of the p coefficients; "" where unknown.
     targets : tuple of str
         Names of the T right-hand sides.
+    sums : callable, optional
+        Makes the `GramSums` of these columns, where there is a cheaper way than any rows allow.
 
     Raises
     ------
@@ -255,6 +257,7 @@ class StreamedSystem(LinearSystem):
     names: tuple[str, ...]
     units: tuple[str, ...]
     targets: tuple[str, ...]
+    sums: Callable[[], GramSums] | None = None
 
     def __post_init__(self) -> None:
         _require_named(self.names, self.units, self.targets)
@@ -263,6 +266,9 @@ class StreamedSystem(LinearSystem):
     def rows(self) -> int:
         """Number of rows R."""
         return self.count
+
+    def gram_sums(self) -> GramSums:
+        return self.sums() if self.sums else super().gram_sums()
 
     def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
         return self.compute(piece)
