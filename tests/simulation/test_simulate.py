@@ -193,12 +193,7 @@ def test_a_simulated_record_survives_a_pickle(spring: Structure) -> None:
         ("k3*d**3", {"k3": -100.0}, 0.69, "the motion diverges: at 0.697244 s the displacement of mass m1"),
         ("k*d + c*v", {"k": 100.0, "c": -1.0}, 23.0, "a link with negative stiffness or damping"),
         ("k3*d**3 + c*v", {"k3": 100.0, "c": -1.0}, 30.0, "the motion diverges"),
-        (
-            "k*sqrt(1 + d/s)",
-            {"k": 10.0, "s": 0.05},
-            0.2,
-            "the displacement of mass m1 is -0.05 m",
-        ),
+        ("k*sqrt(1 + d/s)", {"k": 10.0, "s": 0.05}, 0.2, "the displacement of mass m1 is -0.05 m"),
     ],
 )
 def test_what_diverges_stops_and_says_when_and_where(
@@ -218,7 +213,7 @@ def test_a_structure_far_too_stiff_stops() -> None:
         SimulationError,
         match=r"takes more than \d+ steps between two output times, mass m1 .* check stiffnesses",
     ):
-        integrate(schedule, schedule.times, lambda first, states: None, RunOptions(most_steps=20_000))
+        integrate(schedule, schedule.times, options=RunOptions(most_steps=20_000))
 
 
 def sampled(end: float, start: float = 0.0) -> Sampled:

@@ -24,7 +24,7 @@ from linkwise.expression import Expression, Number, Program, polynomial
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.simulation.batch import SimulatedMotion, can_batch, run_batch
-from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate
+from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate, room
 
 _HIGHEST_ORDER = 12  # of a polynomial law whose rest points are found by companion matrices
 _REAL = 1e-7  # of the largest root: a smaller imaginary part is the rounding error of a double root
@@ -167,7 +167,7 @@ def crossings(schedule: RunSchedule, run: RunLog, tops: Sequence[Floats]) -> tup
     if not any(len(some) for some in tops):
         return tuple(np.empty(0) for _ in tops)
     steps: list[float] = []
-    integrate(schedule, schedule.times[-1:], lambda first, states: None, RunOptions(repeated=run, log=steps))
+    integrate(schedule, schedule.times[-1:], options=RunOptions(repeated=run, log=steps))
     edges = np.unique(np.concatenate([[0.0], schedule.stops, steps]))
     edges = edges[np.append(np.diff(edges) > _DISTINCT * 1e-3 * schedule.end, True)]
     d, rate = _elongations(schedule, run, edges)
@@ -213,17 +213,12 @@ def distinct(times: Floats, end: float) -> Floats:
 
 def _elongations(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Floats, Floats]:
     """(M, L) elongations in m and rates in m/s of all links at `times` (M,)."""
-    size, base = schedule.structure.size, schedule.excitation.base
-    states = np.empty((len(times), 2 * size))
-
-    def receive(first: int, block: Floats) -> None:
-        states[first : first + len(block)] = block[:, : 2 * size]
-
-    integrate(schedule, times, receive, RunOptions(repeated=run))
+    structure, base = schedule.structure, schedule.excitation.base
+    x, v, _ = motion = room(structure, len(times))
+    integrate(schedule, times, options=RunOptions(repeated=run, into=motion))
     x_base = None if base is None else base.value(times)
     v_base = None if base is None else base.derivative(times)
-    structure = schedule.structure
-    return structure.elongations(states[:, :size], x_base), structure.elongations(states[:, size:], v_base)
+    return structure.elongations(x, x_base), structure.elongations(v, v_base)
 
 
 def _roots_of_cubics(

@@ -25,7 +25,15 @@ from linkwise.records.truth import EnergyBalance
 from linkwise.simulation.energy import energy_balance
 from linkwise.simulation.integrator.formulas import SCALE, ParameterLayout
 from linkwise.simulation.integrator.taylor import BatchIntegrator, compiled_system
-from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunLog, RunOptions, RunSchedule, integrate
+from linkwise.simulation.run import (
+    FARTHEST,
+    MOST_STEPS,
+    RunLog,
+    RunOptions,
+    RunSchedule,
+    integrate,
+    room,
+)
 
 LANES = 4  # numbers in a register of most processors; with more, all lanes wait for the slowest
 _NEVER = 1e9  # m: an elongation that is never crossed
@@ -172,12 +180,11 @@ def horizon(schedule: RunSchedule, displacement: Floats, run: RunLog) -> float |
     """The first output time in s at which a second run departs from `displacement` (N, n) in m by more than `DEPARTURE` of its
     largest value, or None. `run` is the log of the first run; the second starts in double precision.
     """
-    size = schedule.structure.size
     allowed = DEPARTURE * np.abs(displacement).max()
     departures: list[float] = []
 
-    def receive(first: int, states: Floats) -> bool:
-        apart = np.abs(states[:, :size] - displacement[first : first + len(states)]).max(axis=1) > allowed
+    def receive(first: int, x: Floats, v: Floats, states: Floats) -> bool:
+        apart = np.abs(x - displacement[first : first + len(x)]).max(axis=1) > allowed
         if apart.any():
             departures.append(float(schedule.times[first + int(np.argmax(apart))]))
         return bool(departures)
@@ -203,17 +210,16 @@ class SimulatedMotion:
     @classmethod
     def of(cls, schedule: RunSchedule, progress: Progress = silent) -> SimulatedMotion:
         """Run a schedule. Raises SimulationError if the run cannot be completed."""
-        size = schedule.structure.size
-        motion = np.empty((len(schedule.times), schedule.structure.topology.dimension))
+        count = len(schedule.times)
+        motion = room(schedule.structure, count)
 
-        def receive(first: int, states: Floats) -> None:
-            motion[first : first + len(states)] = states
-            progress(ProgressReport((first + len(states)) / len(schedule.times), "simulating"))
+        def receive(first: int, x: Floats, v: Floats, states: Floats) -> None:
+            progress(ProgressReport((first + len(x)) / count, "simulating"))
 
-        run = integrate(schedule, schedule.times, receive)
-        x, v, states = (np.ascontiguousarray(part) for part in np.split(motion, [size, 2 * size], axis=1))
-        x.flags.writeable = v.flags.writeable = states.flags.writeable = False
-        return cls(schedule, x, v, states, run)
+        run = integrate(schedule, schedule.times, receive, RunOptions(into=motion))
+        for part in motion:
+            part.flags.writeable = False
+        return cls(schedule, *motion, run)
 
     @cached_property
     def energy(self) -> EnergyBalance:

@@ -134,17 +134,16 @@ def energy_balance(
     structure, base = schedule.structure, schedule.excitation.base
     steps: list[float] = []
     options = RunOptions(repeated=run, log=steps)
-    integrate(schedule, schedule.times[-1:], lambda first, states: None, options)
+    integrate(schedule, schedule.times[-1:], options=options)
     rule = _rule(schedule, steps)
     forces = LinkForces(structure, schedule.excitation)
     size, links = structure.size, len(structure.links)
     gained = np.zeros((len(schedule.times), links + 1))  # dissipated by each link, then supplied
 
-    def receive(first: int, states: Floats) -> None:
-        part = slice(first, first + len(states))
+    def receive(first: int, x: Floats, v: Floats, states: Floats) -> None:
+        part = slice(first, first + len(x))
         time = rule.times[part]
-        x, v, inside = states[:, :size], states[:, size : 2 * size], states[:, 2 * size :]
-        power = _powers(forces, time, x, v, inside) * rule.weights[part, None]
+        power = _powers(forces, time, x, v, states) * rule.weights[part, None]
         sample = rule.sample[part]
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
         gained[sample[starts]] += np.add.reduceat(power, starts, axis=0)

@@ -125,8 +125,10 @@ class RunSchedule:
     @cached_property
     def pieces(self) -> Floats:
         """Parameters (S - 1, w) of the sampled inputs between stops, in the order of `ParameterLayout.inputs`."""
+        columns = [np.empty((len(self.stops) - 1, 0))]
+        if not self._sampled:
+            return columns[0]
         middle = 0.5 * (self.stops[1:] + self.stops[:-1])
-        columns = [np.empty((middle.size, 0))]
         for drive in self._sampled:
             edges, coefficients = drive.pieces
             piece = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, len(coefficients) - 1)
@@ -135,12 +137,13 @@ class RunSchedule:
 
     def parameters(self, layout: ParameterLayout, kind: type = np.float64) -> NDArray[Any]:
         """All run-time parameters (P,) except branches and pieces; in extended precision a number is what its decimals say."""
-        double = kind is np.float64
-        exact: Callable[[float], Any] = float if double else lambda value: kind(repr(float(value)))
-        values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
         laws = zip(self.structure.links, layout.coefficients, strict=True)
-        coefficients = [exact(link.values[name]) for link, names in laws for name in names]
-        masses: NDArray[Any] = np.array([exact(mass) for mass in self.structure.mass_values], dtype=kind)
+        coefficients: list[Any] = [link.values[name] for link, names in laws for name in names]
+        masses: NDArray[Any] = np.asarray(self.structure.mass_values)
+        if kind is not np.float64:
+            coefficients = [kind(repr(float(value))) for value in coefficients]
+            masses = np.array([kind(repr(float(mass))) for mass in masses])
+        values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
         values[layout.values] = coefficients
         values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
         values[layout.branches] = 1.0
@@ -232,6 +235,7 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
 
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
+_ALWAYS_FREE = 2**30  # bytes that `available_memory` takes to be there
 _SHOWN = 12  # masses listed in a message
 
 
@@ -259,7 +263,8 @@ def _even_times(duration: float | None, rate: float | None) -> Floats:
     for quantity, value, unit in (("duration", duration, "s"), ("rate", rate, "Hz")):
         if not (np.isfinite(value) and value > 0.0):
             raise SimulationError(f"{quantity} must be positive and finite, got {value!r} {unit}")
-    if _SAMPLE_BYTES * duration * rate > available_memory():
+    size = _SAMPLE_BYTES * duration * rate
+    if size > _ALWAYS_FREE and size > available_memory():
         raise SimulationError(
             f"{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples, more than memory can hold; simulate a shorter "
             "time, or at a lower rate"
@@ -373,7 +378,7 @@ def sticking(schedule: RunSchedule, time: float, link: Link | None) -> Simulatio
 
 
 def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
-    """The motion has gone too far at `time` in s, where the state is `state` (2n + S,) in m and m/s."""
+    """The motion has gone too far at `time` in s, where displacements are the first n entries of `state` in m."""
     x = state[: schedule.structure.size]
     number = int(np.argmax(np.abs(x)))
     mass = schedule.structure.mass_names[number]
@@ -424,7 +429,9 @@ def _is_root(node: Expression) -> bool:
     return isinstance(node, Call) and node.function == "sqrt"
 
 
-Receiver = Callable[[int, Floats], object]
+Motion = tuple[Floats, Floats, Floats]
+"""Displacements in m and velocities in m/s (M, n), and states of links (M, S)."""
+Receiver = Callable[[int, Floats, Floats, Floats], object]
 
 EXTENDED_STEPS = 128
 EXTENDED_WORK = 1280
@@ -456,7 +463,7 @@ class RunOptions:
 
     `longest_step` in s bounds the steps; `extended` says whether to start in 80-bit arithmetic; `repeated` is an earlier run
     of the same schedule and options to repeat step by step; the time after every step is appended to `log`; `most_steps` is
-    that between two output times.
+    that between two output times; `into` has room for the motion at all output times.
     """
 
     longest_step: float = np.inf
@@ -464,16 +471,30 @@ class RunOptions:
     repeated: RunLog | None = None
     log: list[float] | None = None
     most_steps: int = MOST_STEPS
+    into: Motion | None = None
+
+
+def room(structure: Structure, count: int) -> Motion:
+    """Room for the motion of a structure at a number of times."""
+    size = structure.size
+    return (
+        np.empty((count, size)),
+        np.empty((count, size)),
+        np.empty((count, structure.topology.dimension - 2 * size)),
+    )
 
 
 def integrate(
-    schedule: RunSchedule, times: Floats, receive: Receiver, options: RunOptions = RunOptions()
+    schedule: RunSchedule,
+    times: Floats,
+    receive: Receiver = lambda first, x, v, states: None,
+    options: RunOptions = RunOptions(),
 ) -> RunLog:
-    """Run a schedule and hand over the states (M, 2n + S) at `times` in s (increasing, within the schedule), block by block.
+    """Run a schedule and hand over the motion at `times` (M,) in s (increasing, within the schedule), block by block.
 
-    `receive(first, states)` takes the states at times[first], times[first + 1], ... in SI units, in an array that is reused,
-    and returns True to end the run. At an impulse the state is the one after it. Raises SimulationError where the motion
-    diverges, a force is not finite, or a link sticks.
+    `receive(first, x, v, states)` takes it at times[first], times[first + 1], ..., in arrays that are reused unless the
+    options give their own, and returns True to end the run. At an impulse the motion is the one after it. Raises
+    SimulationError where the motion diverges, a force is not finite, or a link sticks.
     """
     return _Run(schedule, times, receive, options).run()
 
@@ -496,8 +517,9 @@ class _Run:
         self.kinks: list[float] = []
         self.interruptions: list[float] = []
         self.next = 0  # index of the first output time that has not been reached
-        self.buffer = np.empty((min(len(times), 2 * schedule.block), schedule.structure.topology.dimension))
-        self.buffered = 0
+        self.motion = options.into or room(schedule.structure, min(len(times), 2 * schedule.block))
+        self.first = 0  # index of the output time of the first row of `motion`
+        self.handed = 0  # index of the first output time that has not been handed over
         self.stopped = False
 
     def place(self, integrator: Integrator, time: Time, state: Floats) -> None:
@@ -563,7 +585,8 @@ class _Run:
             if self.unwatched():
                 self.leave_kinks(end)
             states = np.vstack([state[None], result.states, self.integrator.state]).astype(float) * SCALE
-            self.check_distance(np.full(len(states), float(self.integrator.time)), states)
+            x = states[:, : self.schedule.structure.size]
+            self.check_distance(np.full(len(x), float(self.integrator.time)), x)
             if fruitless > self.options.most_steps // self.schedule.structure.size + 2 * CHUNK:
                 raise too_many_steps(
                     self.schedule, float(self.integrator.time), self.integrator.state, fruitless
@@ -590,32 +613,34 @@ class _Run:
 
     def store(self, states: NDArray[np.floating]) -> None:
         """Store the scaled states at the next output times, and hand over complete blocks."""
-        size = self.schedule.block
-        for first in range(0, len(states), size):
-            block = states[first : first + size]
-            if self.buffered + len(block) > len(self.buffer):
+        block, size = self.schedule.block, self.schedule.structure.size
+        for first in range(0, len(states), block):
+            part = states[first : first + block]
+            rows = slice(self.next - self.first, self.next - self.first + len(part))
+            for columns, motion in zip(
+                (slice(size), slice(size, 2 * size), slice(2 * size, None)), self.motion, strict=True
+            ):
+                np.multiply(part[:, columns], SCALE, out=motion[rows], casting="same_kind")
+            self.next += len(part)
+            if self.next - self.handed >= block:
                 self.flush()
-            rows = self.buffer[self.buffered : self.buffered + len(block)]
-            np.multiply(block, SCALE, out=rows, casting="same_kind")
-            self.buffered += len(block)
-            self.next += len(block)
 
     def flush(self) -> None:
         """Hand the stored states over to the receiver."""
-        if not self.buffered or self.stopped:
+        if self.next == self.handed or self.stopped:
             return
-        block = self.buffer[: self.buffered]
-        first = self.next - self.buffered
-        self.buffered = 0
-        self.check_distance(self.times[first : first + len(block)], block)
-        self.stopped = bool(self.receive(first, block))
+        x, v, states = (part[self.handed - self.first : self.next - self.first] for part in self.motion)
+        self.check_distance(self.times[self.handed : self.next], x)
+        self.stopped = bool(self.receive(self.handed, x, v, states))
+        self.handed = self.next
+        if self.options.into is None:
+            self.first = self.next
 
-    def check_distance(self, times: Floats, states: Floats) -> None:
-        """Raise SimulationError for a motion that has gone too far."""
-        x = states[:, : self.schedule.structure.size]
+    def check_distance(self, times: Floats, x: Floats) -> None:
+        """Raise SimulationError where displacements (M, n) in m have gone too far."""
         if x.max() > FARTHEST or x.min() < -FARTHEST:
             row = int(np.argmax(np.abs(x).max(axis=1) > FARTHEST))
-            raise diverged(self.schedule, float(times[row]), states[row])
+            raise diverged(self.schedule, float(times[row]), x[row])
 
     def placement(self) -> Placement:
         """Where the motion is."""
@@ -657,8 +682,9 @@ class _Run:
 
     def not_finite(self, start: float, state: Floats) -> Exception:
         """The error of a state that is not finite, at the last time before."""
-        if self.buffered and self.times[self.next - 1] > start:
-            start, state = float(self.times[self.next - 1]), self.buffer[self.buffered - 1] / SCALE
+        if self.next > self.handed and self.times[self.next - 1] > start:
+            start = float(self.times[self.next - 1])
+            state = np.concatenate([part[self.next - 1 - self.first] for part in self.motion]) / SCALE
         time, state = self.integrator.last_finite(start, state)
         state = np.asarray(state * SCALE, dtype=float)
         if np.abs(state[: 2 * self.schedule.structure.size]).max() > FARTHEST:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import groupby
 from types import NoneType
 from typing import TypedDict, Unpack
 
@@ -144,12 +145,17 @@ def simulate(
     channels = _channels(structure, drive, sensors)
     moved = with_mass_at_rest(structure)
     motion = SimulatedMotion.of(RunSchedule(moved, drive, grid), progress)
-    values = np.empty((len(grid), len(channels)))
     states = {
         f"{structure.links[number].name}.{name}": motion.states[:, column]
         for column, (number, name) in enumerate(structure.topology.states)
     }
     arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(moved, drive, motion, channels)}
+    values = np.empty((len(grid), len(channels)))
+    for kind, group in groupby(range(len(channels)), lambda column: _moving_kind(channels[column])):
+        columns = list(group)
+        if kind:
+            rows = np.array([structure.topology.row(channels[column].place) for column in columns])
+            np.matmul(arrays[kind], rows.T, out=values[:, columns[0] : columns[-1] + 1])
     for column, channel in enumerate(channels):
         order = channel.order if channel.is_motion else 0
         if channel.is_input:
@@ -159,8 +165,6 @@ def simulate(
             values[:, column] = states[channel.place]
         elif channel.kind == "f":
             values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.place))]
-        else:
-            values[:, column] = arrays[channel.kind] @ structure.topology.row(channel.place)
         if channel.relative:
             signal = drive.drives[BASE]
             values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
@@ -181,6 +185,11 @@ def simulate(
         source=f"simulation of {structure.name}",
     )
     return in_units_of(record, structure)
+
+
+def _moving_kind(channel: Channel) -> str:
+    """The kind of a channel of a mass or a point that moves; "" of others."""
+    return channel.kind if channel.is_motion and not channel.is_input else ""
 
 
 def _derived(

@@ -20,7 +20,7 @@ from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.energy import LinkForces
 from linkwise.simulation.integrator.formulas import SCALE, Placement
 from linkwise.simulation.integrator.taylor import CompiledSystem, compiled_system
-from linkwise.simulation.run import RunOptions, RunSchedule, integrate
+from linkwise.simulation.run import RunOptions, RunSchedule, integrate, room
 from linkwise.simulation.simulate import simulate
 
 
@@ -83,12 +83,7 @@ def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it()
     force = Sampled(-0.1, 40.0, rng.standard_normal(100))
     excitation = Excitation.of({"x:m2": 0.1}, forces={"m2": force}, base="0.1*sin(6*t)**2")
     record = simulate(
-        frame,
-        release={"x:m2": 0.1},
-        forces={"m2": force},
-        base="0.1*sin(6*t)**2",
-        duration=1.0,
-        rate=30.0,
+        frame, release={"x:m2": 0.1}, forces={"m2": force}, base="0.1*sin(6*t)**2", duration=1.0, rate=30.0
     )
     expected = by_scipy(frame, excitation, record.time)
     # 1e-9: what DOP853 reaches, as above
@@ -140,17 +135,14 @@ def test_each_thread_has_its_own_integrator() -> None:
 
 def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it() -> None:
     schedule = RunSchedule(bnes_chain(10), Excitation.of({"v:m1": 3.0}), np.arange(6001) / 1000.0)
-    coarse, fine = [], []
-    run = integrate(schedule, schedule.times, lambda first, states: coarse.append(states.copy()))
     more = np.sort(np.append(schedule.times, np.random.default_rng(0).uniform(0.0, 6.0, 20000)))
-    again = integrate(
-        schedule, more, lambda first, states: fine.append(states.copy()), RunOptions(repeated=run)
-    )
+    coarse, fine = (room(schedule.structure, len(times)) for times in (schedule.times, more))
+    run = integrate(schedule, schedule.times, options=RunOptions(into=coarse))
+    again = integrate(schedule, more, options=RunOptions(repeated=run, into=fine))
     assert again.steps == run.steps and run.interruptions
     is_common = np.isin(more, schedule.times)
-    assert np.array_equal(
-        np.concatenate(fine)[is_common], np.concatenate(coarse)
-    )  # 6 s: chaos would show one bit
+    for part, expected in zip(fine, coarse, strict=True):
+        assert np.array_equal(part[is_common], expected)  # 6 s: chaos would show one bit
 
 
 def contact(time: Floats, speed: float, gap: float, frequency: float) -> Floats:
