@@ -433,11 +433,11 @@ Motion = tuple[Floats, Floats, Floats]
 """Displacements in m and velocities in m/s (M, n), and states of links (M, S)."""
 Receiver = Callable[[int, Floats, Floats, Floats], object]
 
-EXTENDED_STEPS = 128
-EXTENDED_WORK = 1280
+EXTENDED_STEPS = 64
+EXTENDED_WORK = 640
 """The first steps are taken in 80-bit arithmetic: this number over the number of masses, but at least `EXTENDED_STEPS`. In a
 chaotic structure the earliest rounding errors grow longest: without these steps the paper's chain of 6 departs from the
-400-bit reference by 5e-6 at the end of the file, with them by 1e-7."""
+400-bit reference by 5e-6 at the end of the file, with them by 2e-7."""
 FARTHEST = 1e4  # m; a structure that moves farther diverges
 CHUNK = 4096  # steps between two checks of a run
 # the same while a kink is exactly zero and not watched: within one step it stays near zero

@@ -325,7 +325,8 @@ class MotionFormulas:
         names |= {name: SCALE * self.states[number, name] for name in link.states}
         base = [self._input(i) for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
         for name, variables, derivative in zip(("d", "v"), self.variables, (0, 1), strict=True):
-            names[name] = SCALE * _combination([(part, variables[mass]) for mass, part in link.weights])
+            # scaled mass by mass, which the links of a mass share
+            names[name] = _combination([(part, SCALE * variables[mass]) for mass, part in link.weights])
             if link.base:
                 names[name] = names[name] + link.base * base[0][derivative]
         return names
