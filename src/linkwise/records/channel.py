@@ -474,9 +474,8 @@ def check_values(start: float, rate: float, channels: Sequence[str], values: Flo
         )
     if not channels or not len(values):
         raise RecordError("a record needs at least one channel and one sample")
-    beyond = np.argwhere(np.abs(values) > LARGEST)
-    if len(beyond):
-        row, column = beyond[0]
+    if max(np.fmax.reduce(values, axis=None), -np.fmin.reduce(values, axis=None)) > LARGEST:
+        row, column = np.argwhere(np.abs(values) > LARGEST)[0]
         raise RecordError(
             f"the value at {start + row / rate:g} s is {_beyond(values[row, column])}; mark a missing sample by NaN",
             channel=channels[column],
