@@ -35,11 +35,11 @@ from linkwise.plot.style import (
     sheet,
     wrap_title,
 )
+from linkwise.records.channel import KINDS, Channel
 from linkwise.records.record import Record
 from linkwise.simulation.simulate import OrbitEnvelope
 
 _MOST = 10  # strips that still can be read on one page
-_KINDS = {"x": "displacement", "v": "velocity", "a": "acceleration", "force": "force"}
 
 
 def histories(
@@ -96,7 +96,8 @@ def histories(
             text = label(name if len(units) == 1 else f"{name}, {unit}")
             color = SERIES[source.channels.index(name) % len(SERIES)]
             axes.plot(*envelope(source.time, values * factor), color=color, linewidth=0.7, label=text)
-        axes.set_ylabel(_value_label(names, scale(together, units.pop())[1] if len(units) == 1 else ""))
+        common = scale(together, units.pop())[1] if len(units) == 1 else ""
+        axes.set_ylabel(_value_label(source.select(names).channels, common))
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.set_xlim(source.time[0], source.time[-1])
         axes.set_xlabel("time, s")
@@ -127,15 +128,12 @@ def _largest(record: Record, names: Sequence[str]) -> float:
     return max(float(np.nanmax(np.abs(record.channel(name)), initial=0.0)) for name in names)
 
 
-def _value_label(names: Sequence[str], unit: str) -> str:
-    """The name of one channel, the kind of several, and the unit that they share."""
-    if len(names) == 1:
-        return f"{literal(names[0])}\n{unit}"
-    kinds = {name.partition(":")[0] for name in names}
-    if not unit or len(kinds) > 1:
-        return f"value, {unit}" if unit else "value"
-    kind = kinds.pop()
-    return f"{_KINDS.get(kind, kind)}, {unit}"
+def _value_label(channels: Sequence[Channel], unit: str) -> str:
+    """The name of one channel, the quantity of several, and the unit that they share."""
+    if len(channels) == 1:
+        return f"{literal(channels[0])}\n{unit}"
+    quantities = {KINDS[channel.kind].quantity for channel in channels}
+    return ", ".join(filter(None, [quantities.pop() if unit and len(quantities) == 1 else "value", unit]))
 
 
 def spectrum(

@@ -113,7 +113,7 @@ class Channel(str):
         if isinstance(name, Channel):
             return name
         if type(name) is not str:  # a comparison takes no call
-            expect("Channel.parse(name): name", name, str)
+            expect("the name of a channel", name, str)
         relative = name.startswith(_RELATIVE)
         kind, colon, place = name.removeprefix(_RELATIVE).partition(":")
         if not colon or not place or not kind:
@@ -156,7 +156,7 @@ class Channel(str):
     @property
     def of_link(self) -> bool:
         """Whether it shows the force in a link or its state."""
-        return KINDS[self.kind].of != "mass"
+        return KINDS[self.kind].of in ("link", "state")
 
     @property
     def link(self) -> str:

@@ -299,7 +299,7 @@ class Record(NotebookView):
     @property
     def masses(self) -> tuple[str, ...]:
         """Names of the masses with a response channel, in order of appearance."""
-        return tuple(dict.fromkeys(channel.place for channel in self.responses if not channel.of_link))
+        return tuple(dict.fromkeys(channel.place for channel in self.responses if channel.is_motion))
 
     def motions_of(self, place: str) -> tuple[Channel, ...]:
         """Those that show displacement, velocity and acceleration of a place, relative to the ground, in this order.

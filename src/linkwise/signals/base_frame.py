@@ -99,7 +99,7 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
     motion = _BaseMotion(record, integrated and moves)
     carried, drifting = {}, []
     for channel, plain in zip(record.responses, names.values(), strict=True):
-        if not channel.of_link and channel.relative != moves:  # shown in the one frame, needed in the other
+        if channel.is_motion and channel.relative != moves:  # shown in the one frame, needed in the other
             sign = 1.0 if moves else -1.0
             carried[plain] = sign * motion.value_and_rate(channel.order, channel)
             if motion.integrations(channel.order) > 0:

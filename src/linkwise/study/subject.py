@@ -317,7 +317,7 @@ class Subject:
             raise StudyError(f"{error}; expected a channel such as {example}{others}", key) from None
         if channel.is_input or channel.place == BASE:
             raise StudyError(f'"{name}" is an input, not the motion of a mass', key)
-        if not channel.of_link:
+        if channel.is_motion:
             self._check_mass(channel.place, key)
             return channel
         try:
