@@ -57,9 +57,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 @pytest.fixture
 def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are drawn and not rendered, for tests of what stands beside them: that takes most of the time of a folder."""
-    monkeypatch.setattr(
-        "linkwise.plot.style.encoded", lambda figure: (PIXEL, b"<svg xmlns='http://www.w3.org/2000/svg'/>")
-    )
+    monkeypatch.setattr("linkwise.plot.style.encoded", lambda figure, *formats: [PIXEL for _ in formats])
 
 
 @pytest.fixture

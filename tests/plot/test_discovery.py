@@ -220,7 +220,7 @@ def folder(discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pyte
 
 def test_folder_is_that_of_identify_and_more(folder: Path) -> None:
     pictures = ("graph", "path", "evidence", "histories", "residuals", "force_m1-ground", "force_m2-m1")
-    figures = {f"{name}.{suffix}" for name in pictures for suffix in ("png", "svg")}
+    figures = {f"{name}.png" for name in pictures}
     tables = {"terms.csv", "covariance.csv", "force_m1-ground.csv", "force_m2-m1.csv"}
     files = {"structure.toml", "report.html", *figures, *tables}
     assert {path.name for path in folder.iterdir()} == {"result.json", *files}

@@ -57,7 +57,10 @@ def test_time_and_frequency_are_drawn_whole(with_a_gap: lw.Estimate) -> None:
     # at half the sampling rate, as at zero, a one-sided density is half as large
     assert np.max(np.asarray(spectrum.get_xdata())) < 0.5 * with_a_gap.record.rate
     assert set(np.asarray(level.get_ydata())) == {1.0}
-    assert len(residuals_figure(with_a_gap).axes) == 8
+    figure = residuals_figure(with_a_gap)
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["x:m1", "x:m2"]
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert named == ["x:m1 over spring1", "95 % of noise", "x:m2 over nes1", "white noise"]
 
 
 def test_what_is_not_there_is_refused(with_a_gap: lw.Estimate) -> None:

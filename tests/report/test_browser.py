@@ -85,7 +85,7 @@ FAULTS = {  # what is told of each
 def test_a_broken_picture_and_faults_would_be_seen(tmp_path: Path) -> None:
     """Beside each check, one that must be refused."""
     page = tmp_path / "page.html"
-    broken = '<img src="data:image/svg+xml;base64,AAAA" alt="broken">'
+    broken = '<img src="data:image/png;base64,AAAA" alt="broken">'
     page.write_text(
         f"<!doctype html><html><head></head><body><p>Words</p>{broken}{''.join(FAULTS)}</body></html>"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,10 +22,11 @@ from linkwise.plot.style import (
     IDENTIFIED,
     MEASURED,
     SERIES,
-    WELL,
+    TRUE,
     axes_for,
     envelope,
     label,
+    legend_below,
     literal,
     log_scale,
     scale,
@@ -33,8 +35,7 @@ from linkwise.plot.style import (
 )
 
 _MOST = 4  # channels that still can be read on one page
-_SHARED = 2  # first columns, with the same axis for all channels
-_ORDINATES = ("", "density / white", "mean / noise")  # over time, over frequency, over the motion of a link
+_APART = 8  # standard deviations of noise between the channels over time
 
 
 def residuals(
@@ -92,9 +93,16 @@ def residuals(
             axes.plot(*envelope(estimate.motion.time, left[channel]), color=IDENTIFIED, linewidth=0.6)
             axes.set_xlabel("time, s")
         elif quantity == "frequency":
-            _over_frequency(axes, left[channel], estimate.record.rate)
+            _over_frequency(axes, left[channel], estimate.record.rate, color=IDENTIFIED, label="residuals")
+            _white(axes)
         else:
-            _over_motion(axes, left[channel], estimate, quantity)
+            kind, _, link = quantity.partition(" of ")
+            along = _motion(estimate, kind, link)
+            of_d, of_v = estimate.structure.link(link).law.motion_units
+            factor, unit = scale(float(np.max(np.abs(along))), of_d if kind == "d" else of_v)
+            band = _over_motion(axes, left[channel], along, factor, color=IDENTIFIED, label="mean")
+            _by_chance(axes, *band)
+            axes.set_xlabel(f"{literal(quantity)}, {unit}")
         axes.set_ylabel(f"{literal(channel)} / noise")
     return axes
 
@@ -103,49 +111,70 @@ def _links(estimate: Estimate) -> list[str]:
     return [link.name for link in estimate.structure.links]
 
 
-def _over_frequency(axes: Axes, values: Floats, rate: float) -> None:
+def _over_frequency(axes: Axes, values: Floats, rate: float, **style: Any) -> None:
     """The spectral density in units of that of white noise."""
     spectrogram = Spectrogram.of(values, rate)
     density = spectrogram.mean[1:-1] * (0.5 * rate)
-    axes.plot(spectrogram.frequency[1:-1], density, color=IDENTIFIED, linewidth=0.9, label="residuals")
-    axes.axhline(1.0, color=WELL, linestyle="--", linewidth=0.8, label="white noise")
+    axes.plot(spectrogram.frequency[1:-1], density, **{"linewidth": 0.9, **style})
     if density.any():
         log_scale(axes, "y")
     axes.set_xlim(0.0, 0.5 * rate)
     axes.set_xlabel("frequency, Hz")
 
 
-def _over_motion(axes: Axes, values: Floats, estimate: Estimate, quantity: str) -> None:
-    """Means over parts of the range with equally many samples."""
-    kind, _, link = quantity.partition(" of ")
-    along = (estimate.motion.d if kind == "d" else estimate.motion.v)[:, _links(estimate).index(link)]
+def _over_motion(axes: Axes, values: Floats, along: Floats, factor: float, **style: Any) -> Floats:
+    """Means over parts of the range with equally many samples, at the motion times `factor`; returns the band of noise."""
     means = MeanResiduals.along(along, values)
-    of_d, of_v = estimate.structure.link(link).law.motion_units
-    factor, unit = scale(float(np.max(np.abs(along))), of_d if kind == "d" else of_v)
-    place, chance = factor * means.place, means.by_chance
+    axes.plot(
+        factor * means.place, means.mean, **{"linewidth": 1.2, "marker": "o", "markersize": 2.5, **style}
+    )
+    return np.stack([factor * means.place, means.by_chance])
+
+
+def _motion(estimate: Estimate, kind: str, link: str) -> Floats:
+    """(N,) elongation or rate of a link."""
+    along: Floats = (estimate.motion.d if kind == "d" else estimate.motion.v)[:, _links(estimate).index(link)]
+    return along
+
+
+def _white(axes: Axes) -> None:
+    axes.axhline(1.0, color=TRUE, linestyle="--", linewidth=0.8, label="white noise")
+
+
+def _by_chance(axes: Axes, place: Floats, chance: Floats) -> None:
     axes.fill_between(place, -chance, chance, color=MEASURED, alpha=0.3, linewidth=0.0, label="95 % of noise")
-    axes.plot(place, means.mean, color=IDENTIFIED, linewidth=1.2, marker="o", markersize=2.5, label="mean")
-    axes.set_xlabel(f"{literal(quantity)}, {unit}")
 
 
 def residuals_figure(estimate: Estimate) -> Figure:
-    """What a fit leaves of each channel over time, frequency and the motion of a link; of more than 4 channels the first.
+    """What a fit leaves of its channels over time, frequency and the motion of links; of more than 4 channels the first.
 
-    The link is one at the mass of the channel, the last of them."""
-    names = list(estimate.motion.residuals or {})[:_MOST]
-    if not names:
+    Over time the channels stand one below the other. The motion is that of a link at the mass of the channel, the last of
+    them, as a part of its largest."""
+    left = dict(list((estimate.motion.residuals or {}).items())[:_MOST])
+    if not left:
         raise RecordError("there are no residuals to draw: maximum likelihood alone tells them")
-    with sheet(len(names), 4, width=11.0, height=0.9 + 1.6 * len(names)) as (figure, panels):
-        for row, name in enumerate(names):
-            link = _link_at(estimate, name)
-            for column, quantity in enumerate(("time", "frequency", f"d of {link}", f"v of {link}")):
-                axes = residuals(estimate, name, quantity, legend=False, ax=panels[4 * row + column])
-                axes.locator_params(axis="x", nbins=4)
-                if column:
-                    axes.set_ylabel(_ORDINATES[min(column, _SHARED)])
-                if column < _SHARED and row + 1 < len(names):
-                    axes.set_xlabel("")
-                    axes.tick_params(labelbottom=False)
+    with sheet(2, 2, width=8.0, height=5.2) as (figure, (over_time, over_frequency, *over_motion)):
+        for row, (name, values) in enumerate(left.items()):
+            color, link = SERIES[row], _link_at(estimate, name)
+            trace = envelope(estimate.motion.time, values - _APART * row)
+            over_time.plot(*trace, color=color, linewidth=0.5)
+            _over_frequency(over_frequency, values, estimate.record.rate, color=color)
+            for axes, kind in zip(over_motion, "dv", strict=True):
+                along = _motion(estimate, kind, link)
+                largest = float(np.max(np.abs(along))) or 1.0
+                text = f"{label(name)} over {literal(link)}"
+                band = _over_motion(axes, values, along, 1.0 / largest, color=color, label=text)
+                if row == 0:
+                    _by_chance(axes, *band)
+                axes.set_xlabel(f"{kind} / largest {kind}")
+        _white(over_frequency)
+        over_time.set_xlabel("time, s")
+        over_time.set_ylabel(f"residual / noise, {_APART} apart")
+        over_time.set_yticks(-_APART * np.arange(len(left)), [literal(name) for name in left])
+        over_frequency.set_ylabel("density / white")
+        for axes in over_motion:
+            axes.set_ylabel("mean / noise")
+        legend_below(figure, over_motion[0], over_frequency, columns=3)
     return figure
 
 

@@ -43,7 +43,7 @@ _LAYOUT: dict[str, Any] = {
 }
 _BESIDE = 6  # pixels between the labels of a vertical axis and its title
 _HEADING = 30  # pixels that the heading of a panel is high, as a part of a height that margins are taken from
-_CONFIG = {"displaylogo": False, "responsive": True}
+_CONFIG = {"displaylogo": False, "responsive": True, "toImageButtonOptions": {"format": "svg"}}
 
 
 def interactive_html(figure: Figure, identifier: str) -> str:

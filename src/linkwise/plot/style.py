@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from types import NoneType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -182,29 +182,35 @@ def place_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str
     figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
 
 
-def encoded(figure: Figure) -> tuple[bytes, bytes]:
-    """The figure as the contents of a PNG and of an SVG file, laid out once and drawn once for each.
+def encoded(figure: Figure, *formats: Literal["png", "svg"]) -> list[bytes]:
+    """The figure as the contents of files of these formats, laid out once and drawn once for each.
 
     `Figure.savefig` would lay it out and draw it twice for each.
     """
-    png, svg = BytesIO(), BytesIO()
-    canvas, engine = figure.canvas, figure.get_layout_engine()
+    canvas, engine, dpi = figure.canvas, figure.get_layout_engine(), figure.dpi
+    contents = []
     try:
         with rc_context(_STYLE), _without_glyph_warnings():
-            raster, vector = FigureCanvasAgg(figure), FigureCanvasSVG(figure)
+            raster = FigureCanvasAgg(figure)
             if engine is not None:
                 engine.execute(figure)
                 figure.set_layout_engine("none")
-            raster.print_png(  # type: ignore[no-untyped-call]
-                png, metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3}
-            )
-            vector.print_svg(  # type: ignore[no-untyped-call]
-                svg, metadata={"Date": None, "Creator": "linkwise"}
-            )
+            for kind in formats:
+                file = BytesIO()
+                if kind == "png":
+                    raster.print_png(  # type: ignore[no-untyped-call]
+                        file, metadata={"Software": "linkwise"}, pil_kwargs={"compress_level": 3}
+                    )
+                else:
+                    FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
+                        file, metadata={"Date": None, "Creator": "linkwise"}
+                    )
+                contents.append(file.getvalue())
     finally:
+        figure.dpi = dpi  # an SVG file has points
         figure.set_layout_engine(engine)
         figure.set_canvas(canvas)
-    return png.getvalue(), svg.getvalue()
+    return contents
 
 
 @contextmanager
@@ -249,7 +255,7 @@ def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:
     """
     folder, name = Path(stem).parent, Path(stem).name
     png, svg = folder / f"{name}.png", folder / f"{name}.svg"
-    for path, content in zip((png, svg), encoded(figure), strict=True):
+    for path, content in zip((png, svg), encoded(figure, "png", "svg"), strict=True):
         with atomic_file(path) as partial:
             partial.write_bytes(content)
     return png, svg

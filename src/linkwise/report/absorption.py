@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 
+from linkwise import __version__
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
 from linkwise.absorption.map import AbsorptionMap
 from linkwise.absorption.result import Absorption
@@ -60,7 +60,7 @@ def absorption_of(result: Absorption | AbsorptionIntervals | AbsorptionMap) -> d
     >>> lw.report.absorption_of(result)["trusted"]
     True
     """
-    return {**result.to_dict(), "version": version("linkwise")}
+    return {**result.to_dict(), "version": __version__}
 
 
 Answer = Absorption | AbsorptionIntervals
@@ -208,7 +208,7 @@ def write_absorption(result: Answer, folder: str | Path, *, progress: Progress =
 
 
 def write_absorption_map(result: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write a sweep into a folder: absorption.json, map.csv, map.png, map.svg and report.html.
+    """Write a sweep into a folder: absorption.json, map.csv, map.png and report.html.
 
     Parameters
     ----------

@@ -8,12 +8,12 @@ import csv
 import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from linkwise import __version__
 from linkwise.discovery.memory_text import memory_rows, memory_sentence
 from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
 from linkwise.discovery.scoring import align_truth, term_score
@@ -84,7 +84,7 @@ def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[s
     >>> lw.report.discovery_of(lw.discover(record, {"m1": 1.0, "m2": 0.01}), chain)["truth"]["missing"]
     []
     """
-    result = {**discovery.to_dict(), "version": version("linkwise")}
+    result = {**discovery.to_dict(), "version": __version__}
     if truth is None:
         return result
     score = term_score(discovery.structure, truth)

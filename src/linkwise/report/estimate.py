@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 
+from linkwise import __version__
 from linkwise.display import format_chi_square, format_error, format_value
 from linkwise.errors import RecordError, expect
 from linkwise.estimates.curves import GRID, has_loop
@@ -40,7 +40,7 @@ else:  # matplotlib is for those who want a page
     record_figures = lazy_module("linkwise.plot.records")
     style = lazy_module("linkwise.plot.style")
 
-PICTURED = 24  # links with figures; a long chain's others have their numbers and their force file
+PICTURED = 24  # links with figures; the others have their numbers and their force file
 UNSEEN_HEAD = (
     "link or mass",
     "term",
@@ -199,11 +199,16 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
 
 
 def _pictured(estimate: Estimate) -> list[str]:
-    """The links that get figures: those with something identified first, as many as anyone looks at."""
-    links = sorted(
-        estimate.links, key=lambda link: all(coefficient.known for coefficient in link.coefficients)
-    )
-    return [link.link.name for link in links[:PICTURED]]
+    """The links that get figures: those with something identified or a load cell, as many as anyone looks at."""
+    known = {
+        link.link.name
+        for link in estimate.links
+        if all(coefficient.known for coefficient in link.coefficients)
+    }
+    names = [link.link.name for link in estimate.links]
+    measured = {name for name in names if f"f:{name}" in estimate.record.channels}
+    links = [name for name in names if name not in known or name in measured]
+    return sorted(links, key=lambda name: name in known)[:PICTURED]
 
 
 def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
@@ -291,7 +296,7 @@ def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, A
     >>> result["status"], result["nmse_percent"]["nes1"] < 1.0
     ('converged', True)
     """
-    result = {**estimate.to_dict(), "version": version("linkwise")}
+    result = {**estimate.to_dict(), "version": __version__}
     return result if truth is None else {**result, "nmse_percent": _errors(estimate, truth)}
 
 

@@ -5,7 +5,7 @@ A new figure is one function and one line in such a list:
 
     SECTIONS = Registry("section", {..., "forces": figure_section("Forces", lambda fit: links.forces_figure(fit))})
 
-It is then drawn once, saved as forces.png and forces.svg beside the page and shown on it. `linkwise.plot` loads matplotlib
+It is then drawn once, saved as forces.png beside the page and shown on it. `linkwise.plot` loads matplotlib
 when the figure is drawn.
 Templates escape what they print and miss nothing silently.
 """
@@ -16,12 +16,12 @@ from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from markupsafe import Markup
 
+from linkwise import __version__
 from linkwise.display import format_duration, format_error
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
@@ -41,6 +41,8 @@ else:  # what draws and renders loads where a page is written: who wants the num
     style = lazy_module("linkwise.plot.style")
     jinja2 = lazy_module("jinja2")
     offline = lazy_module("plotly.offline")
+
+_PIXELS = 96  # of a page in an inch of a figure
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -92,7 +94,7 @@ def sections_of(builders: Mapping[str, Build[R]], reported: Reported[R]) -> dict
 def write_figures(
     sections: Mapping[str, Section], folder: Path, progress: Progress = silent
 ) -> dict[str, Markup]:
-    """Draw the figures of the sections and save each as NAME.png and NAME.svg in `folder`.
+    """Draw the figures of the sections and save each as NAME.png in `folder`.
 
     Returns what a page shows of each, by the name of its section. `progress` is called with the fraction done.
     """
@@ -108,17 +110,17 @@ def _picture(name: str, section: Section, folder: Path) -> Markup:
     """What a page shows of the figure of a section, which is saved in `folder`."""
     assert section.figure is not None
     figure = section.figure()
-    png, svg = style.encoded(figure)
+    [png] = style.encoded(figure, "png")
     (folder / f"{name}.png").write_bytes(png)
-    (folder / f"{name}.svg").write_bytes(svg)
     if section.interactive:
         return Markup(interactive.interactive_html(figure, name))
-    return Markup('<img src="{}" alt="{}">').format(embedded(svg), section.title)
+    width = round(_PIXELS * figure.get_figwidth())
+    return Markup('<img src="{}" alt="{}" width="{}">').format(embedded(png), section.title, width)
 
 
-def embedded(svg: bytes) -> str:
-    """The content of an SVG file as an address that holds it, for a page that needs nothing else."""
-    return f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}"
+def embedded(png: bytes) -> str:
+    """The content of a PNG file as an address that holds it, for a page that needs nothing else."""
+    return f"data:image/png;base64,{b64encode(png).decode('ascii')}"
 
 
 @cache
@@ -137,7 +139,7 @@ def _templates() -> Environment:
 def rendered(template: str, *, interactive: bool, **parts: Any) -> str:
     """The page that a template makes of its parts, with the version, and the script of `interactive` figures."""
     plotly = Markup(offline.get_plotlyjs()) if interactive else ""
-    return _templates().get_template(template).render(parts, plotly=plotly, version=version("linkwise"))
+    return _templates().get_template(template).render(parts, plotly=plotly, version=__version__)
 
 
 @dataclass(frozen=True, kw_only=True)

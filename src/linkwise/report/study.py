@@ -432,8 +432,8 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
         progress(ProgressReport(number / len(STUDY_FIGURES), f"figure {name}"))
         figure = entry.draw(report)
         if figure is not None:
-            _, svg = save(figure, home / _FIGURES / name)
-            address = embedded(svg.read_bytes())
+            png, _ = save(figure, home / _FIGURES / name)
+            address = embedded(png.read_bytes())
             illustration = Illustration(name, entry.title, entry.caption(report), address)
             shown.setdefault(entry.heading, []).append(illustration)
     progress(ProgressReport(1.0, "page"))

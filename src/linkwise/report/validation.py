@@ -5,12 +5,12 @@ fails.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from linkwise import __version__
 from linkwise.errors import expect
 from linkwise.files import write_record
 from linkwise.identification.validation.result import (
@@ -55,7 +55,7 @@ def validation_of(validation: Validation) -> dict[str, Any]:
     >>> result["free_run"], result["channels"]["x:m1"]["unit"]
     (True, 'm')
     """
-    return {**validation.to_dict(), "version": version("linkwise")}
+    return {**validation.to_dict(), "version": __version__}
 
 
 def _scores(reported: Reported[Validation]) -> Section:

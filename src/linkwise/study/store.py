@@ -10,7 +10,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass
-from importlib.metadata import version
+from linkwise import __version__
 from pathlib import Path
 from typing import Any
 
@@ -210,7 +210,7 @@ def _prepare(folder: Path, database: sqlite3.Connection, study: Study) -> None:
         if _empty(database):
             with database:
                 database.executescript(f"BEGIN; {_SCHEMA}")
-                about = {"definition": study.text(), "linkwise": version("linkwise")}
+                about = {"definition": study.text(), "linkwise": __version__}
                 database.executemany("INSERT INTO study VALUES (?, ?)", about.items())
             return
         before = {"linkwise": _entry(database, "linkwise"), **_definition(database)}
@@ -219,7 +219,7 @@ def _prepare(folder: Path, database: sqlite3.Connection, study: Study) -> None:
                 database.execute("ALTER TABLE rows ADD COLUMN terms TEXT NOT NULL DEFAULT '{}'")
     except sqlite3.DatabaseError as error:
         raise _unreadable(folder, error) from error
-    changes = differences(before, {"linkwise": version("linkwise"), **study.document()})
+    changes = differences(before, {"linkwise": __version__, **study.document()})
     if changes:
         shown = "; ".join(changes[:_SHOWN]) + ("; ..." if len(changes) > _SHOWN else "")
         raise StudyError(
