@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -163,6 +163,8 @@ class Estimate(JudgedView):
         False for methods whose covariance gives no confidence intervals.
     profile : callable or None
         Profile-likelihood interval, for `profile_interval`; None without a likelihood.
+    profile_intervals : mapping of str to tuple of float
+        Profile-likelihood intervals of unknowns, where they were asked for.
     remarks, notes : tuple of str
         Findings of the method; notes of the records on what was assumed or changed when they were read.
     model_error : float
@@ -223,6 +225,7 @@ class Estimate(JudgedView):
     unseen_terms: tuple[UnseenTerm, ...] = ()
     links_in_doubt: frozenset[str] = frozenset()
     for_dropped_terms: Floats | None = None
+    profile_intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -417,6 +420,7 @@ class Estimate(JudgedView):
             "notes": list(self.notes),
             "masses": {mass.name.owner: coefficient_document(mass) for mass in self.masses},
             "links": [link_document(link) for link in self.links],
+            "profile_intervals": {name: list(ends) for name, ends in self.profile_intervals.items()},
             **({"modes": [mode_document(mode, self.shapes) for mode in self.modes]} if self.modes else {}),
         }
 

@@ -21,6 +21,9 @@ _MANY = 12  # channels or links that are shown
 _RATES = 3  # states of a link whose rates are printed; the result folder has all
 _SHAPES = 6  # of modes at points, that are shown
 _CAUSES = 4  # of what is left, that are shown
+_DIFFERS = (
+    0.1  # of an interval's half: from here a profile interval says something that a standard error does not
+)
 _HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 
@@ -42,6 +45,8 @@ def text_table(estimate: Estimate) -> str:
     blocks += [_link(link) for link in shown[:_MANY]]
     if len(shown) > _MANY:
         blocks.append(f"... and {len(shown) - _MANY} more links; the result folder lists all of them")
+    if estimate.profile_intervals:
+        blocks.append(_profiles(estimate))
     if len(estimate.diagnosis) > 1:
         blocks.append(_diagnosis(estimate))
     if estimate.findings:
@@ -80,6 +85,20 @@ def _shapes(estimate: Estimate) -> str:
 def _diagnosis(estimate: Estimate) -> str:
     rows = [(cause.description, f"{cause.gain:.3g}") for cause in estimate.diagnosis[:_CAUSES]]
     return "\n".join(align_columns([("what is left would be explained by", "gain"), *rows]))
+
+
+def _profiles(estimate: Estimate) -> str:
+    """Profile intervals, with a mark on those that differ from the intervals of the standard errors."""
+    rows = []
+    for name, ends in estimate.profile_intervals.items():
+        coefficient = estimate.coefficient(name)
+        differs = coefficient.interval is not None and any(
+            abs(end - standard) > _DIFFERS * (coefficient.interval[1] - coefficient.value)
+            for end, standard in zip(ends, coefficient.interval, strict=True)
+        )
+        mark = "  differs from the table: trust this one" if differs else ""
+        rows.append((name, f"{ends[0]:.6g} to {ends[1]:.6g} {coefficient.unit}{mark}"))
+    return "\n".join(["95 % intervals that follow the likelihood (profiles)", *align_columns(rows)])
 
 
 def _noise(estimate: Estimate) -> str:

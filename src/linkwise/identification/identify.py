@@ -50,7 +50,7 @@ def identify(
         Called with a `ProgressReport` at every step of "ml"; the others are done at once.
     **options
         Options of "ml": `starts`, `offsets`, `gains`, `calibration`, `delays`, `drifts`, `hums`, `ambient`, `input_noise`,
-        `admit`, `loss` and `exact`, as in `MaximumLikelihood`.
+        `admit`, `loss`, `exact` and `profile`, as in `MaximumLikelihood`.
 
     Returns
     -------

@@ -25,7 +25,7 @@ from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.low_signal import tightest_smooth_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.prescribed.estimate import rig_estimate
-from linkwise.likelihood.profile import profile_ends
+from linkwise.likelihood.profile import profile_ends, with_profiles
 from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
 from linkwise.likelihood.record_judgement import judge
 from linkwise.likelihood.restarts import fit_with_restarts
@@ -68,6 +68,7 @@ class LikelihoodKeywords(TypedDict, total=False):
     admit: str | Sequence[str]
     loss: Loss | None
     exact: bool
+    profile: bool
 
 
 @final
@@ -114,6 +115,8 @@ class MaximumLikelihood(Estimator):
         Loss of a residual: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
     exact : bool
         Take the laws for exact, with no model error: chi-square says how far a free run of them is from the record.
+    profile : bool
+        Also give intervals that follow the likelihood (`profile_interval`), of all unknowns but shapes of hosts.
 
     Raises
     ------
@@ -148,6 +151,7 @@ class MaximumLikelihood(Estimator):
     admit: str | Sequence[str] = ()
     loss: Loss = field(default_factory=Gaussian)
     exact: bool = False
+    profile: bool = False
 
     def __post_init__(self) -> None:
         for name in ("offsets", "gains", "delays"):
@@ -182,8 +186,11 @@ class MaximumLikelihood(Estimator):
             If an unknown has no starting value, the records lack channels or differ in them, or nothing sets the scale of the
             forces.
         """
-        if structure.on_rig:
-            return self._on_rig(records, structure, progress)
+        answer = (self._on_rig if structure.on_rig else self._in_motion)(records, structure, progress)
+        return with_profiles(answer, progress) if self.profile else answer
+
+    def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """The estimate of a structure whose masses move."""
         for record in records:
             require_units_of_states(record, structure)
             if structure.hosts:

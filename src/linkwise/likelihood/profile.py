@@ -86,6 +86,31 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
     return estimate.profile(name, deviation, progress)
 
 
+def with_profiles(estimate: Estimate, progress: Progress) -> Estimate:
+    """The estimate with the profile intervals of all unknowns that have one, and remarks on those that have none.
+
+    Shapes of hosts, of which there are dozens, are left out, as is what is left when the user interrupts. Without trust there
+    is none.
+    """
+    if not estimate.trusted:
+        return estimate
+    shapes = {shape.name for shape in estimate.shapes}
+    names = [parameter.name for parameter in estimate.parameters if parameter.name not in shapes]
+    intervals: dict[str, tuple[float, float]] = {}
+    lacking = {"they are dozens": [f"the {len(shapes)} shapes of hosts"]} if shapes else {}
+    try:
+        for number, name in enumerate(names):
+            progress(ProgressReport(number / len(names), f"profile of {name}"))
+            try:
+                intervals[name] = profile_interval(estimate, name)
+            except IdentificationError as error:
+                lacking.setdefault(str(error), []).append(name)
+    except KeyboardInterrupt:
+        lacking["interrupted"] = names[number:]
+    remarks = (f"No profile interval of {', '.join(left)}: {reason}." for reason, left in lacking.items())
+    return replace(estimate, profile_intervals=intervals, remarks=(*estimate.remarks, *remarks))
+
+
 def profile_ends(optimum: Optimum, name: str, deviation: float, progress: Progress) -> tuple[float, float]:
     """Both ends of a profile-likelihood interval.
 

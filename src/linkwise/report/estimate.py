@@ -137,6 +137,7 @@ class CoefficientRow:
     unit: str
     error: str
     interval: str
+    profile: str
     known: bool
     true: str
 
@@ -182,10 +183,11 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
         "estimate": estimate,
         "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
         "masses": [
-            _row(mass, None if truth is None else _true_mass(truth, mass.name)) for mass in estimate.masses
+            _row(estimate, mass, None if truth is None else _true_mass(truth, mass.name))
+            for mass in estimate.masses
         ],
         "modes": [
-            _row(coefficient, None if truth is None else truth.coefficient(coefficient.name).value)
+            _row(estimate, coefficient, None if truth is None else truth.coefficient(coefficient.name).value)
             for coefficient in (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
         ],
         "chi_square": ""
@@ -195,6 +197,7 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
         "compared": truth is not None,
+        "profiled": bool(estimate.profile_intervals),
     }
 
 
@@ -228,7 +231,8 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
         rates=estimate.link.rate_texts,
         name=name,
         rows=tuple(
-            _row(coefficient, true.get(coefficient.name.key)) for coefficient in estimate.coefficients
+            _row(reported.result, coefficient, true.get(coefficient.name.key))
+            for coefficient in estimate.coefficients
         ),
         derived=tuple(_derived(quantity) for quantity in derived),
         visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
@@ -238,19 +242,22 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
     )
 
 
-def _row(coefficient: CoefficientEstimate, true: float | None) -> CoefficientRow:
-    error = coefficient.standard_error
+def _row(estimate: Estimate, coefficient: CoefficientEstimate, true: float | None) -> CoefficientRow:
+    error, profile = coefficient.standard_error, estimate.profile_intervals.get(coefficient.name)
     return CoefficientRow(
         name=coefficient.name,
         value=format_value(coefficient.value, error),
         unit=coefficient.unit,
         error="" if error is None else format_error(error),
-        interval=""
-        if coefficient.interval is None
-        else " … ".join(format_value(end, error) for end in coefficient.interval),
+        interval=_ends(coefficient.interval, error),
+        profile=_ends(profile, error),
         known=coefficient.known,
         true="" if true is None else format_value(true),
     )
+
+
+def _ends(interval: tuple[float, float] | None, error: float | None) -> str:
+    return "" if interval is None else " … ".join(format_value(end, error) for end in interval)
 
 
 def _derived(quantity: DerivedQuantity) -> str:
