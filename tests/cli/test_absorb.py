@@ -137,7 +137,7 @@ def test_an_earlier_result_is_replaced_and_other_folders_are_left(
         (["--duration", "1", "--release", "v:m9=1"], 2, "unknown mass 'm9'"),
         ([*TRIAL, "--harvester", "nes1"], 2, "--harvester 'nes1' is not NAME=VALUE, as in --harvester nes1=0.01"),
         ([*TRIAL, "--harvester", "nes1=0"], 2, "the damping of a harvester must be positive, got 0.0 N s/m"),
-        ([*TRIAL, "--settle", "1"], 2, "1.0 is not in the range 0.0<x<1.0"),
+        ([*TRIAL, "--settle", "1"], 2, "settle is a part of the peak and must be between 0 and 1, got 1.0"),
         ([*TRIAL, "--without", "frozen"], 2, "'frozen' is not one of 'removed', 'locked'"),
         ([*TRIAL, "--rate", "0.5"], 2, "less than one sampling interval"),
     ],

@@ -70,7 +70,7 @@ def test_prints_the_table_and_the_comparison(files: Path, capsys: pytest.Capture
 
 def test_a_calibration_of_no_channel_is_wrong_usage(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(arguments(files, "--calibration", "force:m1=1%")) == 2
-    assert "--calibration: no calibration of force:m1 can be stated" in capsys.readouterr().err
+    assert "no calibration of force:m1 can be stated" in capsys.readouterr().err
 
 
 def test_a_calibration_stands_in_the_intervals(files: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -57,8 +57,8 @@ def test_the_forces_counted_in_are_told(
     ("options", "words"),
     [
         (("--ambient", "m1=loud"), "--ambient takes a number in N/sqrt(Hz), as in m1=0.5, got 'loud'"),
-        (("--input-noise", "force:m1=3 kg"), "--input-noise '3 kg'"),
-        (("--input-noise", "a:base=3 N"), "--input-noise '3 N'"),
+        (("--input-noise", "force:m1=3 kg"), "--input-noise force:m1=3 kg: '3 kg'"),
+        (("--input-noise", "a:base=3 N"), "--input-noise a:base=3 N: '3 N'"),
         (("--input-noise", "force"), "no noise of force"),
         (("--ambient", "m1", "--ambient", "m1=0.5"), "--ambient is given twice for 'm1'"),
         (("--ambient", "m1", "--method", "weak"), "--ambient is for --method ml, not for weak"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 import subprocess
 import sys
@@ -171,19 +170,6 @@ def test_pyplot_axes_work_and_nothing_here_imports_pyplot() -> None:
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match=r"module 'linkwise\.plot' has no attribute 'forces'"):
         lw.plot.forces  # type: ignore[attr-defined]  # noqa: B018
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_put_together_from_the_public_pictures(name: str) -> None:
-    """A figure of a command has no drawing code of its own: it calls pictures, and sets only what is around them."""
-    draw = FIGURES[name]
-    called = {
-        node.func.id if isinstance(node.func, ast.Name) else node.func.attr
-        for node in ast.walk(ast.parse(inspect.getsource(draw)))
-        if isinstance(node, ast.Call) and isinstance(node.func, (ast.Name, ast.Attribute))
-    }
-    assert called & set(PICTURES)
-    assert called & {"plot", "barh", "fill_between", "axvspan", "axhspan", "pcolormesh", "stackplot"} == set()
 
 
 def test_names_with_dollar_signs_are_printed_as_they_are(fitted: lw.Estimate) -> None:

@@ -267,7 +267,7 @@ def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: P
     wanted = ["5 terms: can be trusted", "Discovered links", "5 terms are right", "How certain it is", "Why these terms",
               "<h2>Links</h2>", "<h3>m1-ground", "<h2>Residuals</h2>", "<h2>Record</h2>"]  # fmt: skip
     places = [page.index(text) for text in wanted]
-    assert places == sorted(places) and page.count("data:image/svg+xml;base64,") == 4
+    assert places == sorted(places) and page.count("data:image/png;base64,") == 4
     assert re.findall(r'<(?:script|link|img|iframe)[^>]*\b(?:src|href)="(?!data:)', page) == []
 
 

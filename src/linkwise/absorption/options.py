@@ -41,10 +41,10 @@ class AbsorptionOptions:
         The links that are sinks; without names, every link with more than one stable well is one.
     without : {"removed", "locked"}
         How the sinks are taken out for comparison: their masses and all links to these are removed, as in the paper, or
-        the sinks are locked at their initial elongation.
+        the sinks are locked at their initial elongation. Removed by default.
     settle : float
         A mass has settled when its excursion stays below this part of its peak without sinks, for the last 5 % of the run
-        at least. Excursions are counted from the stable equilibrium where it ends.
+        at least; 0.05 by default. Excursions are counted from the stable equilibrium where it ends.
     harvesters : mapping of str to float or str, optional
         Harvesters by link: the damping in N s/m of a damper in parallel, or the power in W that the link itself delivers, an
         expression in d, v, its states and its coefficients such as ``"V**2/R"``.
@@ -66,12 +66,16 @@ class AbsorptionOptions:
     [True, True]
     """
 
-    duration: float
-    rate: float | None = None
-    sinks: Sequence[str] = ()
-    without: str = "removed"
-    settle: float = 0.05
-    harvesters: Mapping[str, float | str] | None = None
+    duration: float = field(metadata={"typed": "S"})
+    rate: float | None = field(default=None, metadata={"typed": "HZ"})
+    sinks: Sequence[str] = field(default=(), metadata={"typed": "LINK"})
+    without: str = field(
+        default="removed", metadata={"typed": "BASELINE", "choices": {name: name for name in BASELINES}}
+    )
+    settle: float = field(default=0.05, metadata={"typed": "PART"})
+    harvesters: Mapping[str, float | str] | None = field(
+        default=None, metadata={"typed": "LINK=NS/M|POWER", "example": "nes1=0.01"}
+    )
     excitation: Excitation = field(default_factory=Excitation)
 
     def __post_init__(self) -> None:

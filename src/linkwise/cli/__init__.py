@@ -17,7 +17,7 @@ import click
 
 from linkwise import __version__
 from linkwise.cli.console import fail
-from linkwise.cli.options import with_flags
+from linkwise.cli.options import METHOD_FLAGS, with_flags
 from linkwise.errors import LinkwiseError
 from linkwise.output import is_disk_fault
 from linkwise.registry import Registry
@@ -78,7 +78,8 @@ def run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         return _report(error, error.format_message(), USAGE, debug)
     except LinkwiseError as error:
-        return _report(error, with_flags(error), error.exit_code, debug)
+        code = USAGE if set(error.arguments) & set(METHOD_FLAGS) else error.exit_code
+        return _report(error, with_flags(error), code, debug)
     except BrokenPipeError:  # the reader of a pipe has gone, as `head` does: there is nobody left to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED

@@ -11,12 +11,11 @@ import click
 import linkwise as lw
 from linkwise.cli.console import deliver, exit_code, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
+from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
-    POSITIVE,
     folder_option,
     grouped,
     json_option,
-    keyword_group,
     number,
     pairs,
     read_told,
@@ -62,18 +61,6 @@ class RepetitionOptions:
         return {name: _values(text) for name, text in pairs(self.sweep, "--sweep", EXAMPLE).items()}
 
 
-def _harvesters(
-    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
-) -> dict[str, float | str]:
-    """Dampings in N s/m, or expressions of a power, by link."""
-    return {
-        name: value
-        if set(value) & set("*/+") or value.isidentifier()
-        else number(value, "--harvester", "nes1=0.01")
-        for name, value in pairs(texts, "--harvester", "nes1=0.01").items()
-    }
-
-
 def _values(text: str) -> list[float]:
     """`FROM:TO:COUNT`, steps equal in difference, or with `:log` in ratio."""
     parts = text.split(":")
@@ -95,50 +82,6 @@ def _values(text: str) -> list[float]:
         )
     return [first * (last / first) ** way for way in ways]
 
-
-absorption_options = keyword_group(
-    "options",
-    click.option(
-        "--duration", metavar="S", type=POSITIVE, required=True, help="Duration of the simulation in s."
-    ),
-    click.option(
-        "--rate",
-        metavar="HZ",
-        type=POSITIVE,
-        help="Samples per second (default: 20 per period of the fastest mode).",
-    ),
-    click.option(
-        "--sink",
-        "sinks",
-        metavar="LINK",
-        multiple=True,
-        help="A link that is a sink (default: those with more than one stable well). Repeatable.",
-    ),
-    click.option(
-        "--without",
-        type=click.Choice(["removed", "locked"]),
-        default="removed",
-        show_default=True,
-        help="What 'without sinks' means: their masses removed, or locked where they start.",
-    ),
-    click.option(
-        "--settle",
-        metavar="PART",
-        type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
-        default=0.05,
-        show_default=True,
-        help="A mass has settled when its excursion stays below this fraction of its peak without sinks.",
-    ),
-    click.option(
-        "--harvester",
-        "harvesters",
-        callback=_harvesters,
-        metavar="LINK=NS/M|POWER",
-        multiple=True,
-        help="Add a damper of this many N s/m (N m s/rad between what turns) in parallel with a link and report its "
-        "power, or report the power that the link itself delivers, as in piezo=V**2/R. Repeatable.",
-    ),
-)
 
 repetition_options = grouped(
     RepetitionOptions,
@@ -168,7 +111,7 @@ repetition_options = grouped(
 
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
-@absorption_options
+@method_options(lw.absorption.AbsorptionOptions, "options")
 @repetition_options
 @drive_options
 @folder_option(ABSORPTION)

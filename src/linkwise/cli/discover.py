@@ -10,13 +10,12 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, exit_code, progress, tell
-from linkwise.cli.estimation_options import random_force_options, refuse_foreign_calibration, sensor_options
+from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
     FILE,
     folder_option,
     grouped,
     json_option,
-    keyword_group,
     listing,
     pairs,
     quantity,
@@ -46,8 +45,6 @@ class PriorOptions:
 
     mass: tuple[str, ...]
     structure: Path | None
-    terms: str | None
-    tested: str | None
     more: tuple[Path, ...]
 
     def masses(self, mapping: lw.files.RecordMapping) -> lw.model.PartialStructure | dict[str, float | str]:
@@ -71,16 +68,6 @@ class PriorOptions:
         return dict(mapping.masses) | {
             name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
         }
-
-    def options(self, errors: dict[str, Any]) -> lw.discovery.DiscoveryOptions:
-        """The options of `linkwise.discover`, with `errors` of sensors and inputs; UsageError for invalid terms."""
-        tested = [link.strip() for link in (self.tested or "").split(",") if link.strip()]
-        if self.terms is None:
-            return lw.discovery.DiscoveryOptions(tested=tested, **errors)
-        try:
-            return lw.discovery.DiscoveryOptions(terms=self.terms, tested=tested, **errors)
-        except lw.IdentificationError as error:
-            raise click.UsageError(f"--terms: {error}") from error
 
 
 def _mass(name: str, text: str) -> float | str:
@@ -112,18 +99,6 @@ prior_options = grouped(
         help="A structure file with the masses and the known links, instead of --mass.",
     ),
     click.option(
-        "--terms",
-        metavar="LIST",
-        help='Candidate terms of every link: functions of d and v, or families of them. Default "v, d, d**2, d**3".',
-    ),
-    click.option(
-        "--test",
-        "tested",
-        metavar="LIST",
-        help='Links whose terms are all tested by likelihood, as in "m3-m1, m7-ground", or all. Of more than 12 masses a '
-        "screen drops most terms before, which it counts.",
-    ),
-    click.option(
         "--with",
         "more",
         metavar="RECORD",
@@ -138,14 +113,14 @@ prior_options = grouped(
 @click.command(cls=listing("FAMILIES", lambda: families.listed_families()))
 @record_options
 @prior_options
-@keyword_group("errors", *sensor_options(), *random_force_options())
+@method_options(lw.discovery.DiscoveryOptions, "given")
 @folder_option(RESULT)
 @truth_option
 @json_option("result.json")
 def discover(
     source: RecordOptions,
     prior: PriorOptions,
-    errors: dict[str, Any],
+    given: dict[str, Any],
     output: Path | None,
     truth: Path | None,
     as_json: bool,
@@ -185,12 +160,15 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
       linkwise discover wind.csv --mass m1=1.0 --mass m2=0.5 --ambient all
     """
-    masses, options = prior.masses(source.record_mapping()), prior.options(errors)
+    masses = prior.masses(source.record_mapping())
+    try:
+        options = lw.discovery.DiscoveryOptions(**given)
+    except lw.IdentificationError as error:
+        raise click.UsageError(f"--terms: {error}") from error
     names = tuple(masses) if isinstance(masses, dict) else masses.places
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
-        refuse_foreign_calibration(errors.get("calibration", {}), records[0])
         step(lw.estimates.ProgressReport(0.0, "looking at the record"))
         for remark in lw.discovery.check_discovery(records, masses, options):
             tell(f"note: {remark}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,21 +10,12 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, exit_code, progress, tell
-from linkwise.cli.estimation_options import (
-    DISTURBANCE_OPTIONS,
-    random_force_options,
-    refuse_foreign_calibration,
-    refuse_foreign_disturbances,
-    refuse_foreign_forces,
-    sensor_options,
-)
+from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
     FILE,
     RegisteredChoice,
     folder_option,
-    grouped,
     json_option,
-    keyword_group,
     option_name,
     read_told,
     truth_option,
@@ -33,7 +24,6 @@ from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.identification.methods import METHODS
 from linkwise.output import RESULT, to_json
 from linkwise.registry import lazy_module
-from linkwise.sindy.regression import REGRESSORS
 
 if TYPE_CHECKING:
     from linkwise.model import link
@@ -42,95 +32,37 @@ else:
     link = lazy_module("linkwise.model.link")
     folders = lazy_module("linkwise.report.estimate")  # figures are for those who want a folder
 
-# of an interval's half: from here a profile interval says something that a standard error does not
-_DIFFERS = 0.1
-
-
-@dataclass(frozen=True)
-class MethodOptions:
-    """By which method, from which records, as typed."""
-
-    method: str
-    more: tuple[Path, ...]
-    profile: bool
-
-
-def _loss(context: click.Context, option: click.Parameter, name: str | None) -> lw.likelihood.Loss | None:
-    return {None: None, "huber": lw.likelihood.Huber(), "student": lw.likelihood.Student()}[name]
-
-
-method_options = grouped(
-    MethodOptions,
-    "chosen",
-    click.option(
-        "--method",
-        type=RegisteredChoice(METHODS),
-        default="ml",
-        show_default=True,
-        help="Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone "
-        "(weak); or the sparse regression of the paper (sindy).",
-    ),
-    click.option(
-        "--with",
-        "more",
-        metavar="RECORD",
-        multiple=True,
-        type=FILE,
-        help="Another record of the same structure, read with the same options and fitted together with it (ml). "
-        "Repeatable.",
-    ),
-    click.option("--profile", is_flag=True, help="Also print profile-likelihood intervals (ml)."),
-)
-
-ml_options = keyword_group(
-    "ml",
-    *sensor_options(" (ml)"),
-    *DISTURBANCE_OPTIONS,
-    *random_force_options(" (ml)"),
-    click.option(
-        "--robust",
-        "loss",
-        type=click.Choice(["huber", "student"]),
-        callback=_loss,
-        help="Robust loss against outliers (ml; default none).",
-    ),
-    click.option(
-        "--exact",
-        is_flag=True,
-        default=None,
-        help="Take the laws as exact, without a model error: chi-square is that of a free run from the estimated "
-        "initial state (ml).",
-    ),
-)
-
-sindy_options = keyword_group(
-    "sindy",
-    click.option(
-        "--derivative",
-        type=click.Choice(["spline", "savgol", "differences"]),
-        help="Method of differentiation (sindy; default spline).",
-    ),
-    click.option(
-        "--regressor",
-        type=RegisteredChoice(REGRESSORS),
-        help="Regression method (sindy; default stlsq).",
-    ),
-)
-
 
 @click.command()
 @record_options
 @click.argument("structure", type=FILE)
-@method_options
-@ml_options
-@sindy_options
+@click.option(
+    "--method",
+    type=RegisteredChoice(METHODS),
+    default="ml",
+    show_default=True,
+    help="Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone "
+    "(weak); or the sparse regression of the paper (sindy).",
+)
+@click.option(
+    "--with",
+    "more",
+    metavar="RECORD",
+    multiple=True,
+    type=FILE,
+    help="Another record of the same structure, read with the same options and fitted together with it (ml). "
+    "Repeatable.",
+)
+@method_options(lw.MaximumLikelihood, "ml", remark=" (ml)")
+@method_options(lw.PhysicsInformedSindy, "sindy", remark=" (sindy)")
 @folder_option(RESULT)
 @truth_option
 @json_option("result.json")
 def identify(
     source: RecordOptions,
     structure: Path,
-    chosen: MethodOptions,
+    method: str,
+    more: tuple[Path, ...],
     ml: dict[str, Any],
     sindy: dict[str, Any],
     output: Path | None,
@@ -157,9 +89,7 @@ def identify(
       linkwise identify run.csv unknown.toml --exact
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    if source.errors_to_find and chosen.method != "ml":
-        raise click.UsageError(f"{source.errors_to_find[0]} is for --method ml, not for {chosen.method}.")
-    estimator = _estimator(chosen, ml, sindy)
+    estimator = _estimator(method, source, {"ml": {"more": more, **ml} if more else ml, "sindy": sindy})
     subject = read_told(structure)
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
@@ -167,10 +97,7 @@ def identify(
     for remark in source.masses_beside(subject):
         tell(f"note: {remark}")
     with progress("reading") as step:
-        records = [_read(replace(source, record=path), subject) for path in (source.record, *chosen.more)]
-        refuse_foreign_calibration(ml.get("calibration", {}), records[0])
-        refuse_foreign_disturbances(ml.get("drifts", {}), ml.get("hums", {}), records)
-        refuse_foreign_forces(ml.get("ambient", {}), ml.get("input_noise", {}), records[0], subject)
+        records = [_read(replace(source, record=path), subject) for path in (source.record, *more)]
         step(lw.estimates.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,
@@ -178,11 +105,8 @@ def identify(
             method=estimator,
             progress=step,
         )
-        profiles = _profiles(estimate, step) if chosen.profile else {}
     result = lw.report.result_of(estimate, true)
-    if chosen.profile:
-        result["profile_intervals"] = {name: list(ends) for name, ends in profiles.items()}
-    lines = [str(estimate), *_profile_lines(estimate, profiles), *_comparison_lines(result)]
+    lines = [str(estimate), *_comparison_lines(result)]
     deliver(
         to_json(result) if as_json else "\n".join(lines),
         estimate,
@@ -194,16 +118,17 @@ def identify(
     return exit_code(estimate.verdicts)
 
 
-def _estimator(chosen: MethodOptions, ml: dict[str, Any], sindy: dict[str, Any]) -> lw.estimates.Estimator:
+def _estimator(
+    method: str, source: RecordOptions, given: dict[str, dict[str, Any]]
+) -> lw.estimates.Estimator:
     """The method with its options; UsageError for those of another method."""
-    general = {name: value for name, value in (("more", chosen.more), ("profile", chosen.profile)) if value}
-    options = {"ml": ml, "sindy": sindy}
-    for method, given in (("ml", {**general, **ml}), ("sindy", sindy)):
-        if given and chosen.method != method:
-            raise click.UsageError(
-                f"{option_name(next(iter(given)))} is for --method {method}, not for {chosen.method}."
-            )
-    return METHODS.lookup(chosen.method)(**options.get(chosen.method, {}))
+    foreign = [(name, option_name(option)) for name, options in given.items() for option in options]
+    foreign += [("ml", option) for option in source.errors_to_find]
+    for name, option in foreign:
+        if name != method:
+            raise click.UsageError(f"{option} is for --method {name}, not for {method}.")
+    options = {name: value for name, value in given.get(method, {}).items() if name != "more"}
+    return METHODS.lookup(method)(**options)
 
 
 def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
@@ -211,47 +136,6 @@ def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
     for note in record.notes:
         tell(f"note: {note}")
     return record
-
-
-def _profiles(estimate: lw.Estimate, step: lw.estimates.Progress) -> dict[str, tuple[float, float]]:
-    """Profile intervals of all unknowns that have one, with a note on those that have none; Ctrl-C leaves the rest out.
-
-    Shapes of hosts, of which there are dozens, are left out.
-    """
-    intervals: dict[str, tuple[float, float]] = {}
-    if not estimate.trusted:
-        return intervals
-    shapes = {shape.name for shape in estimate.shapes}
-    names = [parameter.name for parameter in estimate.parameters if parameter.name not in shapes]
-    if shapes:
-        tell(f"note: the {len(shapes)} shapes of hosts get no profile intervals")
-    try:
-        for number, name in enumerate(names):
-            step(lw.estimates.ProgressReport(number / len(names), f"profile of {name}"))
-            try:
-                intervals[name] = lw.likelihood.profile_interval(estimate, name)
-            except lw.IdentificationError as error:
-                tell(f"note: {error}")
-    except KeyboardInterrupt:
-        tell(f"note: interrupted; {len(names) - len(intervals)} profile intervals are left out")
-    return intervals
-
-
-def _profile_lines(estimate: lw.Estimate, profiles: dict[str, tuple[float, float]]) -> list[str]:
-    """Profile intervals, marking those that differ from the intervals of the standard errors."""
-    if not profiles:
-        return []
-    width = max(map(len, profiles))
-    lines = ["\n95 % intervals that follow the likelihood (profiles)"]
-    for name, ends in profiles.items():
-        coefficient = estimate.coefficient(name)
-        asymmetric = coefficient.interval is not None and any(
-            abs(end - standard) > _DIFFERS * (coefficient.interval[1] - coefficient.value)
-            for end, standard in zip(ends, coefficient.interval, strict=True)
-        )
-        mark = "  differs from the table: trust this one" if asymmetric else ""
-        lines.append(f"  {name:{width}}  {ends[0]:.6g} to {ends[1]:.6g} {coefficient.unit}{mark}")
-    return lines
 
 
 def _comparison_lines(result: dict[str, Any]) -> list[str]:

@@ -201,18 +201,18 @@ FLAGS = {
     "mark_missing": "--mark-missing clipped,spikes",
     "burn": "--burn S",
     "segment": "--segment S",
-    "ambient": "--ambient MASS",
-    "sinks": "--sink LINK",
-    "without": "--without removed|locked",
     "draws": "--draws N",
-    "calibration": "--calibration CHANNEL=1%",
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
+
+METHOD_FLAGS: dict[str, str] = {}
+"""The same of options made from fields, as far as they are loaded; an error that names one is wrong usage."""
 
 
 def with_flags(error: LinkwiseError) -> str:
     """The message of an error, and the flags that set the arguments it names."""
-    flags = [FLAGS[name] for name in error.arguments if name in FLAGS]
+    known = {**FLAGS, **METHOD_FLAGS}
+    flags = [known[name] for name in error.arguments if name in known]
     if not flags:
         return str(error)
     message = str(error).rstrip(".")

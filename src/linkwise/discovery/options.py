@@ -8,6 +8,7 @@ from typing import TypedDict, Unpack, final
 
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import expect
+from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, INPUT_NOISE
 from linkwise.likelihood.random_forces import Deviations
 
 
@@ -42,21 +43,24 @@ class DiscoveryOptions:
     Parameters
     ----------
     terms : str or sequence of str
-        The candidate terms of every link, as `parse_terms` reads them.
+        The candidate terms of every link, functions of d and v, or families of them;
+        "v, d, d**2, d**3" by default.
     offsets, gains : sequence of str
         Channels with an unknown constant error or factor, which every fit of the search finds with the terms; of factors also
         those of applied forces.
     calibration : mapping of str to float
-        Relative standard deviations to which the gains of sensors and applied forces are known, by channel, as of
-        `MaximumLikelihood`.
+        Relative standard deviations to which the gains of sensors and of applied forces are known, by channel: 0.01, or 1 %;
+        ``"all"`` and ``"common"`` as of `MaximumLikelihood`.
     delays : sequence of str
         Channels with an unknown delay, which every fit finds likewise.
     admit : sequence of {"gain", "offset", "delay"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names.
-    ambient, input_noise : sequence of str or mapping of str to float or None
-        Masses on which a random force acts that no channel shows, and inputs whose channel has noise, as of
-        `MaximumLikelihood`: every fit of the search counts them in.
+    ambient : sequence of str or mapping of str to float or None
+        Masses on which a random force acts that no channel shows, as of `MaximumLikelihood`: every fit of the search counts
+        them in.
+    input_noise : sequence of str or mapping of str to float or None
+        Inputs whose channel has noise, likewise.
     tested : str or sequence of str
         Links, by their ends as in "m3-m1", whose terms are all tested by likelihood; "all" for every link, which takes memory
         with the square of the candidates. By default, of more than 12 masses those are tested that are significant in the
@@ -80,15 +84,15 @@ class DiscoveryOptions:
     ['k*d + c*v', 'k*d + k3*d**3 + c*v']
     """
 
-    terms: str | Sequence[str] = DEFAULT
+    terms: str | Sequence[str] = field(default=DEFAULT, metadata={"typed": "LIST"})
     offsets: str | Sequence[str] = ()
     gains: str | Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict, hash=False)
+    calibration: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=CALIBRATION)
     delays: str | Sequence[str] = ()
-    admit: str | Sequence[str] = ()
-    ambient: Deviations = field(default=(), hash=False)
-    input_noise: Deviations = field(default=(), hash=False)
-    tested: str | Sequence[str] = ()
+    admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
+    ambient: Deviations = field(default=(), hash=False, metadata=AMBIENT)
+    input_noise: Deviations = field(default=(), hash=False, metadata=INPUT_NOISE)
+    tested: str | Sequence[str] = field(default=(), metadata={"typed": "LIST"})
 
     def __post_init__(self) -> None:
         terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)

@@ -23,7 +23,7 @@ from linkwise.likelihood.hidden_wells import fit_about_rest
 from linkwise.likelihood.host_memory_fit import fit_of_memory_beside_hosts
 from linkwise.likelihood.local_optima import lower_of_two
 from linkwise.likelihood.low_signal import tightest_smooth_fit
-from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, INPUT_NOISE, LikelihoodOptions
 from linkwise.likelihood.prescribed.estimate import rig_estimate
 from linkwise.likelihood.profile import profile_ends, with_profiles
 from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
@@ -31,7 +31,7 @@ from linkwise.likelihood.record_judgement import judge
 from linkwise.likelihood.restarts import fit_with_restarts
 from linkwise.likelihood.sensor_priors import errors_to_find, unknown_gains
 from linkwise.likelihood.sensor_unknowns import answer_with_sensors, require_known_kinds
-from linkwise.likelihood.shooting.loss import Gaussian, Loss
+from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.shape_parameters import held_where_unseen
 from linkwise.likelihood.shooting.waveforms import frequencies_by_channel, lengths_by_channel
@@ -51,6 +51,9 @@ from linkwise.records.channel_units import channel_unit
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
+
+LOSSES = {"huber": Huber(), "student": Student()}
+"""Robust losses by name."""
 
 
 class LikelihoodKeywords(TypedDict, total=False):
@@ -88,7 +91,7 @@ class MaximumLikelihood(Estimator):
     gains : sequence of str, optional
         Channels of sensors and of applied forces with an unknown constant factor, estimated with the rest.
     calibration : mapping of str to float, optional
-        Relative standard deviations to which the gains of sensors and of applied forces are known, by channel: 0.01 for 1 %.
+        Relative standard deviations to which the gains of sensors and of applied forces are known, by channel: 0.01, or 1 %.
         ``"all"`` stands for every response channel that is not named, each with an error of its own, and for no force;
         ``"common"`` for a factor that all responses share. Gains are then found with the rest, with these priors, and every
         interval counts them.
@@ -102,8 +105,8 @@ class MaximumLikelihood(Estimator):
         the rest.
     ambient : sequence of str or mapping of str to float or None, optional
         Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
-        other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found for the masses in a sequence, and for
-        those mapped to None; ``"all"`` stands for every mass. The diagnosis names masses left out that it acts on, too.
+        other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found where none is given; ``"all"`` stands
+        for every mass. The diagnosis names masses left out that it acts on, too.
     input_noise : sequence of str or mapping of str to float or None, optional
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
@@ -142,16 +145,21 @@ class MaximumLikelihood(Estimator):
     starts: Mapping[str, float] | None = None
     offsets: Sequence[str] = ()
     gains: Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict)
+    calibration: Mapping[str, float] = field(default_factory=dict, metadata=CALIBRATION)
     delays: Sequence[str] = ()
-    drifts: str | Sequence[str] | Mapping[str, float | None] = ()
-    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
-    ambient: Deviations = ()
-    input_noise: Deviations = ()
-    admit: str | Sequence[str] = ()
-    loss: Loss = field(default_factory=Gaussian)
-    exact: bool = False
-    profile: bool = False
+    drifts: str | Sequence[str] | Mapping[str, float | None] = field(
+        default=(), metadata={"typed": "CHANNEL[=TIME]", "unit": "s", "example": "x:m1=2s"}
+    )
+    hums: Mapping[str, float | Sequence[float]] = field(
+        default_factory=dict,
+        metadata={"typed": "CHANNEL=HZ", "unit": "Hz", "several": True, "example": "x:m1=50Hz"},
+    )
+    ambient: Deviations = field(default=(), metadata=AMBIENT)
+    input_noise: Deviations = field(default=(), metadata=INPUT_NOISE)
+    admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
+    loss: Loss = field(default_factory=Gaussian, metadata={"typed": "LOSS", "choices": LOSSES})
+    exact: bool = field(default=False, metadata={"typed": ""})
+    profile: bool = field(default=False, metadata={"typed": ""})
 
     def __post_init__(self) -> None:
         for name in ("offsets", "gains", "delays"):

@@ -1,4 +1,4 @@
-"""Options of a maximum-likelihood fit."""
+"""Options of a maximum-likelihood fit, and how users type those that `identify` and `discover` share."""
 
 from __future__ import annotations
 
@@ -13,6 +13,11 @@ from linkwise.likelihood.random_forces import RandomForce
 from linkwise.likelihood.shooting.anneal import AnnealingSchedule
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.progress import Progress, silent
+
+CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
+ADMIT = {"typed": "gain,offset,delay"}
+AMBIENT = {"typed": "MASS[=DENSITY]", "unit": "N/sqrt(Hz)", "example": "m1=0.5"}
+INPUT_NOISE = {"typed": "CHANNEL[=SIGMA]", "unit": "channel", "example": "force:m1=0.5"}
 
 
 @dataclass(frozen=True)

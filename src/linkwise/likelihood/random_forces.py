@@ -98,7 +98,8 @@ def random_forces(
         if name not in names:
             raise IdentificationError(
                 f"no ambient force can act on {name}{near_miss(name, names)}: the masses are {', '.join(names)}; "
-                f'"{ALL}" stands for each of them'
+                f'"{ALL}" stands for each of them',
+                arguments=("ambient",),
             )
         unit = unit_in(structure, f"{_INPUT}{name}")
         density = _positive(value, f"the ambient force on {name}", f"{unit}/sqrt(Hz)")
@@ -109,13 +110,15 @@ def random_forces(
     if input_noise and not channels:
         raise IdentificationError(
             "no noise of an input can be estimated: the record has no applied force, and no motion of a base that the "
-            "structure stands on; an ambient force needs no channel"
+            "structure stands on; an ambient force needs no channel",
+            arguments=("input_noise",),
         )
     for channel, value in _by_name(input_noise, channels).items():
         if channel not in channels:
             raise IdentificationError(
                 f"no noise of {channel}{near_miss(channel, channels)} can be estimated: the inputs that act on the "
-                f"structure are {', '.join(channels)}"
+                f"structure are {', '.join(channels)}",
+                arguments=("input_noise",),
             )
         name = channel.removeprefix(_INPUT)
         if name in forces:

@@ -82,11 +82,6 @@ def errors_to_find(
     }
 
 
-def require_calibration(record: Record, calibration: Mapping[str, float]) -> None:
-    """Raise IdentificationError for a calibration of a channel that `record` lacks, or of a size that none has."""
-    by_channel(calibration, record.responses, record.forces)
-
-
 def unknown_gains(errors: Mapping[str, Any]) -> tuple[str, ...]:
     """The channels of whose gains nothing is known, among `errors_to_find`."""
     return tuple(name for name in errors["gains"] if name not in errors["calibration"])

@@ -81,12 +81,14 @@ def by_channel(
             beside = f" and the forces {', '.join(forces)}" if forces else ""
             raise IdentificationError(
                 f"no calibration of {name} can be stated{near_miss(name, channels)}: the record has the sensors "
-                f'{", ".join(responses)}{beside}; "{ALL}" stands for each sensor and "{COMMON}" for a factor that they share'
+                f'{", ".join(responses)}{beside}; "{ALL}" stands for each sensor and "{COMMON}" for a factor that they share',
+                arguments=("calibration",),
             )
         if not 0.0 < deviation <= _LARGEST:
             raise IdentificationError(
                 f"the calibration of {name} must be a relative standard deviation above 0 and up to {_LARGEST:g}, "
-                f"got {deviation:g}"
+                f"got {deviation:g}",
+                arguments=("calibration",),
             )
     defaults = dict.fromkeys(responses, calibration[ALL]) if ALL in calibration else {}
     return defaults | {name: deviation for name, deviation in calibration.items() if name != ALL}
@@ -130,7 +132,8 @@ def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[st
     for kind in admitted:
         if kind not in ADMISSIBLE:
             raise IdentificationError(
-                f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}'
+                f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}',
+                arguments=("admit",),
             )
 
 

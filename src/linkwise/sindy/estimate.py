@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar, final
+from typing import ClassVar, final, get_args
 
 import numpy as np
 
@@ -40,9 +40,9 @@ class PhysicsInformedSindy(Estimator):
     Parameters
     ----------
     derivative : {"spline", "savgol", "differences"}, optional
-        Method of `differentiate`.
+        Method of differentiation; a spline by default.
     regressor : {"stlsq", "l1", "least-squares"}, optional
-        `Stlsq`, `L1` or `LeastSquares`, each with its defaults.
+        Regression: `Stlsq`, by default, `L1` or `LeastSquares`, each with its defaults.
 
     Raises
     ------
@@ -72,8 +72,11 @@ class PhysicsInformedSindy(Estimator):
 
     method: ClassVar[str] = "sindy"
 
-    derivative: Derivative = "spline"
-    regressor: str = "stlsq"
+    derivative: Derivative = field(
+        default="spline",
+        metadata={"typed": "METHOD", "choices": {name: name for name in get_args(Derivative)}},
+    )
+    regressor: str = field(default="stlsq", metadata={"typed": "METHOD", "choices": REGRESSORS})
 
     def __post_init__(self) -> None:
         REGRESSORS.lookup(self.regressor)

@@ -10,10 +10,10 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass
-from linkwise import __version__
 from pathlib import Path
 from typing import Any
 
+from linkwise import __version__
 from linkwise.errors import StudyError
 from linkwise.output import FullDiskError
 from linkwise.study.definition import Study, build_study

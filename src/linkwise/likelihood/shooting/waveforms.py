@@ -71,20 +71,23 @@ class Disturbance:
             if name not in responses:
                 raise IdentificationError(
                     f"no drift or hum of {name} can be estimated{near_miss(name, responses)}: the record has the sensors "
-                    f"{', '.join(responses)}"
+                    f"{', '.join(responses)}",
+                    arguments=("drifts",) if name in drifts else ("hums",),
                 )
         for name, seconds in drifts.items():
             longest = max(record.duration for record in records)
             if seconds is not None and not longest / MOST_PIECES <= seconds < np.inf:
                 raise IdentificationError(
                     f"the pieces of the drift of {name} must be {longest / MOST_PIECES:.3g} s long at least, got {seconds:g} "
-                    f"s: more than {MOST_PIECES} of them would follow the motion"
+                    f"s: more than {MOST_PIECES} of them would follow the motion",
+                    arguments=("drifts",),
                 )
         half = min(record.rate for record in records) / 2.0
         for name, frequency in ((name, frequency) for name, several in hums.items() for frequency in several):
             if not 0.0 < frequency < half:
                 raise IdentificationError(
-                    f"the hum of {name} must have a frequency between 0 and half the rate, {half:g} Hz, got {frequency:g} Hz"
+                    f"the hum of {name} must have a frequency between 0 and half the rate, {half:g} Hz, got {frequency:g} Hz",
+                    arguments=("hums",),
                 )
         return tuple(
             disturbance
