@@ -45,9 +45,9 @@ def _row(study: Study, case: Case, median: Callable[[Case, int], float]) -> Row:
         case.snr_db,
         case.method,
         case.seed,
-        "converged",
-        dict.fromkeys(subject.judged_links, nmse),
-        {
+        status="converged",
+        links=dict.fromkeys(subject.judged_links, nmse),
+        coefficients={
             f"{link}.{name}": value * factor
             for link in subject.judged_links
             for name, value in (("alpha", -100.0), ("beta", 1e6))

@@ -61,7 +61,15 @@ def _judged(case: Case, status: str, *, missing: int = 0, extra: int = 0) -> Row
     terms = {"right": 5 - missing, "missing": missing, "extra": extra}
     links = {"nes1": 0.01 + missing}
     return Row(
-        case.structure, 2, case.snr_db, case.method, case.seed, status, links, seconds=0.1, terms=terms
+        case.structure,
+        2,
+        case.snr_db,
+        case.method,
+        case.seed,
+        status=status,
+        links=links,
+        seconds=0.1,
+        terms=terms,
     )
 
 

@@ -27,7 +27,8 @@ rate = 1000.0
 kind = "weak"
 
 [[method]]
-kind = "classical"
+kind = "monomial"
+name = "classical, states"
 convention = "states"
 
 [[method]]

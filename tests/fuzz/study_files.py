@@ -35,7 +35,7 @@ rate = 1000.0
 kind = "weak"
 
 [[method]]
-kind = "classical"
+kind = "monomial"
 convention = "states"
 order = 3
 

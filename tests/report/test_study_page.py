@@ -219,7 +219,7 @@ def test_an_empty_study_has_a_report(tmp_path: Path) -> None:
 def test_a_study_of_ones_own_has_its_table_and_figure(tmp_path: Path) -> None:
     study = parse_study(MINE, "mine.toml", tmp_path)
     rows = [
-        Row(c.structure, 2, c.snr_db, c.method, c.seed, "converged", {"nes1": 0.25}, seconds=0.1)
+        Row(c.structure, 2, c.snr_db, c.method, c.seed, status="converged", links={"nes1": 0.25}, seconds=0.1)
         for c in study.cases()
     ]
     folder = stored(tmp_path / "mine", study, rows)

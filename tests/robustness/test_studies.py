@@ -29,7 +29,8 @@ def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path
         outcomes = ((WORKER_DIED, "its worker process died 3 times"), (FAILED, "it diverged"))
         for row, (status, reason) in zip(rows[:2], outcomes, strict=True):
             values = (status, reason, row.structure, row.snr_db, row.method, row.seed)
-            database.execute(f"UPDATE rows SET status = ?, reason = ? WHERE {key}", values)
+            change = "row = json_set(row, '$.status', ?, '$.reason', ?)"
+            database.execute(f"UPDATE rows SET {change} WHERE {key}", values)
     database.close()
     with studies_here():
         again = lw.run_study(study, tmp_path / "out", workers=1)
@@ -65,7 +66,8 @@ def test_a_full_disk_is_no_wrong_usage(tmp_path: Path) -> None:
         store.database.execute("PRAGMA max_page_count = 1")
         rows = [
             replace(
-                Row(case.structure, 2, case.snr_db, case.method, case.seed, "converged"), reason="x" * 5000
+                Row(case.structure, 2, case.snr_db, case.method, case.seed, status="converged"),
+                reason="x" * 5000,
             )
             for case in study.cases()
         ]

@@ -32,7 +32,14 @@ def study() -> Study:
 def row(case: Case, error: float, *, seconds: float = 0.1) -> Row:
     """An answer to `case` with one sink, whose error is `error` in %."""
     return Row(
-        case.structure, 2, case.snr_db, case.method, case.seed, "converged", {"nes1": error}, seconds=seconds
+        case.structure,
+        2,
+        case.snr_db,
+        case.method,
+        case.seed,
+        status="converged",
+        links={"nes1": error},
+        seconds=seconds,
     )
 
 
@@ -101,12 +108,12 @@ def test_answers_are_counted_by_their_terms(study: Study) -> None:
             20.0,
             "ml",
             1000 + number,
-            status,
+            status=status,
             terms={"right": 4, "missing": missing, "extra": extra},
         )
         for number, (status, missing, extra) in enumerate(judged)
     ]
-    failed = Row("two", 2, 20.0, "ml", 1003, FAILED, reason="too short")
+    failed = Row("two", 2, 20.0, "ml", 1003, status=FAILED, reason="too short")
     table = StudyTable.of(study, [*answers, failed])
     cell = present(table.cell("two", 20.0, "ml"))
     assert [answer.exact for answer in cell.answers] == [True, False, False]

@@ -1,4 +1,4 @@
-"""What other programs read of a study: rows.csv, rows.parquet, summary.csv, and the summary to read."""
+"""What other programs read of a study: rows.csv, summary.csv, and the summary to read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from reach_rows import reach_rows, reach_study
 from small_study import DIVERGING, small
 
 import linkwise as lw
-from linkwise.study import summary
 from linkwise.study.executor import CaseBatch, run_batch
 from linkwise.study.store import open_store
 
@@ -37,7 +36,7 @@ def read(path: Path) -> list[dict[str, str]]:
 
 def test_rows_are_written_in_the_order_of_the_study(folder: Path) -> None:
     written = lw.study.export_study(folder)
-    assert [path.name for path in written] == ["rows.csv", "summary.csv", "rows.parquet"]
+    assert [path.name for path in written] == ["rows.csv", "summary.csv"]
     rows, table = lw.study.read_rows(folder), read(folder / "rows.csv")
     assert len(table) == len(rows) == 18
     for row, line in zip(some(rows), table, strict=True):
@@ -47,23 +46,6 @@ def test_rows_are_written_in_the_order_of_the_study(folder: Path) -> None:
         assert (float(line["nmse"]) if line["nmse"] else None) == row.nmse
         assert json.loads(line["links"]) == row.links and json.loads(line["coefficients"]) == row.coefficients
         assert json.loads(line["standard_errors"]) == row.standard_errors
-
-
-def test_parquet_holds_the_same(folder: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    lw.study.export_study(folder)
-    table = parquet.read_table(folder / "rows.parquet").to_pylist()
-    assert table == [summary.row_record(row) for row in lw.study.read_rows(folder)]
-    assert any(line["nmse"] is None for line in table) and any(
-        isinstance(line["nmse"], float) for line in table
-    )
-
-
-def test_without_the_library_there_is_no_parquet(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "rows.parquet").unlink(missing_ok=True)
-    monkeypatch.setattr(summary, "find_spec", lambda name: None)
-    assert [path.name for path in lw.study.export_study(folder)] == ["rows.csv", "summary.csv"]
-    assert not (folder / "rows.parquet").exists()
 
 
 def test_the_summary_is_that_of_the_rows(folder: Path) -> None:

@@ -203,7 +203,7 @@ def test_tables_make_methods_and_documents_make_them_again() -> None:
     from_document = [study.method(method.name).document() for method in study.methods]
     assert [document["kind"] for document in from_document] == 2 * ["discover"] + 3 * ["sindy"] + ["pysindy"]
     assert study.methods[5] == PySindyMethod("pysindy", window=15)
-    assert "terms" not in from_document[3] and "order" not in from_document[4]
+    assert "threshold" not in from_document[3] and from_document[4]["threshold"] == 0.05
 
 
 @pytest.mark.parametrize(

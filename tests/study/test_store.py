@@ -6,7 +6,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,10 +40,10 @@ def rows_of(study: lw.Study) -> list[lw.study.Row]:
             case.snr_db,
             case.method,
             case.seed,
-            "converged",
-            {"nes1": 0.1 + number, "nes2": 1e-300},
-            {"nes1.alpha": -100.0 / 3.0},
-            {"nes1.alpha": 5e-324},
+            status="converged",
+            links={"nes1": 0.1 + number, "nes2": 1e-300},
+            coefficients={"nes1.alpha": -100.0 / 3.0},
+            standard_errors={"nes1.alpha": 5e-324},
             seconds=1 / 7,
             reason="",
         )
@@ -152,7 +151,7 @@ def test_rows_of_two_versions_do_not_mix(
 ) -> None:
     with open_store(tmp_path / "out", study):
         pass
-    monkeypatch.setattr("linkwise.study.store.version", lambda package: "99.0")
+    monkeypatch.setattr("linkwise.study.store.__version__", "99.0")
     with (
         pytest.raises(lw.StudyError, match=r'another definition: linkwise was "0\.\d+\.\d+", now "99\.0"'),
         open_store(tmp_path / "out", study),
@@ -205,21 +204,6 @@ def test_a_damaged_store_is_said_to_be_one(tmp_path: Path, study: lw.Study) -> N
             lw.study.read_rows(folder)
         with pytest.raises(lw.StudyError, match="not a study of linkwise"), open_store(folder, study):
             pass
-
-
-def test_a_study_begun_before_rows_had_terms_goes_on(tmp_path: Path, study: lw.Study) -> None:
-    folder, rows = tmp_path / "out", rows_of(study)
-    with open_store(folder, study) as store:
-        store.add(rows[:1])
-    with closing(sqlite3.connect(folder / DATABASE)) as database:
-        database.execute("ALTER TABLE rows DROP COLUMN terms")
-    assert lw.study.read_rows(folder) == (rows[0],) and rows[0].terms == {}
-    with open_store(folder, study) as store:
-        store.add([replace(rows[1], terms={"right": 5, "missing": 0, "extra": 1})])
-    stored = {row.case: row for row in lw.study.read_rows(folder)}
-    assert stored[rows[0].case].exact is None
-    assert stored[rows[1].case].terms == {"right": 5, "missing": 0, "extra": 1}
-    assert stored[rows[1].case].exact is False
 
 
 def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.Study) -> None:

@@ -44,7 +44,7 @@ def test_a_case_without_an_answer_is_not_exact_and_a_missing_one_is_no_case() ->
     study = reach_study()
     rows = reach_rows(study)
     failed = [
-        Row(row.structure, 2, row.snr_db, row.method, row.seed, FAILED, reason="too short")
+        Row(row.structure, 2, row.snr_db, row.method, row.seed, status=FAILED, reason="too short")
         if row.snr_db == 40.0
         else row
         for row in rows
@@ -73,7 +73,7 @@ def test_a_method_without_any_answer_is_never_exact() -> None:
 def test_methods_that_are_told_the_terms_have_no_map() -> None:
     study = reach_study()
     rows = [
-        Row(case.structure, 2, case.snr_db, case.method, case.seed, "converged", {"nes1": 0.1})
+        Row(case.structure, 2, case.snr_db, case.method, case.seed, status="converged", links={"nes1": 0.1})
         for case in study.cases()
     ]
     assert maps_of(study, StudyTable.of(study, rows)) == ()

@@ -164,9 +164,9 @@ GOOD = HEAD + STRUCTURE + METHOD
         ("rate", 'impulse = [{ mass = "m1", kick = 1 }]\nrate', r'impulse\[0\]: unknown key "kick"; the keys'),
         ("weak", "waek", r"method\[0\]\.kind: expected one of ml, .*; got 'waek'; did you mean \"weak\"\?"),
         ('kind = "weak"', "", r"method\[0\]\.kind: expected one of .* got nothing"),
-        (METHOD, METHOD + "order = 3\n", r'method\[0\]: unknown key "order"; the keys are kind, name'),
-        ("weak", "classical", r"method\[0\]: the key `convention` is missing, one of displacement, states, diff"),
-        ('"weak"', '"classical"\nconvention = "stats"', r"convention: expected one of disp.*; got 'stats'; .*\"states\"\?"),
+        (METHOD, METHOD + "order = 3\n", r'method\[0\]: unknown key "order"; the keys are name, kind'),
+        ("weak", "monomial", r"method\[0\]: the key `convention` is missing, one of displacement, states, diff"),
+        ('"weak"', '"monomial"\nconvention = "stats"', r"convention: expected one of disp.*; got 'stats'; .*\"states\"\?"),
         (
             '"weak"',
             '"physics-informed"\nregressor = "least-square"',
@@ -174,7 +174,7 @@ GOOD = HEAD + STRUCTURE + METHOD
         ),
         (
             '"weak"',
-            '"classical"\nconvention = "states"\nregressor = "l1"\nthreshold = 0.1',
+            '"monomial"\nconvention = "states"\nregressor = "l1"\nthreshold = 0.1',
             r"s\.toml, method\[0\]: a threshold of 0\.1 was given, and least squares with an L1 penalty has none",
         ),
     ],

@@ -1,8 +1,8 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
-from linkwise.study.method import MethodResult as MethodResult
 from linkwise.study.method import StudyMethod as StudyMethod
 from linkwise.study.row import Case as Case
+from linkwise.study.row import MethodResult as MethodResult
 from linkwise.study.row import Row as Row
 from linkwise.study.runner import StudyProgress as StudyProgress
 from linkwise.study.store import read_rows as read_rows

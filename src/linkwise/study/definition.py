@@ -25,7 +25,7 @@ from linkwise.model.link_file import decode, parse_toml, read_toml_text
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import parse_structure, read_structure
 from linkwise.registry import Registry
-from linkwise.study.method import MethodTable, StudyMethod
+from linkwise.study.method import StudyMethod
 from linkwise.study.row import Case
 from linkwise.study.subject import Subject
 
@@ -287,21 +287,20 @@ class _Structure(msgspec.Struct, forbid_unknown_fields=True):
     variant: list[dict[str, Any]] = []
 
 
-METHOD_TABLES: Registry[type[MethodTable]] = Registry(
+METHOD_KINDS: Registry[type[StudyMethod]] = Registry(
     "kind of method",
     {
-        "ml": "linkwise.study.method:LinkByLinkTable",
-        "weak": "linkwise.study.method:LinkByLinkTable",
-        "physics-informed": "linkwise.study.method:PhysicsInformedTable",
-        "discover": "linkwise.study.methods:DiscoveryTable",
-        "sindy": "linkwise.study.methods:SindyTable",
-        "pysindy": "linkwise.study.methods:PySindyTable",
-        "monomial": "linkwise.study.methods:MonomialTable",
-        "classical": "linkwise.study.methods:MonomialTable",  # the old spelling
+        "ml": "linkwise.study.method:LinkByLink",
+        "weak": "linkwise.study.method:LinkByLink",
+        "physics-informed": "linkwise.study.method:PhysicsInformedMethod",
+        "discover": "linkwise.study.methods:DiscoveryMethod",
+        "sindy": "linkwise.study.methods:SindyMethod",
+        "pysindy": "linkwise.study.methods:PySindyMethod",
+        "monomial": "linkwise.study.methods:MonomialMethod",
     },
     StudyError,
 )
-"""The table of each kind of method in a study file."""
+"""The class of each kind of method in a study file."""
 
 
 class _Document(msgspec.Struct, forbid_unknown_fields=True):
@@ -491,13 +490,13 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
 
 def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
     kind = entry.get("kind")
-    if not isinstance(kind, str) or kind not in METHOD_TABLES:
-        hint = near_miss(kind, METHOD_TABLES) if isinstance(kind, str) else ""
+    if not isinstance(kind, str) or kind not in METHOD_KINDS:
+        hint = near_miss(kind, METHOD_KINDS) if isinstance(kind, str) else ""
         got = "nothing" if kind is None else repr(kind)
         raise StudyError(
-            f"expected one of {', '.join(METHOD_TABLES)}; got {got}{hint}", f"{source}, {path}.kind"
+            f"expected one of {', '.join(METHOD_KINDS)}; got {got}{hint}", f"{source}, {path}.kind"
         )
     try:
-        return decode(entry, METHOD_TABLES[kind], source, path, StudyError).build()
+        return decode(entry, METHOD_KINDS[kind], source, path, StudyError)
     except (IdentificationError, LawError) as error:
         raise StudyError(str(error), f"{source}, {path}") from None

@@ -1,5 +1,4 @@
-"""Executors of the batches of a study: processes of this machine, or workers of a dask.distributed cluster, behind one
-interface.
+"""Executors of the batches of a study: the interface, and the processes of this machine behind it.
 
 An executor returns futures of `concurrent.futures`, and classifies the failure of a batch; batches are as large as the
 cases that were run say.
@@ -12,7 +11,6 @@ import math
 import multiprocessing
 import os
 import signal
-import socket
 import threading
 from abc import ABC, abstractmethod
 from collections import Counter, deque
@@ -31,15 +29,11 @@ from time import perf_counter
 from types import TracebackType
 from typing import Any, Self, final
 
-from distributed import Client, KilledWorker
-from distributed.comm import get_address_host_port
-
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.study.definition import Study, build_study
-from linkwise.study.method import MethodResult
-from linkwise.study.row import FAILED, INTERNAL_ERROR, Case, Row
+from linkwise.study.row import FAILED, INTERNAL_ERROR, Case, MethodResult, Row
 
 _RECORDS = 64  # clean records that a worker caches
 _ONE_AT_A_TIME = Lock()  # compiled integrators are not thread-safe, and a worker may have several threads
@@ -79,16 +73,12 @@ def run_batch(batch: CaseBatch) -> list[CaseResult]:
 
 def failed_row(case: Case, masses: int, reason: str, *, seconds: float = 0.0, status: str = FAILED) -> Row:
     """The row of a case without an answer."""
-    return Row(
-        case.structure,
-        masses,
-        case.snr_db,
-        case.method,
-        case.seed,
-        status,
-        seconds=seconds,
-        reason=" ".join(reason.split()),
-    )
+    return row_of(case, masses, MethodResult(status=status, seconds=seconds, reason=" ".join(reason.split())))
+
+
+def row_of(case: Case, masses: int, result: MethodResult) -> Row:
+    """The row of a case with a result."""
+    return Row(**vars(case), masses=masses, **vars(result))
 
 
 def _run(study: Study, text: str, case: Case) -> CaseResult:
@@ -112,20 +102,7 @@ def _row(case: Case, masses: int, result: MethodResult) -> Row:
     if not all(map(math.isfinite, numbers)):
         reason = f"the answer is not finite. {result.reason}".strip()
         return failed_row(case, masses, reason, seconds=result.seconds)
-    return Row(
-        structure=case.structure,
-        masses=masses,
-        snr_db=case.snr_db,
-        method=case.method,
-        seed=case.seed,
-        status=result.status,
-        links=result.links,
-        coefficients=result.coefficients,
-        standard_errors=result.standard_errors,
-        seconds=result.seconds,
-        reason=result.reason,
-        terms=result.terms,
-    )
+    return row_of(case, masses, result)
 
 
 @lru_cache(maxsize=1)
@@ -420,57 +397,3 @@ def _exit_with(end: Connection) -> None:
         end.poll(None)
     finally:
         os._exit(1)
-
-
-_TIMEOUT = 30.0  # s for the scheduler to answer, and for a first worker to connect
-_BATCHES_PER_THREAD = 2  # submitted at a time, so that no worker waits for the next
-
-
-@final
-class DaskExecutor(Executor):
-    """All workers of the cluster with the scheduler at `address` ("tcp://host:8786"), which may come and go.
-
-    dask moves a batch whose worker dies to another worker, and gives it up after a few deaths. Raises StudyError if no
-    scheduler answers at the address, and if it has no worker.
-    """
-
-    batch_seconds = 2.0
-
-    def __init__(self, address: str) -> None:
-        self._address = address
-
-    @property
-    def slots(self) -> int:
-        return _BATCHES_PER_THREAD * max(sum(map(int, self._client.nthreads().values())), 1)
-
-    def __enter__(self) -> Self:
-        try:
-            # A client that cannot connect takes a minute to give up, so a plain connection is tried first.
-            socket.create_connection(get_address_host_port(self._address), _TIMEOUT).close()
-            self._client: Any = Client(self._address, timeout=_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError, ImportError) as error:
-            raise StudyError(f"no scheduler answers: {error}", self._address) from error
-        try:
-            self._client.wait_for_workers(1, timeout=_TIMEOUT)
-        except TimeoutError as error:
-            self._client.close()
-            raise StudyError(
-                f"no worker has connected to the scheduler within {_TIMEOUT:g} s; start some: dask worker {self._address}",
-                self._address,
-            ) from error
-        self._executor = self._client.get_executor(pure=False)
-        return self
-
-    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
-        future: Future[list[CaseResult]] = self._executor.submit(run_batch, batch)
-        return future
-
-    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
-        died = isinstance(future.exception(), KilledWorker)
-        return FailureKind.WORKER_DIED if died else FailureKind.CANNOT_RUN
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._executor.shutdown(wait=kind is None)
-        self._client.close()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from abc import abstractmethod
 from typing import Any, ClassVar, Literal, final
 
 import msgspec
@@ -16,56 +14,17 @@ from linkwise.identification.identify import IdentificationMethod, identify
 from linkwise.records.record import Record
 from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.sindy.estimate import PhysicsInformedSindy
+from linkwise.study.row import MethodResult
 from linkwise.study.subject import Subject
 
 
-@dataclass(frozen=True)
-class MethodResult:
-    """The result of one method for one case: its part of a row, with the same fields.
-
-    Attributes
-    ----------
-    status : str
-        The status of the estimate, as in `Row`.
-    seconds : float
-        Computing time in s.
-    links : mapping of str to float
-        NMSE of the force in %, by the names of the links that are judged.
-    coefficients : mapping of str to float
-        Identified values in SI units, by full name, such as "nes1.alpha".
-    standard_errors : mapping of str to float
-        Their standard errors in SI units; empty where the estimate is not to be trusted.
-    reason : str
-        Why the estimate is not to be trusted; empty where it is.
-    terms : mapping of str to int
-        The numbers of "right", "missing" and "extra" terms; empty where the method is told the terms.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> study = lw.read_study("paper")
-    >>> subject, method = study.subjects[0], study.method("weak")
-    >>> result = method.evaluate(subject, subject.simulate(), snr_db=40.0, seed=1)
-    >>> result.status, sorted(result.coefficients)
-    ('converged', ['nes1.alpha', 'nes1.beta', 'nes1.c', 'spring1.c', 'spring1.k'])
-    """
-
-    status: str
-    seconds: float
-    links: Mapping[str, float]
-    coefficients: Mapping[str, float] = field(default_factory=dict)
-    standard_errors: Mapping[str, float] = field(default_factory=dict)
-    reason: str = ""
-    terms: Mapping[str, int] = field(default_factory=dict)
-
-
-class StudyMethod(ABC):
-    """A method of a study.
+class StudyMethod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A method of a study; its fields are the keys of its table in a study file.
 
     Attributes
     ----------
     name : str
-        Its name in the study.
+        Its name in the study; by default the kind of method.
     looks_for_terms : bool
         Whether it is not told the terms, and its answers are judged by them.
 
@@ -77,8 +36,17 @@ class StudyMethod(ABC):
     (True, 'physics-informed')
     """
 
-    name: str
+    name: str = ""
     looks_for_terms: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            msgspec.structs.force_setattr(self, "name", self.usual_name)
+
+    @property
+    def usual_name(self) -> str:
+        """The name where none is given."""
+        return str(getattr(self, "kind", type(self).__name__))
 
     @abstractmethod
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
@@ -106,7 +74,6 @@ class StudyMethod(ABC):
             If nothing can be identified.
         """
 
-    @abstractmethod
     def document(self) -> dict[str, Any]:
         """The table of a study file that defines this method.
 
@@ -115,75 +82,33 @@ class StudyMethod(ABC):
         dict
             Plain data, with the keys "name" and "kind" and the options of the method.
         """
-
-
-class MethodTable(msgspec.Struct, forbid_unknown_fields=True):
-    """The table of a kind of method in a study file: its fields are the keys, and `build` makes the method."""
-
-    @abstractmethod
-    def build(self) -> StudyMethod:
-        """The method. Raises IdentificationError where something in it is unknown."""
+        return {key: value for key, value in msgspec.to_builtins(self).items() if value is not None}
 
 
 @final
-@dataclass(frozen=True)
-class LinkByLink(StudyMethod):
+class LinkByLink(StudyMethod, frozen=True, kw_only=True):
     """Maximum likelihood or the weak form (METHODS sections 5 and 4)."""
 
-    name: str
     kind: Literal["ml", "weak"]
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         return _identify(subject, clean, snr_db, seed, self.kind)
 
-    def document(self) -> dict[str, Any]:
-        return {"name": self.name, "kind": self.kind}
-
-
-class LinkByLinkTable(MethodTable):
-    """Its table in a study file."""
-
-    kind: Literal["ml", "weak"]
-    name: str = ""
-
-    def build(self) -> StudyMethod:
-        return LinkByLink(self.name or self.kind, self.kind)
-
 
 @final
-@dataclass(frozen=True)
-class PhysicsInformedMethod(StudyMethod):
+class PhysicsInformedMethod(StudyMethod, frozen=True):
     """The paper's physics-informed SINDy: derivatives, the columns of the links' own laws, sparse regression."""
 
-    name: str
     derivative: Derivative = "spline"
     regressor: str = "stlsq"
+    kind: Literal["physics-informed"] = "physics-informed"
 
     def __post_init__(self) -> None:
+        StudyMethod.__post_init__(self)
         PhysicsInformedSindy(self.derivative, self.regressor)
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         return _identify(subject, clean, snr_db, seed, PhysicsInformedSindy(self.derivative, self.regressor))
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "kind": "physics-informed",
-            "derivative": self.derivative,
-            "regressor": self.regressor,
-        }
-
-
-class PhysicsInformedTable(MethodTable):
-    """Its table in a study file."""
-
-    kind: Literal["physics-informed"]
-    name: str = ""
-    derivative: Literal["spline", "savgol", "differences"] = "spline"
-    regressor: str = "stlsq"
-
-    def build(self) -> StudyMethod:
-        return PhysicsInformedMethod(self.name or self.kind, self.derivative, self.regressor)
 
 
 def _identify(

@@ -38,11 +38,15 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.linear_system import StreamedSystem
 from linkwise.sindy.regression.regressor import RegressionFit, Regressor
-from linkwise.study.method import MethodResult, MethodTable, StudyMethod
+from linkwise.study.method import StudyMethod
+from linkwise.study.row import MethodResult
 from linkwise.study.subject import Subject
 from linkwise.verdict import Verdict, status_of
 
 _NO_FORCE = Law.parse("0")
+
+Order = Annotated[int, msgspec.Meta(ge=1)]
+Threshold = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
 
 @dataclass(frozen=True)
@@ -98,8 +102,7 @@ def _between(structure: Structure, ends: tuple[str, str]) -> Link | None:
 
 
 @final
-@dataclass(frozen=True)
-class MonomialMethod(StudyMethod):
+class MonomialMethod(StudyMethod, frozen=True, kw_only=True):
     """Noise added as the `convention` says, all monomials up to `order`, a regressor, and a `reading` of the force.
 
     `regressor` is a name in `REGRESSORS`; `threshold` is that of "stlsq", None for the one of smallest BIC. Methods that
@@ -108,15 +111,20 @@ class MonomialMethod(StudyMethod):
     regressor, and for a threshold of one that has none.
     """
 
-    name: str
     convention: Convention
     regressor: str = "least-squares"
     reading: Reading = "coefficients"
-    order: int = 3
-    threshold: float | None = None
+    order: Order = 3
+    threshold: Threshold | None = None
+    kind: Literal["monomial"] = "monomial"
 
     def __post_init__(self) -> None:
+        StudyMethod.__post_init__(self)
         self._regressor()
+
+    @property
+    def usual_name(self) -> str:
+        return f"{self.kind}, {self.convention}"
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         refuse_rig(subject.structure, 'methods of the kind "monomial"')
@@ -133,38 +141,13 @@ class MonomialMethod(StudyMethod):
             links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
             d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
             coefficients.update(_coefficients(structure.link(name), d, force))
-        return MethodResult(Verdict.CONVERGED.status, seconds, links, coefficients)
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "kind": "monomial",
-            "convention": self.convention,
-            "regressor": self.regressor,
-            "reading": self.reading,
-            "order": self.order,
-            **({} if self.threshold is None else {"threshold": self.threshold}),
-        }
+        return MethodResult(
+            status=Verdict.CONVERGED.status, seconds=seconds, links=links, coefficients=coefficients
+        )
 
     def _regressor(self) -> Regressor:
         regressor = REGRESSORS.lookup(self.regressor)()
         return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
-
-
-class MonomialTable(MethodTable):
-    """Its table in a study file."""
-
-    kind: Literal["monomial", "classical"]  # "classical" is the old spelling
-    convention: Convention
-    name: str = ""
-    regressor: str = "least-squares"
-    reading: Reading = "coefficients"
-    order: Annotated[int, msgspec.Meta(ge=1)] = 3
-    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
-
-    def build(self) -> StudyMethod:
-        name = self.name or f"{self.kind}, {self.convention}"
-        return MonomialMethod(name, self.convention, self.regressor, self.reading, self.order, self.threshold)
 
 
 @lru_cache(maxsize=1)
@@ -278,8 +261,7 @@ def _name(variables: tuple[str, ...], exponents: tuple[int, ...]) -> str:
 
 
 @final
-@dataclass(frozen=True)
-class DiscoveryMethod(StudyMethod):
+class DiscoveryMethod(StudyMethod, frozen=True):
     """`discover` with candidate `terms` on every link (METHODS section 9).
 
     It is told the masses and nothing of links; what is `unknown` of a structure does not matter. Coefficients of its rows are
@@ -288,10 +270,11 @@ class DiscoveryMethod(StudyMethod):
 
     looks_for_terms: ClassVar[bool] = True
 
-    name: str
     terms: str = DEFAULT
+    kind: Literal["discover"] = "discover"
 
     def __post_init__(self) -> None:
+        StudyMethod.__post_init__(self)
         DiscoveryOptions(terms=self.terms)
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
@@ -312,27 +295,12 @@ class DiscoveryMethod(StudyMethod):
             terms=judgement.terms,
         )
 
-    def document(self) -> dict[str, Any]:
-        return {"name": self.name, "kind": "discover", "terms": self.terms}
-
-
-class DiscoveryTable(MethodTable):
-    """Its table in a study file."""
-
-    kind: Literal["discover"]
-    name: str = ""
-    terms: str = DEFAULT
-
-    def build(self) -> StudyMethod:
-        return DiscoveryMethod(self.name or self.kind, self.terms)
-
 
 Library = Literal["links", "monomials"]
 
 
 @final
-@dataclass(frozen=True)
-class SindyMethod(StudyMethod):
+class SindyMethod(StudyMethod, frozen=True):
     """Sparse regression for the terms themselves, from the displacements and the masses.
 
     The `library` "links" has one column for each of the `terms` on each link that there may be, which both masses share, as
@@ -344,17 +312,22 @@ class SindyMethod(StudyMethod):
 
     looks_for_terms: ClassVar[bool] = True
 
-    name: str
     library: Library = "links"
     terms: str = DEFAULT
-    order: int = 3
+    order: Order = 3
     derivative: Derivative = "spline"
     regressor: str = "stlsq"
-    threshold: float | None = None
+    threshold: Threshold | None = None
+    kind: Literal["sindy"] = "sindy"
 
     def __post_init__(self) -> None:
+        StudyMethod.__post_init__(self)
         self._regressor()
         parse_terms(self.terms)
+
+    @property
+    def usual_name(self) -> str:
+        return f"{self.kind}, {self.library}"
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         masses = masses_alone(subject, 'methods of the kind "sindy"')
@@ -362,17 +335,6 @@ class SindyMethod(StudyMethod):
         if self.library == "links":
             return self._among_links(subject, clean, record, masses)
         return self._among_monomials(subject, record)
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "kind": "sindy",
-            "library": self.library,
-            **({"terms": self.terms} if self.library == "links" else {"order": self.order}),
-            "derivative": self.derivative,
-            "regressor": self.regressor,
-            **({} if self.threshold is None else {"threshold": self.threshold}),
-        }
 
     def _among_links(
         self, subject: Subject, clean: Record, record: Record, masses: dict[str, float | str]
@@ -418,7 +380,7 @@ class SindyMethod(StudyMethod):
         counts = term_counts(truth & chosen, truth - chosen, chosen - truth)
         verdict = sindy_verdict(unexplained)
         reason = verdict.value if verdict.forbids else ""
-        return MethodResult(verdict.status, seconds, {}, reason=reason, terms=counts)
+        return MethodResult(status=verdict.status, seconds=seconds, reason=reason, terms=counts)
 
     def _regressor(self) -> Regressor:
         regressor = REGRESSORS.lookup(self.regressor)()
@@ -430,37 +392,12 @@ def sindy_verdict(unexplained: float) -> Verdict:
     return Verdict.UNEXPLAINED_FORCES if unexplained > MAX_UNEXPLAINED else Verdict.CONVERGED
 
 
-class SindyTable(MethodTable):
-    """Its table in a study file."""
-
-    kind: Literal["sindy"]
-    name: str = ""
-    library: Library = "links"
-    terms: str = DEFAULT
-    order: Annotated[int, msgspec.Meta(ge=1)] = 3
-    derivative: Derivative = "spline"
-    regressor: str = "stlsq"
-    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] | None = None
-
-    def build(self) -> StudyMethod:
-        return SindyMethod(
-            self.name or f"sindy, {self.library}",
-            self.library,
-            self.terms,
-            self.order,
-            self.derivative,
-            self.regressor,
-            self.threshold,
-        )
-
-
 _KIND = 'methods of the kind "pysindy"'
 _RIDGE = 1e-6  # its own, 0.05, would bend columns of norm 1
 
 
 @final
-@dataclass(frozen=True)
-class PySindyMethod(StudyMethod):
+class PySindyMethod(StudyMethod, frozen=True):
     """An equation for each mass in all monomials of all states up to `order`, by PySINDy.
 
     Velocities and accelerations are its smoothed differences over `window` samples, states are scaled to a standard deviation
@@ -470,10 +407,10 @@ class PySindyMethod(StudyMethod):
 
     looks_for_terms: ClassVar[bool] = True
 
-    name: str
-    order: int = 3
-    threshold: float = 0.1
-    window: int = 11
+    order: Order = 3
+    threshold: Threshold = 0.1
+    window: Annotated[int, msgspec.Meta(ge=3)] = 11
+    kind: Literal["pysindy"] = "pysindy"
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         masses_alone(subject, _KIND)
@@ -515,34 +452,11 @@ class PySindyMethod(StudyMethod):
         truth = true_monomials(subject.true_structure)
         verdict = sindy_verdict(float(left.max()))
         return MethodResult(
-            verdict.status,
-            seconds,
-            {},
+            status=verdict.status,
+            seconds=seconds,
             reason=verdict.value if verdict.forbids else "",
             terms=term_counts(truth & chosen, truth - chosen, chosen - truth),
         )
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "kind": "pysindy",
-            "order": self.order,
-            "threshold": self.threshold,
-            "window": self.window,
-        }
-
-
-class PySindyTable(MethodTable):
-    """Its table in a study file."""
-
-    kind: Literal["pysindy"]
-    name: str = ""
-    order: Annotated[int, msgspec.Meta(ge=1)] = 3
-    threshold: Annotated[float, msgspec.Meta(ge=0, lt=1)] = 0.1
-    window: Annotated[int, msgspec.Meta(ge=3)] = 11
-
-    def build(self) -> StudyMethod:
-        return PySindyMethod(self.name or self.kind, self.order, self.threshold, self.window)
 
 
 def _pysindy() -> Any:

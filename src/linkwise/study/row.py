@@ -41,32 +41,22 @@ class Case:
         return f"{self.structure}, {self.snr_db:g} dB, {self.method}, seed {self.seed}"
 
 
-@dataclass(frozen=True)
-class Row:
-    """The outcome of one case of a study.
-
-    Rows of one case are equal, except for `seconds`, whichever worker ran it and in whatever order, on processors of one
-    kind. Two kinds round differently, and follow different orbits of a chaotic motion past its horizon.
+@dataclass(frozen=True, kw_only=True)
+class MethodResult:
+    """The result of one method for one case: the part of its row that a method answers for.
 
     Attributes
     ----------
-    structure, method : str
-        Names of the structure and the method.
-    masses : int
-        The number of masses.
-    snr_db : float
-        The signal-to-noise ratio in dB.
-    seed : int
-        The seed of the noise.
     status : str
-        The status of the estimate ("converged", "not converged", "chi-square off", "forces unexplained"), "failed" without
-        one, "internal error" or "worker died".
+        The status of the estimate ("converged", "not converged", "chi-square off", "forces unexplained"); of rows also
+        "failed" without one, "internal error" or "worker died".
+    seconds : float
+        Time of the estimate in s, without simulation and noise.
     links : mapping of str to float
         The NMSE in % (paper Eq. 8) of the force of each judged link.
     coefficients, standard_errors : mapping of str to float
-        The identified coefficients by full name, in SI units, and their standard errors, if the method has such.
-    seconds : float
-        Time of the estimate in s, without simulation and noise.
+        The identified coefficients by full name, in SI units, and their standard errors, if the method has such;
+        none where the estimate is not to be trusted.
     reason : str
         Why there is no answer, or none to be trusted.
     terms : mapping of str to int
@@ -76,16 +66,13 @@ class Row:
     Examples
     --------
     >>> import linkwise as lw
-    >>> row = lw.study.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2, "nes2": 0.4})
-    >>> row.nmse, row.failed
-    (0.30000000000000004, False)
+    >>> study = lw.read_study("paper")
+    >>> subject, method = study.subjects[0], study.method("weak")
+    >>> result = method.evaluate(subject, subject.simulate(), snr_db=40.0, seed=1)
+    >>> result.status, sorted(result.coefficients)
+    ('converged', ['nes1.alpha', 'nes1.beta', 'nes1.c', 'spring1.c', 'spring1.k'])
     """
 
-    structure: str
-    masses: int
-    snr_db: float
-    method: str
-    seed: int
     status: str
     links: Mapping[str, float] = field(default_factory=dict)
     coefficients: Mapping[str, float] = field(default_factory=dict)
@@ -93,11 +80,6 @@ class Row:
     seconds: float = field(default=0.0, compare=False)
     reason: str = ""
     terms: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def case(self) -> Case:
-        """The case of this row."""
-        return Case(self.structure, self.snr_db, self.method, self.seed)
 
     @property
     def failed(self) -> bool:
@@ -118,3 +100,41 @@ class Row:
     def worst(self) -> float | None:
         """The largest of `links` in %; None if the case failed."""
         return max(self.links.values(), default=None)
+
+
+@dataclass(frozen=True)
+class Row(MethodResult):
+    """The outcome of one case of a study: which case it is, and the result of its method.
+
+    Rows of one case are equal, except for `seconds`, whichever worker ran it and in whatever order, on processors of one
+    kind. Two kinds round differently, and follow different orbits of a chaotic motion past its horizon.
+
+    Attributes
+    ----------
+    structure, method : str
+        Names of the structure and the method.
+    masses : int
+        The number of masses.
+    snr_db : float
+        The signal-to-noise ratio in dB.
+    seed : int
+        The seed of the noise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> row = lw.study.Row("bnes-2", 2, 20.0, "ml", seed=1, status="converged", links={"nes1": 0.2, "nes2": 0.4})
+    >>> row.nmse, row.failed
+    (0.30000000000000004, False)
+    """
+
+    structure: str
+    masses: int
+    snr_db: float
+    method: str
+    seed: int
+
+    @property
+    def case(self) -> Case:
+        """The case of this row."""
+        return Case(self.structure, self.snr_db, self.method, self.seed)

@@ -229,7 +229,7 @@ def _executor(workers: int | None, scheduler: str | None) -> Executor:
     if scheduler is None:
         return ProcessExecutor(workers if workers is not None else processors())
     try:
-        cluster = import_module("linkwise.study.executor")
+        cluster = import_module("linkwise.study.cluster")
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
             raise

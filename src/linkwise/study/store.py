@@ -13,6 +13,8 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from linkwise import __version__
 from linkwise.errors import StudyError
 from linkwise.output import FullDiskError
@@ -24,26 +26,12 @@ _OWN = {DATABASE, f"{DATABASE}-journal", LOCK, f"{LOCK}-journal"}
 _SCHEMA = """
 CREATE TABLE study (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE rows (
-    structure TEXT, snr_db REAL, method TEXT, seed INTEGER, masses INTEGER NOT NULL, status TEXT NOT NULL,
-    links TEXT NOT NULL, coefficients TEXT NOT NULL, standard_errors TEXT NOT NULL,
-    seconds REAL NOT NULL, reason TEXT NOT NULL, terms TEXT NOT NULL DEFAULT '{}',
+    structure TEXT, snr_db REAL, method TEXT, seed INTEGER, row TEXT NOT NULL,
     PRIMARY KEY (structure, snr_db, method, seed)
 ) WITHOUT ROWID;
 """
 _KEY = ("structure", "snr_db", "method", "seed")
-_MAPPINGS = ("links", "coefficients", "standard_errors", "terms")
-_FIELDS = (
-    *_KEY,
-    "masses",
-    "status",
-    "links",
-    "coefficients",
-    "standard_errors",
-    "seconds",
-    "reason",
-    "terms",
-)
-_IS_REPEATED = f"status IN ({', '.join(map(repr, REPEATED))})"
+_IS_REPEATED = f"json_extract(row, '$.status') IN ({', '.join(map(repr, REPEATED))})"
 _SHOWN = 6  # differences between two definitions that an error lists
 _LONG = 160  # characters of two values up to which both are shown
 
@@ -73,7 +61,7 @@ class Store:
 
         Raises StudyError for a case that is already done.
         """
-        marks, rows = ", ".join("?" * len(_FIELDS)), list(rows)
+        rows = list(rows)
         keys = " AND ".join(f"{name} = ?" for name in _KEY)
         try:
             with self.database:
@@ -82,7 +70,8 @@ class Store:
                     [astuple(row.case) for row in rows],
                 )
                 self.database.executemany(
-                    f"INSERT INTO rows ({', '.join(_FIELDS)}) VALUES ({marks})", map(_values, rows)
+                    "INSERT INTO rows VALUES (?, ?, ?, ?, ?)",
+                    [(*astuple(row.case), msgspec.json.encode(row).decode()) for row in rows],
                 )
         except sqlite3.Error as error:
             message = f"rows could not be written: {error}; earlier rows are not affected"
@@ -214,9 +203,6 @@ def _prepare(folder: Path, database: sqlite3.Connection, study: Study) -> None:
                 database.executemany("INSERT INTO study VALUES (?, ?)", about.items())
             return
         before = {"linkwise": _entry(database, "linkwise"), **_definition(database)}
-        if "terms" not in _columns(database):  # begun before rows had them
-            with database:
-                database.execute("ALTER TABLE rows ADD COLUMN terms TEXT NOT NULL DEFAULT '{}'")
     except sqlite3.DatabaseError as error:
         raise _unreadable(folder, error) from error
     changes = differences(before, {"linkwise": __version__, **study.document()})
@@ -280,27 +266,5 @@ def _is_table(value: object) -> bool:
     return isinstance(value, dict)
 
 
-def _values(row: Row) -> tuple[Any, ...]:
-    return tuple(
-        json.dumps(dict(getattr(row, name)), allow_nan=False) if name in _MAPPINGS else getattr(row, name)
-        for name in _FIELDS
-    )
-
-
 def _rows(database: sqlite3.Connection) -> list[Row]:
-    fields = _FIELDS if "terms" in _columns(database) else _FIELDS[:-1]
-    records = database.execute(f"SELECT {', '.join(fields)} FROM rows")
-    return [
-        Row(
-            **{
-                name: json.loads(value) if name in _MAPPINGS else value
-                for name, value in zip(fields, values, strict=True)
-            }
-        )
-        for values in records
-    ]
-
-
-def _columns(database: sqlite3.Connection) -> set[str]:
-    """The names of the columns of the rows."""
-    return {str(column[1]) for column in database.execute("PRAGMA table_info(rows)")}
+    return [msgspec.json.decode(text, type=Row) for (text,) in database.execute("SELECT row FROM rows")]

@@ -10,15 +10,12 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module
-from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
-import pyarrow
-from pyarrow import parquet
 
 from linkwise.display import JudgedView, align_columns, csv_cell
 from linkwise.estimates.link_estimate import NORMAL_95
@@ -304,11 +301,6 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def write(records: list[dict[str, Any]], path: Path) -> None:
-    """One column a key, at least one record."""
-    parquet.write_table(pyarrow.Table.from_pylist(records), path)
-
-
 _TERMS = ("exact", "wrong, trusted", "extra, trusted")
 
 
@@ -467,7 +459,7 @@ def covered(coverage: float | None, intervals: int) -> str:
     return "-" if coverage is None else f"{100.0 * coverage:.3g} % of {intervals}"
 
 
-ROWS, SUMMARY, PARQUET = "rows.csv", "summary.csv", "rows.parquet"
+ROWS, SUMMARY = "rows.csv", "summary.csv"
 
 
 def export_study(folder: str | Path) -> tuple[Path, ...]:
@@ -481,7 +473,7 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
     Returns
     -------
     tuple of pathlib.Path
-        rows.csv, summary.csv and, if pyarrow is installed, rows.parquet; each appears whole or not at all.
+        rows.csv and summary.csv; each appears whole or not at all.
 
     Raises
     ------
@@ -491,7 +483,7 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
     Examples
     --------
     >>> import linkwise as lw
-    >>> [path.name for path in lw.study.export_study("results/mine")][:2]
+    >>> [path.name for path in lw.study.export_study("results/mine")]
     ['rows.csv', 'summary.csv']
     """
     folder = Path(folder)
@@ -502,36 +494,29 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
     with atomic_file(folder / SUMMARY) as path:
         summary = [cell_record(cell) for cell in cells]
         _write_csv(path, list(summary[0]), summary)
-    written = [folder / ROWS, folder / SUMMARY]
-    if rows and find_spec("pyarrow") is not None:
-        with atomic_file(folder / PARQUET) as path:
-            import_module("linkwise.study.summary").write([row_record(row) for row in rows], path)
-        written.append(folder / PARQUET)
-    return tuple(written)
+    return folder / ROWS, folder / SUMMARY
+
+
+_COLUMNS = (
+    "structure",
+    "masses",
+    "snr_db",
+    "method",
+    "seed",
+    "status",
+    "nmse",
+    "worst",
+)  # first, then as they come
 
 
 def row_record(row: Row) -> dict[str, Any]:
     """A row as a table line: NMSE in % (`nmse` is the median over its links), mappings as JSON."""
-    return {
-        "structure": row.structure,
-        "masses": row.masses,
-        "snr_db": row.snr_db,
-        "method": row.method,
-        "seed": row.seed,
-        "status": row.status,
-        "nmse": row.nmse,
-        "worst": row.worst,
-        "seconds": row.seconds,
-        "links": json.dumps(dict(row.links)),
-        "coefficients": json.dumps(dict(row.coefficients)),
-        "standard_errors": json.dumps(dict(row.standard_errors)),
-        "reason": row.reason,
-        "exact": row.exact,
-        "terms": json.dumps(dict(row.terms)),
-    }
+    values = {**msgspec.to_builtins(row), "nmse": row.nmse, "worst": row.worst, "exact": row.exact}
+    plain = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in values.items()}
+    return {**{name: plain[name] for name in _COLUMNS}, **plain}
 
 
-_EMPTY = row_record(Row("", 0, 0.0, "", 0, ""))
+_EMPTY = row_record(Row("", 0, 0.0, "", 0, status=""))
 
 
 def _write_csv(path: Path, names: Sequence[str], records: Sequence[dict[str, Any]]) -> None:
