@@ -70,15 +70,6 @@ def from_csv_cell(cell: str) -> str:
     return cell[1:] if cell.startswith("'") else cell
 
 
-@singledispatch
-def as_text(result: object) -> str:
-    """The text that `print(result)` shows.
-
-    Each package registers the renderers of its own results, so that results do not import their presentation.
-    """
-    raise TypeError(f"no text renderer is registered for {type(result).__name__}")
-
-
 def format_value(value: float, error: float | None = None) -> str:
     """`value` rounded to two significant digits of its standard `error`, or to six digits without one."""
     if not isfinite(value):

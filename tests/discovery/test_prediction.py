@@ -14,8 +14,8 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.discovery.prediction import BlockParabolas, terms_without_gain
+from linkwise.discovery.result import path_rows
 from linkwise.discovery.selection import Selection
-from linkwise.discovery.text import path_rows
 
 BLOCKS, ROWS = 10, 40
 

@@ -45,7 +45,9 @@ ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 def rows(method: str = "ml") -> list[lw.study.Row]:
     """Rows of a study: two structures at two noise levels."""
     return [
-        lw.study.Row(f"bnes-{masses}", masses, level, method, 1, status="converged", links={"nes1": masses / level}, seconds=masses)
+        lw.study.Row(
+            f"bnes-{masses}", masses, level, method, 1, status="converged", links={"nes1": masses / level}, seconds=masses
+        )
         for masses in (2, 4)
         for level in (40.0, 20.0)
     ]  # fmt: skip

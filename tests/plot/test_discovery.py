@@ -17,7 +17,7 @@ from present import some
 from structures import link, with_links
 
 import linkwise as lw
-from linkwise.discovery.text import runner_up_changes, runner_up_rows, term_rows
+from linkwise.discovery.result import runner_up_changes, runner_up_rows, term_rows
 from linkwise.plot import save
 from linkwise.plot.discoveries import evidence_figure, path_figure
 from linkwise.plot.graphs import crossings, graph_figure, node_positions

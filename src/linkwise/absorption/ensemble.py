@@ -60,6 +60,12 @@ class AbsorptionQuantity:
     title: str
     least_is_best: bool = False
 
+    def text(self, value: float) -> str:
+        """A value with its unit; parts of 1 in %."""
+        if self.name.startswith("crossings"):
+            return f"{value:.4g}"
+        return f"{value:.4g} {self.unit}" if self.unit else f"{100.0 * value:.3g} %"
+
 
 @dataclass(frozen=True, eq=False)
 class BaselineQuantities:

@@ -12,9 +12,9 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants, run_ensemble
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
-from linkwise.absorption.result import Absorption, closure_verdict
+from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.arrays import Floats
-from linkwise.display import JudgedView, as_text
+from linkwise.display import JudgedView, align_columns
 from linkwise.errors import LinkwiseError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
@@ -158,7 +158,7 @@ class AbsorptionIntervals(JudgedView):
         }
 
     def __str__(self) -> str:
-        return as_text(self)
+        return intervals_text(self)
 
 
 def absorption_intervals(
@@ -283,3 +283,39 @@ def _finite(value: float) -> float | None:
 def without_intervals(result: Absorption | AbsorptionIntervals) -> Absorption:
     """The comparison itself, of a result with intervals or of one without."""
     return result.absorption if isinstance(result, AbsorptionIntervals) else result
+
+
+def intervals_text(intervals: AbsorptionIntervals) -> str:
+    """The whole result as text."""
+    rows: Rows = [(*row, "") for row in interval_rows(intervals)]
+    table = "\n".join([interval_headline(intervals), *align_columns(rows)])
+    return f"{intervals.absorption}\n\n{table}"
+
+
+def interval_headline(intervals: AbsorptionIntervals) -> str:
+    """What the intervals are, in a sentence."""
+    diverged = f", of which {intervals.diverged} diverged" if intervals.diverged else ""
+    return f"95 % of {intervals.draws} draws of the identified structure (seed {intervals.seed}){diverged} lie within:"
+
+
+def interval_rows(intervals: AbsorptionIntervals) -> Rows:
+    """Each quantity at the identified values, and its interval."""
+    return [
+        ("quantity", "identified", "95 % interval"),
+        *(
+            (interval.quantity.title, _text(interval, interval.value), _interval_range(interval))
+            for interval in intervals.quantities
+        ),
+    ]
+
+
+def _interval_range(interval: QuantityInterval) -> str:
+    if interval.lower is None:
+        return _text(interval, None)
+    return f"{_text(interval, interval.lower)} to {_text(interval, interval.upper)}"
+
+
+def _text(interval: QuantityInterval, value: float | None) -> str:
+    if value is None:
+        return "never" if interval.quantity.name.startswith("settled") else "-"
+    return interval.quantity.text(value)

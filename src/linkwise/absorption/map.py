@@ -15,10 +15,10 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, run_ensemble
 from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
-from linkwise.absorption.result import closure_verdict
+from linkwise.absorption.result import Rows, closure_verdict
 from linkwise.absorption.sinks import find_sinks
 from linkwise.arrays import Bools, Floats
-from linkwise.display import JudgedView, as_text
+from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.errors import LinkwiseError, SimulationError, StructureError, expect
 from linkwise.model.names import Name
 from linkwise.model.structure import Structure
@@ -207,7 +207,7 @@ class AbsorptionMap(JudgedView):
         }
 
     def __str__(self) -> str:
-        return as_text(self)
+        return map_text(self)
 
 
 _RUN_BYTES, _MASS_BYTES = 5000, 1200  # at most, until the last run has ended, for each run and mass
@@ -364,3 +364,43 @@ def _comparison(structure: Structure, point: Mapping[str, float], options: Absor
     sinks = options.sinks or [sink.link for sink in find_sinks(structure if known else at_point)]
     excitation = replace(options.excitation, release={**options.excitation.release, **release})
     return Comparison.of(at_point, replace(options, sinks=sinks, excitation=excitation))
+
+
+def map_text(map_: AbsorptionMap) -> str:
+    """The map in a few lines: the grid, and where each quantity is best."""
+    rows: Rows = [(*row, "") for row in map_rows(map_)]
+    headline = paragraph(" ".join(map_headline(map_)))
+    return "\n\n".join([headline, "\n".join(align_columns(rows)), *map(remark_lines, map_.findings)])
+
+
+def map_headline(map_: AbsorptionMap) -> tuple[str, ...]:
+    """The grid and the comparison, in sentences."""
+    ranges = " and ".join(map(_axis_range, map_.axes))
+    diverged = int(np.sum(~map_.completed))
+    ended = f"{diverged} diverged" if diverged else "all came to their end"
+    return (
+        f"{map_.completed.size} runs of {map_.duration:g} s over {ranges}: {ended}.",
+        f"Reductions compare with the sinks {map_.removal}.",
+    )
+
+
+def _axis_range(axis: SweepAxis) -> str:
+    unit = "" if axis.unit in ("", "?") else f" {axis.unit}"
+    return f"{axis.name} from {axis.values[0]:g} to {axis.values[-1]:g}{unit}"
+
+
+def map_rows(map_: AbsorptionMap) -> Rows:
+    """Least and largest value of each quantity, and the parameters at which it is best."""
+    rows: Rows = [("quantity", "least", "largest", "without value", "best at")]
+    for quantity in map_.quantities:
+        if quantity.name == "closure":
+            continue
+        grid = map_[quantity.name]
+        finite = grid[np.isfinite(grid)]
+        ends = (
+            [quantity.text(float(end)) for end in (finite.min(), finite.max())] if finite.size else ["-", "-"]
+        )
+        best = map_.best(quantity.name)
+        point = "-" if best is None else ", ".join(f"{name} = {value:.4g}" for name, value in best.items())
+        rows.append((quantity.title, *ends, f"{grid.size - finite.size}", point))
+    return rows

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from linkwise.estimates import text as text
 from linkwise.registry import lazy_names
 
 __all__, __getattr__, __dir__ = lazy_names(__name__, f"{__file__}i")

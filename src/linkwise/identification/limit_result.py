@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.display import JudgedView, align_columns, as_text, format_value
+from linkwise.display import JudgedView, align_columns, format_value
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.likelihood.fisher_information import Precision
@@ -281,7 +281,7 @@ class Limit(JudgedView):
         }
 
     def __str__(self) -> str:
-        return as_text(self)
+        return limit_text(self)
 
     def _link(self, index: int) -> LinkLimit:
         link = self.structure.links[index]
@@ -367,7 +367,6 @@ _MOST_ROWS = 40  # of a table that are printed
 _MOST_NAMES = 6  # of channels that are listed in full
 
 
-@as_text.register
 def limit_text(limit: Limit) -> str:
     """The whole result as text."""
     head = (

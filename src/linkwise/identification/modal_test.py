@@ -15,7 +15,6 @@ from linkwise.arrays import Bools, Floats
 from linkwise.display import (
     JudgedView,
     align_columns,
-    as_text,
     format_duration,
     format_error,
     format_value,
@@ -134,7 +133,7 @@ class HostEstimate(JudgedView):
         }
 
     def __str__(self) -> str:
-        return as_text(self)
+        return modal_test_text(self)
 
 
 _FAINT = 10.0
@@ -412,7 +411,6 @@ _POINTS = 6  # whose shapes are printed
 _SHOWN = 3.0  # standard errors from which damping between modes is printed
 
 
-@as_text.register
 def modal_test_text(estimate: HostEstimate) -> str:
     """The whole result as text."""
     host = estimate.host

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from linkwise.display import JudgedView, align_columns, as_text, remark_lines
+from linkwise.display import JudgedView, align_columns, remark_lines
 from linkwise.errors import RecordError
 from linkwise.inspection.levels.result import LevelComparison
 from linkwise.records.record import Record
@@ -168,7 +168,7 @@ class Inspection(JudgedView):
     levels: LevelComparison | None = None
 
     def __str__(self) -> str:
-        return as_text(self)
+        return inspection_text(self)
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(alert.kind for alert in self.alerts)) or "no alerts"
@@ -264,7 +264,6 @@ HEAD = (
 )  # fmt: skip
 
 
-@as_text.register
 def inspection_text(inspection: Inspection) -> str:
     """The comparison of levels, alerts, then a table of the channels of each record."""
     compared = [] if inspection.levels is None else [str(inspection.levels), ""]

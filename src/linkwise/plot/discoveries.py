@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
-from linkwise.discovery.text import runner_up_changes
+from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence, runner_up_changes
 from linkwise.plot.style import (
     IDENTIFIED,
     MEASURED,

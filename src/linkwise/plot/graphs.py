@@ -20,8 +20,7 @@ from scipy.sparse.csgraph import connected_components, shortest_path
 
 from linkwise.analysis.potential_wells import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.arrays import Floats
-from linkwise.discovery.result import CERTAIN, Discovery
-from linkwise.discovery.text import headline
+from linkwise.discovery.result import CERTAIN, Discovery, headline
 from linkwise.model.link import GROUND
 from linkwise.plot import style
 from linkwise.plot.style import (

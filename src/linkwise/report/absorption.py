@@ -11,18 +11,19 @@ import numpy as np
 from markupsafe import Markup
 
 from linkwise import __version__
-from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
-from linkwise.absorption.map import AbsorptionMap
-from linkwise.absorption.result import Absorption
-from linkwise.absorption.text import (
+from linkwise.absorption.intervals import (
+    AbsorptionIntervals,
+    interval_headline,
+    interval_rows,
+    without_intervals,
+)
+from linkwise.absorption.map import AbsorptionMap, map_headline, map_rows
+from linkwise.absorption.result import (
+    Absorption,
     crossing_rows,
     energy_rows,
     harvest_rows,
     headline,
-    interval_headline,
-    interval_rows,
-    map_headline,
-    map_rows,
     mass_rows,
     primary,
 )

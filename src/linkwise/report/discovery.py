@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from linkwise import __version__
-from linkwise.discovery.memory_text import memory_rows, memory_sentence
-from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence
-from linkwise.discovery.scoring import align_truth, term_score
-from linkwise.discovery.text import (
+from linkwise.discovery.result import (
+    CERTAIN,
     PATH_TITLE,
+    Discovery,
+    TermEvidence,
     all_remarks,
     doubt_mark,
     doubtful_rows,
@@ -26,10 +26,13 @@ from linkwise.discovery.text import (
     headline,
     links_by_certainty,
     mass_rows,
+    memory_rows,
+    memory_sentence,
     path_rows,
     runner_up_rows,
     term_rows,
 )
+from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.display import csv_cell
 from linkwise.errors import expect
 from linkwise.estimates.estimate import Estimate

@@ -13,7 +13,6 @@ from linkwise.arrays import Floats
 from linkwise.display import (
     JudgedView,
     align_columns,
-    as_text,
     format_error,
     format_value,
     paragraph,
@@ -360,7 +359,7 @@ class Validation(JudgedView):
         }
 
     def __str__(self) -> str:
-        return as_text(self)
+        return validation_text(self)
 
 
 def _plain(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
@@ -372,7 +371,6 @@ CHANNEL_HEAD = ("channel", "RMSE", "allowed", "one step", "noise", "NMSE, %", "f
 COEFFICIENT_HEAD = ("coefficient", "answer", "this record", "apart", "unit")
 
 
-@as_text.register
 def validation_text(validation: Validation) -> str:
     """The whole result as text."""
     blocks = ["\n".join(paragraph(line) for line in headline(validation))]

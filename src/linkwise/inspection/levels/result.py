@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.display import JudgedView, align_columns, as_text, format_error, format_value, paragraph
+from linkwise.display import JudgedView, align_columns, format_error, format_value, paragraph
 from linkwise.inspection.levels.quantities import (
     DAMPING,
     FREQUENCY,
@@ -157,7 +157,7 @@ class LevelComparison(JudgedView):
         return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.LINEAR_IN_RANGE,)
 
     def __str__(self) -> str:
-        return as_text(self)
+        return levels_text(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The comparison as plain data.
@@ -213,7 +213,6 @@ class LevelComparison(JudgedView):
 _ROWS = 5  # of a ring-down
 
 
-@as_text.register
 def levels_text(comparison: LevelComparison) -> str:
     """The verdict, then a table of modes over level, distortion, and what modes do as they ring down."""
     blocks = [
