@@ -4,7 +4,7 @@ themselves.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from functools import singledispatch
 from html import escape
@@ -115,7 +115,7 @@ def format_duration(seconds: float) -> str:
     return f"{hours} h {rest} min"
 
 
-def align_columns(rows: list[tuple[str, ...]]) -> list[str]:
+def align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """One line per row, cells padded to columns: the first and last flush left, the others flush right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = []

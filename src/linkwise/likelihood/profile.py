@@ -97,7 +97,7 @@ def with_profiles(estimate: Estimate, progress: Progress) -> Estimate:
     shapes = {shape.name for shape in estimate.shapes}
     names = [parameter.name for parameter in estimate.parameters if parameter.name not in shapes]
     intervals: dict[str, tuple[float, float]] = {}
-    lacking = {"they are dozens": [f"the {len(shapes)} shapes of hosts"]} if shapes else {}
+    lacking: dict[str, list[str]] = {"they are dozens": [f"the {len(shapes)} shapes of hosts"]} if shapes else {}
     try:
         for number, name in enumerate(names):
             progress(ProgressReport(number / len(names), f"profile of {name}"))
@@ -106,7 +106,7 @@ def with_profiles(estimate: Estimate, progress: Progress) -> Estimate:
             except IdentificationError as error:
                 lacking.setdefault(str(error), []).append(name)
     except KeyboardInterrupt:
-        lacking["interrupted"] = names[number:]
+        lacking["interrupted"] = [str(name) for name in names[number:]]
     remarks = (f"No profile interval of {', '.join(left)}: {reason}." for reason, left in lacking.items())
     return replace(estimate, profile_intervals=intervals, remarks=(*estimate.remarks, *remarks))
 
