@@ -18,8 +18,8 @@ import pytest
 from paper_fits import identified
 
 import linkwise as lw
-from linkwise.likelihood import judgement
-from linkwise.likelihood.diagnosis import Diagnosis
+from linkwise.likelihood.checks import judgement
+from linkwise.likelihood.tests.diagnosis import Diagnosis
 
 FIRST, SEEDS = 1000, 20
 MANY = 250  # records of the statistics of one structure

@@ -18,7 +18,7 @@ from problems import chain_record, parsed
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.discovery.term_families import FAMILIES
-from linkwise.likelihood.shooting import curved_step, damped_step
+from linkwise.likelihood.shooting import steps as stepping
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -191,14 +191,14 @@ def test_ctrl_c_ends_with_the_best_so_far(
     files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The third step is never taken."""
-    steps, step = iter(range(100)), damped_step.damped_step
+    steps, step = iter(range(100)), stepping.damped_step
 
     def interrupted(*nouns: Any) -> object:
         if next(steps) == 2:
             raise KeyboardInterrupt
         return step(*nouns)
 
-    monkeypatch.setattr(curved_step, "damped_step", interrupted)
+    monkeypatch.setattr(stepping, "damped_step", interrupted)
     assert run(arguments(files, "-o", str(tmp_path / "found"))) == 3
     out = capsys.readouterr().out
     assert "NOT to be trusted" in out and "Not converged: interrupted." in out and "m2-m1" in out

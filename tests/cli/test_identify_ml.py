@@ -19,13 +19,13 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.likelihood.sensor_priors import errors_to_find
-from linkwise.likelihood.shooting import curved_step, damped_step
+from linkwise.likelihood.options import errors_to_find
+from linkwise.likelihood.shooting import steps as stepping
 
 command = import_module("linkwise.cli.identify")  # the package holds the command under that name
 OFFSET = 5e-4
 
-PROFILE = "linkwise.likelihood.profile.profile_interval"
+PROFILE = "linkwise.likelihood.optima.profiles.profile_interval"
 
 
 @pytest.fixture(scope="module")
@@ -269,14 +269,14 @@ def test_ctrl_c_returns_the_best_so_far(
 ) -> None:
     """The third step is never taken; what the first two found is told, without intervals."""
     steps = iter(range(100))
-    step = damped_step.damped_step
+    step = stepping.damped_step
 
     def interrupted(*nouns: Any) -> object:
         if next(steps) == 2:
             raise KeyboardInterrupt
         return step(*nouns)
 
-    monkeypatch.setattr(curved_step, "damped_step", interrupted)
+    monkeypatch.setattr(stepping, "damped_step", interrupted)
     assert run(arguments(files)) == 3
     out = capsys.readouterr().out
     assert "not converged, NOT to be trusted" in out and "interrupted" in out and "alpha" in out

@@ -25,9 +25,8 @@ from structures import (
 from within import assert_within
 
 import linkwise as lw
-from linkwise.likelihood.hypotheses import missing_forces
-from linkwise.likelihood.recording_errors import recording_errors
-from linkwise.likelihood.understated_noise import beyond_statement
+from linkwise.likelihood.checks.recording import beyond_statement, recording_errors
+from linkwise.likelihood.tests.score_test import missing_forces
 from linkwise.verdict import Verdict
 
 SNR, SEED = 30.0, 41

@@ -17,9 +17,8 @@ from structures import host, link, oscillator, row_of_masses, structure
 from within import assert_within
 
 import linkwise as lw
-from linkwise.likelihood.sensor_priors import errors_to_find, uncounted
-from linkwise.likelihood.shooting.flow import Trajectories
-from linkwise.likelihood.shooting.late_sensors import late_motion
+from linkwise.likelihood.options import errors_to_find, uncounted
+from linkwise.likelihood.shooting.flow import Trajectories, late_motion
 
 CHAIN = lw.bnes_chain(2)
 CHAIN_ASKED = CHAIN.unknown("all")

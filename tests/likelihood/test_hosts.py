@@ -24,17 +24,16 @@ from structures import (
 from within import assert_within, of
 
 import linkwise as lw
-from linkwise.likelihood.damping_errors import largest_damping
+from linkwise.likelihood.checks.judgement import assess
 from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.judgement import assess
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.starts.rigid_motions import require_placed
-from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.starts.values import require_placed, starting_values
+from linkwise.likelihood.tests.columns import largest_damping
 
 number = lw.Coefficient.number
 SINK_OF_BEAM = of("nes", CANTILEVER_SINK)

@@ -15,13 +15,13 @@ from within import assert_within
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit, sensor_model
-from linkwise.likelihood.input_noise import _multipliers, for_noise_of_inputs, noise_of_inputs
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import shooting_problem
 from linkwise.likelihood.random_forces import random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.tests.variances import _multipliers, for_noise_of_inputs, noise_of_inputs
 from linkwise.signals.base_frame import framed
 from linkwise.verdict import Verdict
 

@@ -20,11 +20,11 @@ from structures import asked_oscillator, oscillator
 from within import assert_within
 
 import linkwise as lw
-from linkwise.likelihood import local_optima, profile
-from linkwise.likelihood.block_scores import block_scatter, block_scores
+from linkwise.likelihood.checks.skewed_profiles import _accelerations
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.local_optima import rise_of_profile
-from linkwise.likelihood.skewed_profiles import _accelerations
+from linkwise.likelihood.optima import other_optima, profiles
+from linkwise.likelihood.optima.other_optima import rise_of_profile
+from linkwise.likelihood.search import block_scatter, block_scores
 from linkwise.likelihood.starts.values import starting_values
 
 NAMES = ("spring1.k", "spring1.c", "nes1.alpha", "nes1.beta", "nes1.c")
@@ -271,7 +271,7 @@ def test_differs_where_the_likelihood_is_no_parabola(
     assert estimate.value - low < 0.9 * 1.96 * estimate.standard_error  # a small F bends the motion visibly
     assert high - estimate.value > 1.1 * 1.96 * estimate.standard_error  # a large one does not
     assert min(values) <= low and max(values) >= high
-    monkeypatch.setattr(profile, "_FARTHEST", 2.1)
+    monkeypatch.setattr(profiles, "_FARTHEST", 2.1)
     assert lw.likelihood.profile_interval(softening, "link.F")[1] == np.inf
 
 
@@ -358,7 +358,7 @@ def test_the_acceleration_is_the_third_difference_of_the_profile(
     skewed: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To within the fifth derivative over a fifth of a standard error."""
-    monkeypatch.setattr(local_optima, "_PRECISION", 1e-5)
+    monkeypatch.setattr(other_optima, "_PRECISION", 1e-5)
     error, distance = float(np.sqrt(skewed.covariance[ALPHA, ALPHA])), 0.2
     rises = []
     for side in (1.0, -1.0):

@@ -15,8 +15,8 @@ from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.likelihood.held_errors import decisive
-from linkwise.likelihood.whiteness import is_coloured, whiteness_text
+from linkwise.likelihood.checks.held_errors import decisive
+from linkwise.likelihood.noise import is_coloured, whiteness_text
 from linkwise.signals.noise import has_outliers, outliers_exceed_noise
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0

@@ -10,17 +10,16 @@ from present import present
 from problems import chain_record, truth
 
 import linkwise as lw
-from linkwise.likelihood import long_records as module
-from linkwise.likelihood import score_test
+from linkwise.likelihood import marginal as module
 from linkwise.likelihood import search as search_module
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.long_records import is_long
+from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.score_test import CandidateForce, augmented_quadratic, candidate_forces
 from linkwise.likelihood.shooting import pieces as pieces_module
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
+from linkwise.likelihood.tests import score_test
+from linkwise.likelihood.tests.score_test import CandidateForce, augmented_quadratic, candidate_forces
 from linkwise.model.law import Law
 from linkwise.progress import ProgressReport
 

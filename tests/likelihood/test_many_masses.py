@@ -16,22 +16,17 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit, sensor_model
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.problem import ShootingProblem, shooting_problem
-from linkwise.likelihood.room import fit_bytes, require_room
-from linkwise.likelihood.score_test import CandidateForce, candidates_along
-from linkwise.likelihood.shooting.anneal import AnnealingSchedule
+from linkwise.likelihood.problem import ShootingProblem, fit_bytes, require_room, shooting_problem
 from linkwise.likelihood.shooting.linear_model import column_origins
-from linkwise.likelihood.shooting.local_equations import LocalLinearization
-from linkwise.likelihood.shooting.local_products import local_linearization
-from linkwise.likelihood.shooting.local_rows import LocalRows
-from linkwise.likelihood.shooting.longer_segments import LongerSegments
+from linkwise.likelihood.shooting.local_equations import LocalLinearization, local_linearization
 from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.neighbourhoods import TOLERANCE, clusters, neighbourhoods, reach
+from linkwise.likelihood.shooting.minimise import AnnealingSchedule
+from linkwise.likelihood.shooting.neighbourhoods import TOLERANCE, LocalRows, clusters, neighbourhoods, reach
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
-from linkwise.likelihood.shooting.sensor_errors import SensorErrors
-from linkwise.likelihood.shooting.tangent_forces import CandidateForces
+from linkwise.likelihood.shooting.residuals import LongerSegments, Misfit, SensorErrors, evaluate
+from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.tests.score_test import CandidateForce, candidates_along
 from linkwise.model.law import Law
 from linkwise.signals.base_frame import framed
 

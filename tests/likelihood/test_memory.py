@@ -27,8 +27,7 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.flow import Inputs, flow
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
-from linkwise.likelihood.starts.host_memory import host_memory_starts
-from linkwise.likelihood.starts.memory import memory_starts
+from linkwise.likelihood.starts.memory import host_memory_starts, memory_starts
 
 BOUC_WEN = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.02, "s": 0.7}
 HARVESTER = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}

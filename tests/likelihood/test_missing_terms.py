@@ -17,8 +17,8 @@ from scipy.integrate import solve_ivp
 from structures import link, named, oscillator, with_links
 
 import linkwise as lw
-from linkwise.likelihood.block_scores import BlockScores
-from linkwise.likelihood.memory_forces import MEMORY_FORCES, MemoryForce, Relaxation, Slip
+from linkwise.likelihood.search import BlockScores
+from linkwise.likelihood.tests.score_test import MEMORY_FORCES, MemoryForce, Relaxation, Slip
 
 RATE, DURATION = 200.0, 20.0
 LAW = "k*d + c*v + k3*d**3"

@@ -15,13 +15,13 @@ from random_force import random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw
-from linkwise.likelihood import explained_fit
-from linkwise.likelihood.coloured_noise import ColouredNoise, _resonates
+from linkwise.likelihood import search
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.noise import ColouredNoise, _resonates
+from linkwise.likelihood.optima.profiles import profile_ends
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.profile import profile_ends
-from linkwise.likelihood.shooting.anneal import AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.eliminated_states import EliminatedRows
+from linkwise.likelihood.shooting.linear_model import EliminatedRows
+from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.progress import ProgressReport, silent
 
@@ -362,6 +362,6 @@ def test_large_coloured_residuals_of_inexact_laws_take_trust(
     dragged: tuple[lw.Record, lw.Structure], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     record, structure = dragged
-    monkeypatch.setattr(explained_fit, "_SMALL", 1e-4)
+    monkeypatch.setattr(search, "_SMALL", 1e-4)
     fit = lw.identify(filtered(record), structure)
     assert fit.verdicts == (lw.Verdict.NOISE_MISMATCH,)

@@ -21,8 +21,8 @@ from structures import (
 from within import assert_within, of
 
 import linkwise as lw
-from linkwise.likelihood.faint_links import elongation_energy
 from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.optima.other_optima import elongation_energy
 from linkwise.likelihood.starts.values import starting_values
 
 

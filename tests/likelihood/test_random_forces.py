@@ -16,7 +16,7 @@ from within import assert_within
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.random_forces import force_estimates, random_forces
-from linkwise.likelihood.variance_score import SquareSum, VarianceScore
+from linkwise.likelihood.tests.variances import SquareSum, VarianceScore
 from linkwise.verdict import Verdict
 
 ERRORS = 5.0  # standard errors that an estimate may be off: 6e-7 of chance for each

@@ -16,8 +16,7 @@ from within import assert_within, errors
 
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.problem import shooting_problem
-from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.problem import SensorModel, shooting_problem
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Student
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import evaluate
@@ -354,7 +353,7 @@ def test_steps_that_run_out_give_no_interval(
 ) -> None:
     module = __import__("linkwise.likelihood.search", fromlist=["Schedule"])
     monkeypatch.setattr(module, "_NEAR", replace(module._NEAR, max_steps=2))
-    explained = __import__("linkwise.likelihood.explained_fit", fromlist=["with_model_error"])
+    explained = __import__("linkwise.likelihood.search", fromlist=["with_model_error"])
     monkeypatch.setattr(explained, "with_model_error", lambda *_: None)  # which would look for a looser fit
     fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=18), chain.unknown("all"))
     assert fit.status == "not converged" and "ran out" in fit.message

@@ -18,12 +18,12 @@ from within import errors
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.block_scores import BLOCKS, BlockScores
-from linkwise.likelihood.changed_coefficients import _Changes, likeliest_change
+from linkwise.likelihood.checks.changed_coefficients import _Changes, likeliest_change
+from linkwise.likelihood.checks.record import judge
+from linkwise.likelihood.checks.richer_laws import with_cause
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.record_judgement import judge
-from linkwise.likelihood.structures_with_causes import with_cause
+from linkwise.likelihood.search import BLOCKS, BlockScores
 
 MASSES = {"m1": 1.0, "m2": 0.01}
 SINK = link("nes1", "m2-m1", NES, alpha=-100.0, beta=1e6, c=0.02)
@@ -173,7 +173,7 @@ def test_a_term_starts_at_its_size_along_the_elongation_from_the_base(
         starts.append(float(theta[names.index("lower.added")]))
         return likelihood_fit(records, richer, theta, **rest)
 
-    monkeypatch.setattr("linkwise.likelihood.richer_laws.likelihood_fit", fitted)
+    monkeypatch.setattr("linkwise.likelihood.checks.richer_laws.likelihood_fit", fitted)
     upper = link("upper", "m2-m1", HARDENING, k=1500.0, k3=4e6, c=0.5)
     lower = link("lower", "m1-base", "k*d + c*v", k=2000.0, c=1.0)
     harder = link("lower", "m1-base", "k*d + c*v + g*d**3", k=2000.0, c=1.0, g=1e5)
@@ -202,7 +202,7 @@ def test_an_interrupt_of_the_fit_with_a_term_takes_trust_away(monkeypatch: pytes
         if len(fractions) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("linkwise.likelihood.richer_laws.with_cause", with_one)
+    monkeypatch.setattr("linkwise.likelihood.checks.richer_laws.with_cause", with_one)
     fit = lw.identify(record(2e7, 1.0, 61), ASKED, progress=stop)
     assert fit.verdicts == (lw.Verdict.NOT_CONVERGED,) and not fit.trusted
     assert fit.message.startswith("Interrupted: the fit with d**3 in spring1, which tells")

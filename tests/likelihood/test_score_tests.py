@@ -16,20 +16,25 @@ from structures import HARDENING, link, oscillator, structure, with_links
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood import diagnosis
-from linkwise.likelihood import score_test as module
 from linkwise.likelihood.fit import LikelihoodFit, Optimum, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
-from linkwise.likelihood.sensors import SensorModel
+from linkwise.likelihood.problem import SensorModel
 from linkwise.likelihood.shooting import halved_samples
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
-from linkwise.likelihood.shooting.sensor_errors import SensorErrors
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.single_tests import SingleTests, finite_columns, single_tests
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.tested_causes import TestedCauses
+from linkwise.likelihood.tests import diagnosis
+from linkwise.likelihood.tests import score_test as module
+from linkwise.likelihood.tests.diagnosis import TestedCauses
+from linkwise.likelihood.tests.score_test import (
+    CandidateForce,
+    LocalQuadratic,
+    SingleTests,
+    finite_columns,
+    local_quadratic,
+    single_tests,
+)
 from linkwise.model.law import Law
 
 #: Of sqrt(H_ii H_jj): tangents are in single precision, and forces that are not there pass through the middles of the steps

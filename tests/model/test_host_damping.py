@@ -12,7 +12,7 @@ from structures import structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.hypotheses import missing_terms
+from linkwise.likelihood.tests.score_test import missing_terms
 
 FREQUENCIES, RATIOS = (5.0, 6.0, 9.0), (0.01, 0.02, 0.015)
 SHAPES = np.array([[1.0, 0.4], [-0.8, 0.6], [0.5, -0.7]])  # of each mode at tip and joint

@@ -15,8 +15,8 @@ from linkwise.discovery.selection import Selection, TermSearch, round_progress, 
 from linkwise.discovery.stepwise import local_search
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.likelihood.whiteness import is_coloured
+from linkwise.likelihood.noise import is_coloured
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.model.structure import Structure
 
 _ROUNDS = 6

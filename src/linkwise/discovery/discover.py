@@ -28,14 +28,12 @@ from linkwise.discovery.suspected_memory import suspected_memory
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.force_scale import require_force_scale
-from linkwise.likelihood.memory_forces import MEMORY_TERMS
-from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.options import LikelihoodOptions, answer_with_sensors, errors_to_find, unknown_gains
+from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
-from linkwise.likelihood.sensor_priors import errors_to_find, unknown_gains
-from linkwise.likelihood.sensor_unknowns import answer_with_sensors
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, rising, silent

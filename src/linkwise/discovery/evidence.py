@@ -17,7 +17,7 @@ from linkwise.discovery.result import CERTAIN, TermEvidence
 from linkwise.discovery.selection import Selection, link_motions
 from linkwise.discovery.stepwise import Move, MoveKind
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.model.link import BASE, GROUND
 
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again

@@ -32,9 +32,9 @@ from linkwise.discovery.inexact_laws import (
 from linkwise.discovery.prediction import block_parabolas
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.block_scores import block_scatter
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.search import block_scatter
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 
 _HELD = 0.01  # times the relaxation of a model error: motion is then that of the laws, to a part of what they leave
 _CLOSE = 0.05  # of the root mean square of each channel: what a run may leave that has not lost the motion

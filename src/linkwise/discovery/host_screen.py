@@ -16,11 +16,9 @@ from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.starts.hosts import require_supported
-from linkwise.likelihood.starts.kalman import log_likelihood
-from linkwise.likelihood.starts.linear_model import LinearModel
-from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
-from linkwise.likelihood.starts.mode_tuning import tuned_modes
+from linkwise.likelihood.starts.kalman import log_likelihood, tuned_modes
+from linkwise.likelihood.starts.linear_part import LinearModel, LinearPart, inputs_of, samples_of
+from linkwise.likelihood.starts.values import require_supported
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise

@@ -29,8 +29,8 @@ from linkwise.discovery.stepwise import best_subset
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.overdispersion import overdispersion
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.tests.diagnosis import overdispersion
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport
 

@@ -25,11 +25,10 @@ from linkwise.discovery.spanning_tree import skeleton
 from linkwise.discovery.suspected_memory import SuspectedMemory
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
-from linkwise.likelihood.starts.host_memory import host_memory_starts
-from linkwise.likelihood.starts.memory import Valley, memory_starts, rough_memory_start
+from linkwise.likelihood.optima.restarts import fit_from_valleys
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.starts.memory import Valley, host_memory_starts, memory_starts, rough_memory_start
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.valleys import fit_from_valleys
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link

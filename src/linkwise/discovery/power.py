@@ -6,9 +6,9 @@ import numpy as np
 
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.selection import Selection
-from linkwise.likelihood.diagnosis import link_forces
-from linkwise.likelihood.score_test import CandidateForce, candidate_forces
 from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.tests.diagnosis import link_forces
+from linkwise.likelihood.tests.score_test import CandidateForce, candidate_forces
 from linkwise.runtime import one_blas_thread
 
 

@@ -17,11 +17,11 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.selection import Selection
-from linkwise.likelihood.block_scores import FEWEST, block_scores
-from linkwise.likelihood.diagnosis import link_forces
-from linkwise.likelihood.score_test import CandidateForce, candidate_forces
+from linkwise.likelihood.search import FEWEST, block_scores
 from linkwise.likelihood.shooting.normal_equations import add_prior
 from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.tests.diagnosis import link_forces
+from linkwise.likelihood.tests.score_test import CandidateForce, candidate_forces
 from linkwise.runtime import one_blas_thread
 
 _BLOCKS = 10  # long enough for what residuals remember

@@ -17,8 +17,8 @@ from linkwise.discovery.selection import Selection, TermSearch, round_progress, 
 from linkwise.discovery.stepwise import best_subset
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.marginal_terms import determinant_slopes
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.tests.score_test import determinant_slopes
 from linkwise.model.structure import Structure
 
 _ROUNDS = 10

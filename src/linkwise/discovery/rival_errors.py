@@ -18,8 +18,8 @@ from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
 from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.stepwise import local_search
-from linkwise.likelihood.force_errors import errors_of_stated_values
-from linkwise.likelihood.hypotheses import Hypothesis
+from linkwise.likelihood.tests.columns import errors_of_stated_values
+from linkwise.likelihood.tests.score_test import Hypothesis
 from linkwise.model.structure import Structure
 
 _LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that

@@ -23,7 +23,7 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection, link_motions
 from linkwise.discovery.terms import Term
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.score_test import CandidateForce, local_quadratic
+from linkwise.likelihood.tests.score_test import CandidateForce, local_quadratic
 
 _STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
 _DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")

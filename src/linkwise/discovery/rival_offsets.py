@@ -20,14 +20,13 @@ from linkwise.discovery.result import CERTAIN
 from linkwise.discovery.rival_errors import RivalError, without_term
 from linkwise.discovery.selection import Selection
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.score_test import (
+from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
+from linkwise.likelihood.tests.score_test import (
     LocalQuadratic,
     augmented_quadratic,
     candidate_forces,
     in_their_units,
 )
-from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.shooting.sensor_errors import SensorErrors
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread

@@ -15,11 +15,11 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.stepwise import Move, best_subset, local_search, ranked_moves
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.optima.restarts import fit_with_restarts
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.restarts import fit_with_restarts
-from linkwise.likelihood.score_test import CandidateForce, LocalQuadratic, local_quadratic
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.tests.score_test import CandidateForce, LocalQuadratic, local_quadratic
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part
 from linkwise.records.record import Record

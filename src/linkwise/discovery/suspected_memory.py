@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.discovery.selection import Selection, link_motions
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.memory_forces import MEMORY_TERMS
+from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 
 _YIELDS = 0.3  # of the deviation of the elongation, where a slider yields
 _OF_SLIDER, _OF_RELAXING = (

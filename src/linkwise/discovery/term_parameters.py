@@ -18,8 +18,8 @@ from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.selection import Selection, TermSearch, best_of, select_structure
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError, LinkwiseError
-from linkwise.likelihood.score_test import CandidateForce, local_quadratic
-from linkwise.likelihood.shooting.anneal import AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.tests.score_test import CandidateForce, local_quadratic
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.units import base_exponents

@@ -6,7 +6,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError, expect
-from linkwise.likelihood.prescribed.state_path import LinkPath
+from linkwise.likelihood.rigs.problem import LinkPath
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Link
 from linkwise.records.record import Record

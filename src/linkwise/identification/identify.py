@@ -13,7 +13,7 @@ from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.identification.methods import METHODS
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
-from linkwise.likelihood.sensor_priors import uncounted
+from linkwise.likelihood.options import uncounted
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import Channel

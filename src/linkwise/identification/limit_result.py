@@ -15,7 +15,7 @@ from linkwise.display import JudgedView, align_columns, format_value
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.likelihood.fisher_information import Precision
-from linkwise.likelihood.prescribed.state_path import LinkPath
+from linkwise.likelihood.rigs.problem import LinkPath
 from linkwise.model.link import Link
 from linkwise.model.names import Name
 from linkwise.model.parameters import Parameter

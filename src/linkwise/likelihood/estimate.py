@@ -1,8 +1,11 @@
-"""Maximum likelihood as a method of identification: starting values, fit and verdict."""
+"""Maximum likelihood as a method of identification: starting values, fit and verdict.
+
+Sentences on what a fit found beside the coefficients: random forces, errors of sensors, other optima.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import NoneType
@@ -12,45 +15,241 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, expect
-from linkwise.estimates.causes import NoiseEstimate, unseen_remark
+from linkwise.estimates.causes import ErrorKind, NoiseEstimate, SensorErrorEstimate, unseen_remark
 from linkwise.estimates.estimate import Estimate, Estimator
-from linkwise.likelihood.faint_modes import with_faint_modes
-from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.fit_remarks import estimated_disturbances, fit_remarks, inseparable, sensor_errors
-from linkwise.likelihood.fitted_motion import motion_of_links
-from linkwise.likelihood.force_scale import require_force_scale
-from linkwise.likelihood.hidden_wells import fit_about_rest
-from linkwise.likelihood.host_memory_fit import fit_of_memory_beside_hosts
-from linkwise.likelihood.local_optima import lower_of_two
-from linkwise.likelihood.low_signal import tightest_smooth_fit
-from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, INPUT_NOISE, LikelihoodOptions
-from linkwise.likelihood.prescribed.estimate import rig_estimate
-from linkwise.likelihood.profile import profile_ends, with_profiles
+from linkwise.inspection.missing_samples import EstimatedError
+from linkwise.likelihood.checks.held_errors import unseen_terms
+from linkwise.likelihood.checks.record import judge
+from linkwise.likelihood.checks.unstated_forces import with_limits
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit, motion_of_links, require_told
+from linkwise.likelihood.optima.hidden_wells import fit_about_rest
+from linkwise.likelihood.optima.other_optima import (
+    is_loosened,
+    lower_of_two,
+    tightest_smooth_fit,
+    with_faint_modes,
+)
+from linkwise.likelihood.optima.profiles import profile_ends, with_profiles
+from linkwise.likelihood.optima.restarts import (
+    FitFrom,
+    fit_from_valleys,
+    fit_of_memory_beside_hosts,
+    fit_or_another,
+    fit_with_restarts,
+)
+from linkwise.likelihood.options import (
+    ADMIT,
+    AMBIENT,
+    CALIBRATION,
+    INPUT_NOISE,
+    LikelihoodOptions,
+    answer_with_sensors,
+    errors_to_find,
+    require_known_kinds,
+    unknown_gains,
+)
+from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
-from linkwise.likelihood.record_judgement import judge
-from linkwise.likelihood.restarts import fit_with_restarts
-from linkwise.likelihood.sensor_priors import errors_to_find, unknown_gains
-from linkwise.likelihood.sensor_unknowns import answer_with_sensors, require_known_kinds
+from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
-from linkwise.likelihood.shooting.shape_parameters import held_where_unseen
-from linkwise.likelihood.shooting.waveforms import frequencies_by_channel, lengths_by_channel
-from linkwise.likelihood.starts.hosts import require_supported
-from linkwise.likelihood.starts.inverse_dynamics import needs_integration
-from linkwise.likelihood.starts.memory import Valley, memory_starts
-from linkwise.likelihood.starts.memory_by_links import memory_starts_by_links
+from linkwise.likelihood.shooting.segments import frequencies_by_channel, lengths_by_channel
+from linkwise.likelihood.shooting.system import held_where_unseen
+from linkwise.likelihood.starts.drift import needs_integration
+from linkwise.likelihood.starts.memory import Valley, memory_starts, memory_starts_by_links
 from linkwise.likelihood.starts.states import shows_every_mass
-from linkwise.likelihood.starts.values import equivalent_values, starting_values
-from linkwise.likelihood.unseen_terms import unseen_terms
-from linkwise.likelihood.unstated_forces import with_limits
-from linkwise.likelihood.untold_gains import require_told
-from linkwise.likelihood.valleys import FitFrom, fit_from_valleys, fit_or_another
+from linkwise.likelihood.starts.values import equivalent_values, require_supported, starting_values
+from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.channel_units import channel_unit
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
+
+_LOOSENED = (
+    "If the motion had to follow the laws exactly, the likelihood would have many optima because of the noise, and a "
+    "search finds one of them. The motion was therefore allowed to depart from the laws by a small part "
+    "of the noise, which widens the intervals."
+)
+
+_INSEPARABLE = 100.0  # variance of an unknown over that beside known others: a correlation of 0.995 of two
+_NEARLY = 2.0  # times the noise, in power: laws that leave no more nearly explain the records
+
+
+def fit_remarks(
+    fit: LikelihoodFit,
+    records: Sequence[Record],
+    sensor_errors: Sequence[SensorErrorEstimate],
+    faint: Sequence[Name] = (),
+) -> tuple[str, ...]:
+    """What was found beside the coefficients.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    records : sequence of Record
+        The records.
+    sensor_errors : sequence of SensorErrorEstimate
+        Errors of sensors that were found.
+    faint : sequence of str, optional
+        Frequencies and damping of modes that the record hardly shows.
+
+    Returns
+    -------
+    tuple of str
+        Sentences on random forces, on sensors, with standard errors, and on other values that are as likely.
+    """
+    names = fit.segments.system.parameters.names
+    tied = [
+        "Another set of values explains the records as well: "
+        f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
+        for values in fit.others
+    ]
+    loosened = [_LOOSENED] if is_loosened(fit) else []
+    return (
+        *(force.description for force in fit.random_forces),
+        *(error.description for error in sensor_errors),
+        *_disturbances(fit, records[0]),
+        *_unused_bounds(fit, records),
+        *loosened,
+        *tied,
+        *_of_faint_modes(faint),
+    )
+
+
+def inseparable(fit: LikelihoodFit) -> tuple[str, ...]:
+    """Unknowns that the records hardly tell apart, where no intervals show it.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit that is not trusted.
+
+    Returns
+    -------
+    tuple of str
+        A sentence; none where there are no such unknowns, or where the laws leave much more than the noise.
+    """
+    if fit.chi_square > _NEARLY:
+        return ()
+    free = np.flatnonzero(fit.free)
+    inflation = _inflation(fit.covariance[np.ix_(free, free)])
+    names = [fit.segments.system.parameters.names[column] for column in free[inflation > _INSEPARABLE]]
+    if len(names) < 2:
+        return ()
+    return (
+        f"The record hardly tells {', '.join(names[:-1])} and {names[-1]} apart: each would be determined more than "
+        f"{np.sqrt(_INSEPARABLE):.0f} times better beside known values of the others. Hold one of them at a known value, or "
+        "record a wider range of motion.",
+    )
+
+
+def _inflation(covariance: Floats) -> Floats:
+    """(q,) the variance of each unknown over what it has where the others are known; infinite where it has none."""
+    variances = covariance.diagonal()
+    inflation = np.full(len(variances), np.inf)
+    usable = np.flatnonzero(np.isfinite(covariance).all(axis=1) & (variances > 0.0))
+    deviations = np.sqrt(variances[usable])
+    correlation = covariance[np.ix_(usable, usable)] / np.outer(deviations, deviations)
+    inflation[usable] = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True).diagonal()
+    return inflation
+
+
+def sensor_errors(
+    fit: LikelihoodFit, delays: Mapping[str, float], units: Mapping[str, str]
+) -> tuple[SensorErrorEstimate, ...]:
+    """The errors of sensors of a fit.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    delays : mapping of str to float
+        All of the delays in s by channel, of which the fit has what is left beside shifts by whole samples.
+    units : mapping of str to str
+        The SI units of channels.
+
+    Returns
+    -------
+    tuple of SensorErrorEstimate
+        Offsets, gains and delays, in this order; none that a search left without a finite standard error.
+    """
+    sizes: tuple[tuple[ErrorKind, Mapping[str, float]], ...] = (
+        ("offset", fit.offsets),
+        ("gain", fit.gains),
+        ("delay", delays),
+    )
+    named = [(kind, name, value) for kind, values in sizes for name, value in values.items()]
+    of_kind = {"gain": "1", "delay": "s"}
+    return tuple(
+        SensorErrorEstimate(
+            name, kind, float(value), float(deviation), of_kind.get(kind, units.get(name, ""))
+        )
+        for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
+        if np.isfinite(value) and np.isfinite(deviation)
+    )
+
+
+def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
+    """Drifts and hums of sensors that were found with the coefficients.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    tuple of EstimatedError
+        One for each channel and frequency.
+    """
+    places = dict.fromkeys((disturbance.channel, disturbance.frequency) for disturbance in fit.disturbances)
+    return tuple(
+        EstimatedError("drift" if frequency is None else "hum", channel, frequency)
+        for channel, frequency in places
+    )
+
+
+def _disturbances(fit: LikelihoodFit, record: Record) -> Iterator[str]:
+    """What was found of drifts and hums of channels of a record."""
+    first = 0
+    for disturbance in fit.disturbances:
+        sizes, deviations = fit.waveforms[:, first : first + disturbance.count]
+        yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
+        first += disturbance.count
+
+
+def _unused_bounds(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[str]:
+    """Channels whose clipped samples are not taken as bounds, though they were marked."""
+    unused = dict.fromkeys(
+        name
+        for record in records
+        for name, clipped in record.clipped.items()
+        if name in record.responses
+        and (fit.segments.clipped is None or clipped.of(record.channel(name)) is None)
+    )
+    if unused:
+        yield (
+            f"The clipped samples of {', '.join(unused)} are taken as missing, not as bounds: a robust loss, random forces, a "
+            "late sensor on a moving base, or a change of the channel after they were marked leaves no other way. Where noise "
+            "decided what was clipped, the values are off by a part of their standard errors."
+        )
+
+
+def _of_faint_modes(faint: Sequence[Name]) -> Iterator[str]:
+    """What is said of modes that the record hardly shows."""
+    by_mode: dict[str, list[Name]] = {}
+    for name in faint:
+        by_mode.setdefault(name.owner, []).append(name)
+    for names in by_mode.values():
+        verb, intervals = (
+            ("is", "its interval is that") if len(names) == 1 else ("are", "their intervals are those")
+        )
+        subject = f"{' and '.join(names)} {verb} hardly determined by the record"
+        yield f"{subject}, whose noise hides the mode: {intervals} of the prior."
+
 
 LOSSES = {"huber": Huber(), "student": Student()}
 """Robust losses by name."""

@@ -15,8 +15,7 @@ import scipy
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.flow import flow
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
-from linkwise.likelihood.shooting.shown_tangents import shown_tangents
-from linkwise.likelihood.shooting.tangents import tangents
+from linkwise.likelihood.shooting.tangents import shown_tangents, tangents
 
 _NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
 _SINGULAR = 1e-9  # eigenvalue, relative to the information with known states, that single precision cannot tell from 0

@@ -1,4 +1,9 @@
-"""Maximum-likelihood fit of a structure to records: segments, start, annealing, model error."""
+"""Maximum-likelihood fit of a structure to records: segments, start, annealing, model error.
+
+Gains of channels that the records do not tell, as of all that they show together: one factor leaves the laws alone.
+
+The motion of the links along a fitted orbit.
+"""
 
 from __future__ import annotations
 
@@ -8,34 +13,108 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import RandomForceEstimate
-from linkwise.likelihood.coloured_noise import ColouredNoise
-from linkwise.likelihood.explained_fit import AllowedErrors, ExplainedFit, explained_fit
+from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.marginal import marginal_fit
-from linkwise.likelihood.noise_level import with_noise_of_residuals
+from linkwise.likelihood.noise import ColouredNoise, with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.problem import ShootingProblem, shooting_problem
+from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
-from linkwise.likelihood.search import searched
-from linkwise.likelihood.sensors import SAMPLES, SensorModel
-from linkwise.likelihood.shooting.anneal import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
-from linkwise.likelihood.shooting.clipped_readings import with_bounds_for
-from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.search import AllowedErrors, ExplainedFit, explained_fit, searched
+from linkwise.likelihood.shooting.loss import Loss, with_bounds_for
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
 from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segments import Disturbance, Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.shooting.waveforms import Disturbance
-from linkwise.likelihood.untold_gains import untold_gains
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
-from linkwise.signals.base_frame import FramedRecord, framed
+from linkwise.signals.base_frame import FramedRecord, framed, framed_records
 from linkwise.signals.gaps import is_sparse
+from linkwise.weak.displacements import read_displacements
+from linkwise.weak.equations import weak_equations
+from linkwise.weak.residual import weak_residual
+
+_LARGEST = 0.5  # relative standard error from which a gain is not told
+_COLLINEAR = 1e5
+"""Variance of a gain over that with all other unknowns known; the sensitivities, in single precision, resolve some 1e7."""
+
+
+class SearchedGains(Protocol):
+    """A fit: how its search ended, and the channels of the gains that it does not tell, of which nothing is known."""
+
+    @property
+    def status(self) -> AnnealingStatus: ...
+
+    @property
+    def chi_square_off(self) -> bool: ...
+
+    @property
+    def has_errors(self) -> bool: ...
+
+    @property
+    def untold(self) -> tuple[str, ...]: ...
+
+
+def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first: int) -> tuple[str, ...]:
+    """The gains that the others among the unknowns stand for.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The channels of the gains.
+    values : array of shape (g,)
+        The gains.
+    covariance : array of shape (P, P)
+        Covariance of all unknowns; zero in rows of those at a bound.
+    first : int
+        Row of the first gain.
+
+    Returns
+    -------
+    tuple of str
+        Their channels.
+    """
+    variance = covariance.diagonal()
+    gains = first + np.arange(len(names))
+    positive = np.isfinite(variance) & (variance > 0.0)
+    alone = np.zeros(len(variance))
+    free = np.flatnonzero(positive)
+    deviation = np.sqrt(variance[free])
+    correlation = covariance[np.ix_(free, free)] / np.outer(deviation, deviation)
+    try:
+        alone[free] = np.linalg.inv(correlation).diagonal()
+    except np.linalg.LinAlgError:
+        alone[free] = np.inf
+    determined = positive & (alone > 0.0) & (alone < _COLLINEAR)
+    return tuple(
+        name
+        for name, value, row in zip(names, values, gains.tolist(), strict=True)
+        if not (determined[row] and np.sqrt(variance[row]) < _LARGEST * abs(value))
+    )
+
+
+def require_told(fit: SearchedGains) -> None:
+    """Raise IdentificationError where the records do not tell gains of which nothing is known beforehand.
+
+    A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.
+    """
+    converged = fit.status is AnnealingStatus.CONVERGED
+    explained = fit.has_errors and not fit.chi_square_off and fit.status is not AnnealingStatus.INTERRUPTED
+    if fit.untold and (converged or explained):
+        raise IdentificationError(
+            f"the records do not tell the gain of {', '.join(fit.untold)}: another scale of forces, masses or motion explains "
+            f"them as well. Leave {'it' if len(fit.untold) == 1 else 'one of them'} out, or state how well it is "
+            "known, by a calibration",
+            arguments=("calibration",),
+        )
+
 
 _MOST_WORKERS = 8
 
@@ -396,3 +475,73 @@ def _force_error(fit: AnnealingFit, system: System, segments: Segments) -> Float
     duration = np.mean(segments.step) * segments.steps
     jumps = np.sqrt(np.mean(fit.misfit.defects[n : 2 * n] ** 2, axis=1)) * fit.scales.state[n : 2 * n]
     return np.asarray(system.at(fit.point.theta).masses * jumps / duration)
+
+
+def motion_of_links(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
+    """The links along the fitted orbit, at the samples of all records; residuals are those of the weak form."""
+    records = framed_records(records, identified, integrated=True)
+    segments, samples = fit.segments, len(fit.segments.samples)
+    states = fit.misfit.trajectories.states[segments.at_samples]
+    x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
+    v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
+    whole = [-(-len(record) // samples) * samples for record in records]
+    firsts = np.cumsum([0, *whole[:-1]])
+    memory = fit.misfit.trajectories.memory[segments.at_samples]
+    inside = memory.transpose(2, 0, 1).reshape(len(x), -1)
+    left = fit.misfit.residuals.transpose(2, 0, 1).reshape(len(x), -1)
+    observed = fit.segments.observed.transpose(2, 0, 1).reshape(len(x), -1)
+    left = np.where(observed, left, np.nan)
+    d, rates, forces, remains = [], [], [], []
+    for record, first in zip(records, firsts, strict=True):
+        own = slice(first, first + len(record))
+        remains.append(left[own])
+        base = record.channel("x:base") if "x:base" in record.channels else None
+        d.append(identified.elongations(x[own], base))
+        rate = None if base is None else np.gradient(base, record.step)
+        rates.append(identified.elongations(v[own], rate))
+        if segments.system.states:
+            forces.append(
+                _forces_with_memory(identified, d[-1], rates[-1], inside[own], segments.system.states)
+            )
+    return LinkMotion(
+        structure=identified,
+        time=np.concatenate([record.time for record in records]),
+        d=np.concatenate(d),
+        v=np.concatenate(rates),
+        d_range=extremes(np.concatenate(d)),
+        compute_residual=partial(_residual, identified, records),
+        identified_force=np.concatenate(forces) if forces else None,
+        residuals=dict(zip(fit.noise, np.concatenate(remains).T, strict=True)),
+    )
+
+
+def _forces_with_memory(
+    identified: Structure, d: Floats, v: Floats, inside: Floats, states: Sequence[tuple[int, str]]
+) -> Floats:
+    """(N, L) forces in N of links with memory, whose `states` (N, S) are of these links and names; NaN for others."""
+    forces = np.full(d.shape, np.nan)
+    for index, link in enumerate(identified.links):
+        own = {name: inside[:, column] for column, (number, name) in enumerate(states) if number == index}
+        if own:
+            forces[:, index] = link.force(d[:, index], v[:, index], own)
+    return forces
+
+
+def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None:
+    """(N, n) of the weak equations at the samples, where the records have the displacements that they need.
+
+    None for links with memory and for hosts, which the weak form does not take.
+    """
+    if identified.hosts or any(link.law.states for link in identified.links):
+        return None
+    columns = []
+    for record in records:
+        try:
+            equations = weak_equations(record, identified, read_displacements(record, identified))
+        except IdentificationError:
+            return None
+        windows = weak_residual(equations, np.zeros(0))
+        columns.append(
+            np.stack([np.interp(record.time, equations.time, column) for column in windows.T], axis=1)
+        )
+    return np.concatenate(columns)

@@ -1,32 +1,397 @@
-"""The multiple-shooting problem of some records: segments with sufficiently small steps, start and scales."""
+"""The multiple-shooting problem of some records: segments with sufficiently small steps, start and scales.
+
+The memory that a fit takes, asked for before the work.
+
+Sensors of several records: their noise, their calibration, and which of them have an unknown offset or gain.
+
+Whether anything sets the scales of forces and motion: the motion alone tells only ratios of masses and coefficients.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import (
+    RandomForce,
     first_deviations,
     shown_directly,
     system_with,
     with_random_forces,
 )
-from linkwise.likelihood.room import require_room
-from linkwise.likelihood.sensors import SensorModel
-from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.loss import Gaussian, Prior, RandomStates
 from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.random_states import RandomStates
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
-from linkwise.likelihood.shooting.segments import A, Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segmentation import (
+    cut,
+    cut_segments,
+    in_moving_coordinates,
+    with_uncertain_forces,
+)
+from linkwise.likelihood.shooting.segments import A, Disturbance, Iterate, Scales, Segments, Waveforms
+from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
+from linkwise.model.link import Link
+from linkwise.model.names import MASS
+from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
+from linkwise.records.channel import FORCE, Channel
 from linkwise.records.record import Record
-from linkwise.runtime import keep_freed_memory
+from linkwise.runtime import available_memory, keep_freed_memory
+from linkwise.signals.base_frame import FramedRecord
+from linkwise.signals.noise import channel_noise, noise_floor
+from linkwise.units import base_exponents
+from linkwise.weak.fit import NO_FORCE_SCALE
+
+_BLOCKS = 4  # of a node with itself, or with the border, that are kept at the same time
+_LOCAL = 4000  # bytes of a state with its neighbours, of two linearisations
+
+
+def fit_bytes(segments: int, masses: int, states: int, border: int) -> int:
+    """Least memory of a fit.
+
+    Parameters
+    ----------
+    segments, masses, states, border : int
+        Numbers of segments, masses, states of a node, and unknowns of the border.
+
+    Returns
+    -------
+    int
+        Bytes.
+    """
+    if masses < MANY:
+        return 8 * _BLOCKS * segments * states * (states + border)
+    return segments * states * (8 * states + _LOCAL)
+
+
+def require_room(segments: int, masses: int, states: int, border: int, *, free: int | None = None) -> None:
+    """Refuse a fit that the memory cannot hold.
+
+    Parameters
+    ----------
+    segments, masses, states, border : int
+        As of `fit_bytes`.
+    free : int, optional
+        Bytes that are free; those of this machine by default.
+
+    Raises
+    ------
+    IdentificationError
+        If the fit needs more.
+    """
+    needed = fit_bytes(segments, masses, states, border)
+    free = available_memory() if free is None else free
+    if needed > free:
+        raise IdentificationError(
+            f"maximum likelihood for {masses} masses over {segments} segments of the record needs {needed / 1e9:.3g} GB, and "
+            f"{free / 1e9:.3g} GB are free: fit a shorter part of the record, fewer records together, or take the weak form"
+        )
+
+
+# in a segment: shorter ones have more unknowns, longer ones a steeper cost where motion is chaotic
+SAMPLES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class SensorModel:
+    """Unknown offsets and gains of channels, and their noise.
+
+    Attributes
+    ----------
+    offsets, gains, delays : tuple of str
+        Channels with an unknown constant error, factor or delay; ``"common"`` is a factor of all of them.
+    noise : tuple of dict of str to float
+        For each record the standard deviations of the noise by channel, in SI units.
+    calibration : mapping of str to float
+        Standard deviations to which gains are known beforehand, relative, by channel.
+    offset_deviations : mapping of str to float
+        Those of offsets, in the unit of the channel.
+    delay_priors : mapping of str to tuple of float
+        Mean and standard deviation of delays, in s.
+    frames : tuple of FramedRecord
+        Where the records are in coordinates that move, what these are.
+    random : tuple of RandomForce
+        Random forces on masses.
+    disturbances : tuple of Disturbance
+        Drifts and hums of channels.
+    sparse : bool
+        Whether the records have so few samples a period that a flow over several is far from linear in its start.
+    """
+
+    offsets: tuple[str, ...]
+    gains: tuple[str, ...]
+    noise: tuple[dict[str, float], ...]
+    calibration: Mapping[str, float] = field(default_factory=dict)
+    delays: tuple[str, ...] = ()
+    offset_deviations: Mapping[str, float] = field(default_factory=dict)
+    delay_priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    frames: tuple[FramedRecord, ...] = ()
+    random: tuple[RandomForce, ...] = ()
+    disturbances: tuple[Disturbance, ...] = ()
+    sparse: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Record],
+        offsets: Sequence[str],
+        gains: Sequence[str],
+        calibration: Mapping[str, float] | None = None,
+        delays: Sequence[str] = (),
+    ) -> SensorModel:
+        """Sensors of records.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            The records. Noise that they state is used; the rest is estimated.
+        offsets, gains : sequence of str
+            Channels with an unknown constant error or factor; of factors also those of applied forces.
+        calibration : mapping of str to float, optional
+            Standard deviations to which gains are known beforehand, relative, by channel; they are unknown too.
+        delays : sequence of str, optional
+            Channels with an unknown delay, of sensors and of applied forces.
+
+        Returns
+        -------
+        SensorModel
+            The sensors.
+        """
+        known = dict(calibration or {})
+        every = dict.fromkeys((*gains, *known))
+        noise = tuple(channel_noise(record) for record in records)
+        return cls(tuple(offsets), tuple(every), noise, known, tuple(delays))
+
+    def prior(self, parameters: Sequence[Parameter]) -> Prior | None:
+        """What is known beforehand of parameters, offsets, gains and delays.
+
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+            The parameters of the structure.
+
+        Returns
+        -------
+        Prior or None
+            The prior; None where nothing is known.
+        """
+        starts = [0.0 if p.start is None else p.start for p in parameters]
+        late = np.array([self.delay_priors.get(name, (0.0, np.inf)) for name in self.delays]).reshape(-1, 2)
+        waveforms = sum(disturbance.count for disturbance in self.disturbances)
+        offsets = [self.offset_deviations.get(name, np.inf) for name in self.offsets] + [np.inf] * waveforms
+        mean = np.concatenate([starts, np.zeros(len(offsets)), np.ones(len(self.gains)), late[:, 0]])
+        sigma = [p.sigma for p in parameters]
+        gains = [self.calibration.get(name, np.inf) for name in self.gains]
+        prior = Prior(mean, np.concatenate([sigma, offsets, gains, late[:, 1]]))
+        return prior if prior.count else None
+
+    @property
+    def samples(self) -> int:
+        """Samples in a segment: one with random forces, each of which is constant in a segment, and of sparse samples."""
+        return 1 if self.random or self.sparse else SAMPLES
+
+    @property
+    def centred(self) -> bool:
+        """Whether samples are in the middle of segments: accelerations show ambient forces, as a mean over the time around."""
+        record = self.frames[0].record if self.frames else None
+        if record is None or not self.random or record.inputs:
+            return False
+        return any(channel.kind == "a" for channel in record.responses)
+
+    @property
+    def sigma(self) -> Floats:
+        """(C,) standard deviations of the noise in the first record; those of others are relative to it."""
+        return np.array(list(self.noise[0].values()))
+
+    def stated(self, records: Sequence[Record]) -> Bools:
+        """(C,) whether a record states the noise of a channel."""
+        return np.array([any(name in record.noise for record in records) for name in self.noise[0]])
+
+    def lowest(self, records: Sequence[Record]) -> Floats:
+        """(C,) the least deviations of the noise that residuals may show: infinite where a record states it."""
+        floors = [noise_floor(record) for record in records]
+        least = [max(floor[name] for floor in floors) for name in self.noise[0]]
+        return np.where(self.stated(records), np.inf, least)
+
+    def segments(
+        self, records: Sequence[Record], structure: Structure, system: System, refine: int
+    ) -> Segments:
+        """Cut records into segments.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            The records.
+        structure : Structure
+            The structure.
+        system : System
+            The structure as arrays.
+        refine : int
+            Steps of the flow per sample.
+
+        Returns
+        -------
+        Segments
+            The segments.
+        """
+        relative_noise = (
+            [np.array(list(noise.values())) / self.sigma for noise in self.noise]
+            if len(self.noise) > 1
+            else None
+        )
+        segments = cut_segments(
+            records,
+            structure,
+            system,
+            samples=self.samples,
+            refine=refine,
+            offsets=self.offsets,
+            gains=self.gains,
+            relative_noise=relative_noise,
+        )
+        segments = replace(
+            segments,
+            sensors=replace(
+                segments.sensors,
+                delay=self._delays(records[0].responses),
+                waveforms=sum(disturbance.count for disturbance in self.disturbances),
+            ),
+            prior=self.prior(structure.parameters),
+            waveforms=self._waveforms(records),
+            clipped=None if self.random else segments.clipped,
+            centred=self.centred,
+        )
+        segments = in_moving_coordinates(segments, self.frames)
+        return with_uncertain_forces(segments, records, structure, self.gains, self.delays)
+
+    def _waveforms(self, records: Sequence[Record]) -> Waveforms | None:
+        """What the disturbances add to the samples, each in its own record; None without any."""
+        if not self.disturbances:
+            return None
+        responses = records[0].responses
+        channel = [
+            responses.index(disturbance.channel)
+            for disturbance in self.disturbances
+            for _ in range(disturbance.count)
+        ]
+        parts = [
+            cut(
+                np.concatenate(
+                    [
+                        disturbance.shapes(record) * (disturbance.record == number)
+                        for disturbance in self.disturbances
+                    ],
+                    axis=1,
+                ),
+                self.samples,
+            )
+            for number, record in enumerate(records)
+        ]
+        return Waveforms(np.array(channel), np.nan_to_num(np.concatenate(parts, axis=2)))
+
+    def _delays(self, channels: Sequence[Channel]) -> Indices:
+        """(C,) index of the unknown delay of each channel, -1 for none."""
+        sensors = [channel for channel in channels if not channel.of_link]
+        absent = [name for name in self.delays if not name.startswith(FORCE) and name not in sensors]
+        if absent:
+            raise IdentificationError(
+                f"no delay of {absent[0]} can be estimated: the sensors of masses in the record are "
+                f"{', '.join(sensors)}"
+            )
+        return np.array([self.delays.index(name) if name in self.delays else -1 for name in channels])
+
+
+_OF_FORCE = re.compile(r"\b(N|kg)\b")
+_TRIED = np.array([-0.7, -0.2, 0.3, 0.9])  # elongations and rates
+_UNITLESS = ("", "?")
+_ANY, _FACTOR = 0.5, 2.0  # value of an unknown, and what it is multiplied by
+
+
+def require_force_scale(
+    records: Sequence[Record], structure: Structure, unknown_gains: Sequence[str] = ()
+) -> None:
+    """Raise IdentificationError where one factor to all masses and coefficients would not change the motion.
+
+    Forces of `unknown_gains`, of which nothing is known, would change with them. Where every channel has such a gain, a factor
+    to forces and motion together must change what is known, too.
+    """
+    if structure.hosts or structure.topology.states:
+        return
+    _require_scale_of_motion(records, structure, unknown_gains)
+    channels = dict.fromkeys(name for record in records for name in record.channels)
+    forces = [name for name in channels if name.kind in ("force", "f")]
+    if not set(forces) <= set(unknown_gains):
+        return
+    if any(parameter.sigma < np.inf for parameter in structure.parameters):
+        return
+    free = {member for parameter in structure.parameters for member in parameter.members}
+    if all((-1 - index, MASS) in free for index in range(len(structure.masses))) and all(
+        _scales(link, {name for index, name in free if index == number})
+        for number, link in enumerate(structure.links)
+    ):
+        if not forces:
+            raise IdentificationError(NO_FORCE_SCALE)
+        raise IdentificationError(
+            f"nothing tells the gain of {', '.join(forces)}: every mass and coefficient is unknown, and a larger force on "
+            "larger ones makes the same motion. Give one mass or coefficient a number, or state how well the gain is known, "
+            "by a calibration",
+            arguments=("calibration",),
+        )
+
+
+def _require_scale_of_motion(
+    records: Sequence[Record], structure: Structure, unknown_gains: Sequence[str]
+) -> None:
+    """Raise IdentificationError where every channel has an unknown gain, and larger forces make a larger motion alike."""
+    channels = dict.fromkeys(name for record in records for name in record.channels)
+    if not channels or not set(channels) <= set(unknown_gains):
+        return
+    free = {
+        member
+        for parameter in structure.parameters
+        if parameter.sigma == np.inf
+        for member in parameter.members
+    }
+    if all(
+        _grows(link, {name for index, name in free if index == number})
+        for number, link in enumerate(structure.links)
+    ):
+        raise IdentificationError(
+            f"the records do not tell the gain of {', '.join(channels)}: every channel has an unknown one, and a larger "
+            "motion by larger forces is as likely. "
+            f"Leave {'it' if len(channels) == 1 else 'one of them'} out, or state how well it is known, by a calibration",
+            arguments=("calibration",),
+        )
+
+
+def _grows(link: Link, free: set[str]) -> bool:
+    """Whether the force of a link grows as its motion, if lengths in the units of its `free` coefficients do."""
+    values = {name: _ANY if own.value is None else own.value for name, own in link.coefficients.items()}
+    law_units = replace(link.law, angular=False).units  # an angle grows as a length does
+    units = {name: law_units[name] for name in free}
+    lengths = {name: float(base_exponents(unit)[1]) for name, unit in units.items() if unit not in _UNITLESS}
+    larger = {name: value * _FACTOR ** lengths.get(name, 0.0) for name, value in values.items()}
+    force = link.law.force(_TRIED, _TRIED[::-1], values)
+    more = link.law.force(_FACTOR * _TRIED, _FACTOR * _TRIED[::-1], larger)
+    return bool(np.allclose(more, _FACTOR * force, rtol=1e-9, atol=0.0))
+
+
+def _scales(link: Link, free: set[str]) -> bool:
+    """Whether the force of a link is proportional to those of its `free` coefficients that have a unit of force or mass."""
+    scaled = {name for name in free if _OF_FORCE.search(link.law.units[name])}
+    values = {name: _ANY if own.value is None else own.value for name, own in link.coefficients.items()}
+    larger = {name: value * (_FACTOR if name in scaled else 1.0) for name, value in values.items()}
+    force, more = (link.law.force(_TRIED, _TRIED[::-1], of) for of in (values, larger))
+    return bool(np.allclose(more, _FACTOR * force, rtol=1e-9, atol=0.0))
+
 
 _FLOW_ERROR = 1e-3  # of the standard deviation of the noise: errors of the steps are systematic over thousands of segments
 _TANGENT_ERROR = 0.002  # of a sensitivity over a segment

@@ -1,30 +1,477 @@
-"""The search for an optimum: annealing from a start, through gaps of the records, and in longer segments near its end."""
+"""The search for an optimum: annealing from a start, through gaps of the records, and in longer segments near its end.
+
+What separate blocks of the records say of the unknowns: their scores and information, the states eliminated.
+
+Around an optimum each block b of segments pulls the unknowns by its score g_b (p,), with the information H_b (p, p), where
+the states follow the unknowns as the whole record determines. The scores of all blocks sum to zero at the optimum. Where
+the error of a law moves with the motion, they scatter more than the information says, which white noise would not do: the
+variance of an unknown is then that of the estimates with one block left out (jackknife over blocks), as in the covariance of
+White (1982) and its form for clustered data (Bell and McCaffrey, Survey Methodology 28, 2002).
+
+Better states to start from: the motion near the record that the laws allow while their coefficients are held.
+
+Smoothing gives poor rates of a fast motion of few samples, and states that are far from any motion of the structure lead
+a search for states and coefficients together astray. With coefficients that are roughly right the states alone are found
+safely.
+
+What explains the residuals of a fit: the noise that was expected, coloured noise of sensors, or a model error.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
-from linkwise.arrays import Floats
-from linkwise.likelihood.explained_fit import did_not_converge
-from linkwise.likelihood.held_laws import states_by_held_laws, within_reach
-from linkwise.likelihood.long_records import is_long, search_in_pieces
-from linkwise.likelihood.marginal import relaxation
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.marginal import is_long, relaxation, search_in_pieces
+from linkwise.likelihood.noise import (
+    ColouredFit,
+    ColouredNoise,
+    ModelErrorCandidate,
+    lag_one_autocorrelation,
+    with_coloured_noise,
+    with_model_error,
+    with_noise_of_residuals,
+)
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.anneal import (
-    Annealer,
-    AnnealingFit,
-    AnnealingSchedule,
-    AnnealingStatus,
-)
-from linkwise.likelihood.shooting.damped_step import freedom
-from linkwise.likelihood.shooting.gaps import carry_through_gaps, split_at_gaps
-from linkwise.likelihood.shooting.longer_segments import LongerSegments
+from linkwise.likelihood.shooting.linear_model import block_information, linear_model
+from linkwise.likelihood.shooting.loss import Gaussian, Loss
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.residuals import LongerSegments, Misfit, evaluate
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
+from linkwise.likelihood.shooting.steps import freedom
+from linkwise.likelihood.shooting.tangents import CandidateForces
+
+BLOCKS = (
+    20,
+    10,
+)  # that are tried: short ones are many, long ones hold what residuals remember; each divides the one before
+FEWEST = 5  # segments in the shortest block
+EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
+_LEVEL = 0.975
+_COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
+
+
+@dataclass(frozen=True, eq=False)
+class BlockScores:
+    """`scores` (B, p) and `information` (B, p, p) of consecutive blocks, in scaled unknowns (theta, offsets, gains)."""
+
+    scores: Floats
+    information: Floats
+
+    def merged(self, blocks: int) -> BlockScores:
+        """The same in fewer blocks of about equal length."""
+        label = np.arange(len(self.scores)) * blocks // len(self.scores)
+        firsts = np.searchsorted(label, np.arange(blocks))
+        return BlockScores(np.add.reduceat(self.scores, firsts), np.add.reduceat(self.information, firsts))
+
+    def deviations(self, free: Bools) -> Floats:
+        """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
+        chosen, blocks = np.flatnonzero(free), len(self.scores)
+        moved = np.einsum("bij,bj->bi", self._inverses_without_each(chosen), self.scores[:, chosen])
+        variance = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (blocks - 1) / blocks
+        quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
+        out = np.zeros(len(free))
+        out[chosen] = quantiles * np.sqrt(variance)
+        return out
+
+    def chances(self, free: Bools, noise: float) -> Floats:
+        """(p,) probabilities that noise alone scatters estimates without one block so far; 1 where not `free`.
+
+        Scores of noise have the covariance that the information says, times `noise` squared, and sum to zero; the sum of
+        squares is taken for a multiple of chi-square with its mean and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+        """
+        chosen = np.flatnonzero(free)
+        inverses, parts = self._inverses_without_each(chosen), self.information[:, chosen][:, :, chosen]
+        moved = np.einsum("bij,bj->bi", inverses, self.scores[:, chosen]) / noise
+        squares = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
+        of_whole, out = np.linalg.inv(parts.sum(axis=0)), np.ones(len(free))
+        # of each unknown c, from the scores of each block b
+        followed = (parts @ inverses.transpose(0, 2, 1)).transpose(2, 0, 1)
+        own = np.einsum("bcu,cbu->cb", inverses, followed)
+        covariance = -(followed @ of_whole @ followed.transpose(0, 2, 1))
+        covariance[:, np.arange(len(parts)), np.arange(len(parts))] += own
+        covariance -= covariance.mean(axis=1, keepdims=True)
+        covariance -= covariance.mean(axis=2, keepdims=True)
+        mean = np.trace(covariance, axis1=1, axis2=2)
+        degrees = mean**2 / np.sum(covariance**2, axis=(1, 2))
+        out[chosen] = scipy.special.chdtrc(degrees, degrees * squares / mean)
+        return out
+
+    def _inverses_without_each(self, chosen: Indices) -> Floats:
+        """(B, c, c) inverses of the information on the `chosen` unknowns with one block left out."""
+        parts = self.information[:, chosen][:, :, chosen]
+        return np.linalg.inv(parts.sum(axis=0) - parts)
+
+    def single_ratios(self, parameters: int) -> Floats:
+        """(p,) squared ratios of the scatter of the blocks to what the information says, one unknown at a time.
+
+        The first `parameters` are tested beside each other, each other one beside these alone.
+        """
+        blocks, whole = len(self.scores), self.information.sum(axis=0)
+        scale = 1.0 / np.sqrt(np.maximum(whole.diagonal(), np.finfo(float).tiny))
+        scaled, scores = whole * np.outer(scale, scale), self.scores * scale
+        own = np.arange(parameters)
+        ratios = np.ones(len(whole))
+        for number in range(len(whole)):
+            beside = own[own != number]
+            weights = np.linalg.lstsq(scaled[np.ix_(beside, beside)], scaled[beside, number], rcond=1e-12)[0]
+            left = scaled[number, number] - scaled[number, beside] @ weights
+            pull = scores[:, number] - scores[:, beside] @ weights
+            if left > _COLLINEAR:
+                ratios[number] = np.sum((pull - pull.mean()) ** 2) * blocks / (blocks - 1) / left
+        return ratios
+
+
+@dataclass(frozen=True, eq=False)
+class BlockScatter:
+    """How far blocks of the records disagree.
+
+    Attributes
+    ----------
+    ratios : array of shape (p + o + g,)
+        Standard errors by blocks over those of white noise, at least 1.
+    chance : float
+        The probability that noise alone scatters any parameter so far, in either number of blocks.
+    """
+
+    ratios: Floats
+    chance: float
+
+
+def block_scatter(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    *,
+    q: float,
+    noise: float,
+    free: Bools,
+    scores: BlockScores | None = None,
+) -> BlockScatter | None:
+    """How far the scatter of blocks exceeds what white noise gives them; None for too few segments.
+
+    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound; `scores`, in
+    `blocks_of_scatter`, are known of the optimum.
+    """
+    if blocks_of_scatter(segments) == 1:
+        return None
+    if scores is None:
+        scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
+    if scores is None:
+        return None
+    chosen, p = np.flatnonzero(free), segments.system.parameters.size
+    ratios, chances = np.ones(len(free)), np.ones(len(free))
+    try:
+        inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
+        white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
+        for blocks in BLOCKS:
+            merged = scores.merged(blocks)
+            ratios[chosen] = np.maximum(ratios[chosen], merged.deviations(free)[chosen] / white)
+            chances = np.fmin(chances, merged.chances(free, noise))
+    except np.linalg.LinAlgError:
+        return None
+    tested = len(BLOCKS) * int(np.count_nonzero(free[:p]))
+    return BlockScatter(ratios, min(1.0, tested * float(np.min(chances[:p], initial=1.0))))
+
+
+def blocks_of_scatter(segments: Segments) -> int:
+    """The blocks in which a linear model tells how far blocks scatter; 1 where there are too few segments."""
+    return BLOCKS[0] if segments.count >= FEWEST * BLOCKS[0] else 1
+
+
+def block_scores(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    q: float,
+    blocks: int,
+    candidates: CandidateForces | None = None,
+) -> BlockScores | None:
+    """Scores of `blocks` consecutive blocks of segments at the optimum `misfit`; None where its equations are singular.
+
+    The amplitudes of `candidates` follow theta among the unknowns.
+    """
+    linear = linear_model(segments, misfit, scales, loss, candidates=candidates, blocks=blocks)
+    of_blocks = block_information(linear, q)
+    return None if of_blocks is None else BlockScores(*of_blocks)
+
+
+_ROUGH = 3.0  # cost per sample at q = 1 beyond which states are no motion: their noise leaves 1 or 2
+_SCHEDULE = AnnealingSchedule(initial_q=10.0, final_q=0.1, max_steps=30)
+_OPPOSITE = 4.0  # times the power of the samples: residuals of a motion as large, in opposite phase
+_MANY = 0.2  # share of the segments from which the flow runs away although laws and units are right
+_HALVINGS = 20  # of states from which the flow runs away
+
+
+def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss) -> Iterate:
+    """Reduce the states from which the flow runs away, until it does not.
+
+    Where it runs away from many, laws or units are wrong, and nothing is changed.
+
+    Parameters
+    ----------
+    segments : Segments
+        The record in segments.
+    start : Iterate
+        States and parameters.
+    scales : Scales
+        Their units, and the noise.
+    loss : Loss
+        The cost of a residual.
+
+    Returns
+    -------
+    Iterate
+        The same parameters, and states halved until the flow from them stays near the samples.
+    """
+    misfit = evaluate(segments, start, scales, loss)
+    wild = _runs_away(segments, misfit, scales)
+    if np.mean(wild) > _MANY:
+        return start
+    for _ in range(_HALVINGS):
+        if not wild.any():
+            break
+        calmer = replace(misfit.point, nodes=np.where(wild, 0.5, 1.0) * misfit.point.nodes)
+        misfit = evaluate(segments, calmer, scales, loss)
+        wild = _runs_away(segments, misfit, scales)
+    return misfit.point
+
+
+def states_by_held_laws(segments: Segments, start: Iterate, scales: Scales, annealer: Annealer) -> Iterate:
+    """Fit the states alone, the parameters held, where the states of a start are no motion of the laws.
+
+    Parameters
+    ----------
+    segments : Segments
+        The record in segments.
+    start : Iterate
+        States and parameters, the latter near the truth.
+    scales : Scales
+        Their units, and the noise.
+    annealer : Annealer
+        How annealing runs.
+
+    Returns
+    -------
+    Iterate
+        The same parameters, with the states of a motion near the record.
+    """
+    cost = evaluate(segments, start, scales, annealer.loss).cost(1.0)
+    if not _ROUGH * int(segments.observed.sum()) < cost < np.inf:
+        return start
+    system, theta = segments.system, start.theta
+    fixed_system = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
+    fit = annealer(replace(segments, system=fixed_system), start, scales, _SCHEDULE)
+    return replace(start, nodes=fit.point.nodes)
+
+
+def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
+    """(K,) segments whose flow is farther from the samples than any motion of their size could be, or not finite.
+
+    The flow behind the last sample of a segment is judged by where it ends, against the largest states of the record.
+    """
+    sigma = scales.sigma[:, None]
+    if segments.relative_noise is not None:
+        sigma = sigma * segments.relative_noise
+    largest = np.sum((segments.samples / sigma) ** 2 + segments.observed, axis=(0, 1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        residuals = np.sum(misfit.residuals**2, axis=(0, 1))
+        ends = np.sum(misfit.defects**2, axis=0)
+    finite = np.isfinite(misfit.trajectories.states).all(axis=(0, 1, 2))
+    finite &= np.isfinite(misfit.trajectories.memory).all(axis=(0, 1))
+    states = misfit.point.nodes / scales.state.reshape(-1, *[1] * (misfit.point.nodes.ndim - 1))
+    near = residuals <= _OPPOSITE * largest
+    near[:-1] &= ends <= _OPPOSITE * np.sum(np.max(states**2, axis=-1))
+    return np.asarray(~(finite & near))
+
+
+_WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
+_LEAST_ROBUST = 0.5  # of the cost of normal noise; Student's t with 3 degrees of freedom leaves 0.80 to 0.92
+_ROUNDED = 1.0 + 1e-9
+_LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model error explains
+_SMALL = 0.005  # of what each channel shows: coloured residuals that blocks can judge, a tenth of what a free run may leave
+
+
+@dataclass(frozen=True)
+class AllowedErrors:
+    """What a fit may resort to: `coloured_noise` of sensors and a `model_error`; `known_model_error`, that there is one."""
+
+    model_error: bool
+    coloured_noise: bool
+    known_model_error: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ExplainedFit:
+    """A fit and its errors.
+
+    Attributes
+    ----------
+    fit : AnnealingFit
+        The optimum.
+    covariance : array of shape (P, P)
+        Of parameters, offsets, gains and delays.
+    chi_square, chi_square_off : float, bool
+        Chi-square per degree of freedom, and whether it is far from 1.
+    model_error, noise : float
+        The relaxation q that stands for a model error, else 0, and the factor on the noise.
+    error_ratios : array of shape (P,) or None
+        With a model error, the factor on the standard errors over those of white model error; None for too short records.
+    coloured : ColouredNoise or None
+        The noise where it is coloured.
+    """
+
+    fit: AnnealingFit
+    covariance: Floats
+    chi_square: float
+    chi_square_off: bool
+    model_error: float
+    noise: float
+    error_ratios: Floats | None
+    coloured: ColouredNoise | None = None
+
+
+def explained_fit(
+    segments: Segments,
+    start: Iterate,
+    fit: AnnealingFit,
+    annealer: Annealer,
+    *,
+    limit: float,
+    lowest: Floats,
+    allowed: AllowedErrors,
+) -> ExplainedFit:
+    """`fit`, or, where noise as expected does not explain it, the likelier of fits with coloured noise and with model error.
+
+    Parameters
+    ----------
+    segments : Segments
+        The records.
+    start : Iterate
+        Where the search for `fit` started.
+    fit : AnnealingFit
+        The fit with white noise and exact laws.
+    annealer : Annealer
+        Fits again.
+    limit : float
+        By how much chi-square may differ from 1.
+    lowest : array of shape (C,)
+        The least deviations of the noise that residuals may show, infinite where it is stated.
+    allowed : AllowedErrors
+        What it may resort to.
+
+    Returns
+    -------
+    ExplainedFit
+        The fit and its errors.
+    """
+    any_stated = bool(np.isinf(lowest).any())
+    off = _is_off(segments, fit, annealer.loss, limit, lowest)
+    exact = allowed.model_error and not allowed.known_model_error
+    coloured = with_coloured_noise(segments, fit, annealer) if exact and allowed.coloured_noise else None
+    candidate = None
+    unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
+    inexact = unreached or (off and fit.chi_square > 1.0 and _is_coloured(fit))
+    if allowed.model_error and (allowed.known_model_error or inexact):
+        candidate = with_model_error(segments, fit, start, annealer)
+    if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
+        return _with_coloured_noise(coloured, off=any_stated and off)
+    if candidate is not None and candidate.exact:
+        fit = with_noise_of_residuals(segments, candidate.fit, annealer, lowest)
+        return _with_exact_laws(fit, off=_is_off(segments, fit, annealer.loss, limit, lowest))
+    if candidate is not None:
+        return _with_model_error(segments, candidate, annealer, limit, any_stated)
+    return _with_exact_laws(fit, off=off)
+
+
+def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
+    """Whether chi-square is not that of the noise.
+
+    Where outliers make up a part of it, a robust loss leaves less. Channels with hardly any noise leave nothing: whether
+    chi-square is too small the others tell.
+    """
+    if fit.chi_square > 1.0 + limit:
+        return True
+    stated = np.isinf(lowest)
+    least = 1.0 - limit if stated.any() or isinstance(loss, Gaussian) else min(_LEAST_ROBUST, 1.0 - limit)
+    noisy = stated | (fit.scales.sigma > lowest * _ROUNDED)
+    if noisy.all():
+        return not fit.chi_square >= least
+    samples = segments.observed[:, noisy].sum()
+    power = float(np.sum(fit.misfit.residuals[:, noisy] ** 2)) / max(samples, 1)
+    return bool(samples) and not power >= least
+
+
+def _with_exact_laws(fit: AnnealingFit, *, off: bool) -> ExplainedFit:
+    return ExplainedFit(fit, fit.covariance, fit.chi_square, off, 0.0, 1.0, np.ones(len(fit.covariance)))
+
+
+def did_not_converge(fit: AnnealingFit) -> bool:
+    """Whether a search ended without an optimum, and not by an interrupt."""
+    return fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
+
+
+def _with_coloured_noise(coloured: ColouredFit, *, off: bool) -> ExplainedFit:
+    return ExplainedFit(
+        coloured.fit,
+        coloured.covariance,
+        coloured.chi_square,
+        off,
+        0.0,
+        1.0,
+        np.ones(len(coloured.covariance)),
+        coloured.noise,
+    )
+
+
+def _with_model_error(
+    segments: Segments, candidate: ModelErrorCandidate, annealer: Annealer, limit: float, stated: bool
+) -> ExplainedFit:
+    fit, factor = candidate.fit, candidate.noise
+    chi_square = factor**2
+    ratios: Floats | None = np.ones(len(fit.covariance))
+    if not did_not_converge(fit):
+        scatter = block_scatter(
+            segments, fit.misfit, fit.scales, annealer.loss, q=fit.q, noise=factor, free=~fit.at_bound
+        )
+        ratios = None if scatter is None else scatter.ratios
+    judged = ratios is not None and _are_small(segments, fit)
+    unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit) and not judged
+    p = segments.system.parameters.size
+    widened = np.full(len(fit.covariance), factor)
+    if ratios is not None:
+        widened[:p] *= ratios[:p]  # sensors: those of white model error
+    return ExplainedFit(
+        fit,
+        fit.covariance * np.outer(widened, widened),
+        chi_square,
+        bool(unexplained or (stated and abs(chi_square - 1.0) > limit)),
+        candidate.q,
+        factor,
+        ratios,
+    )
+
+
+def _are_small(segments: Segments, fit: AnnealingFit) -> bool:
+    """Whether the residuals are a small part of how far each channel moves from its mean."""
+    count = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    mean = segments.samples.sum(axis=(0, 2)) / count
+    motion = np.where(segments.observed, segments.samples - mean[:, None], 0.0)
+    residuals = fit.misfit.residuals * fit.scales.sigma[:, None]
+    return bool(np.all(np.sum(residuals**2, axis=(0, 2)) <= _SMALL**2 * np.sum(motion**2, axis=(0, 2))))
+
+
+def _is_coloured(fit: AnnealingFit) -> bool:
+    """Whether the search converged to residuals that are correlated from one sample to the next."""
+    return fit.status is AnnealingStatus.CONVERGED and lag_one_autocorrelation(fit.misfit) > _WHITE
+
 
 _NEAR = AnnealingSchedule(
     initial_q=0.1, smallest_factor=0.01, trust_per_sample=10.0

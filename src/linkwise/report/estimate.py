@@ -18,7 +18,7 @@ from linkwise.estimates.estimate import Estimate, untrusted_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.identification.force_error import nmse
-from linkwise.likelihood.whiteness import whiteness_text
+from linkwise.likelihood.noise import whiteness_text
 from linkwise.model.structure import Link, Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.progress import Progress, silent

@@ -14,8 +14,7 @@ from within import assert_within, of
 
 import linkwise as lw
 from linkwise import Verdict
-from linkwise.likelihood.prescribed.motion import PrescribedMotion
-from linkwise.likelihood.prescribed.state_path import LinkPath
+from linkwise.likelihood.rigs.problem import LinkPath, PrescribedMotion
 from linkwise.signals.smooth import smoothing_spline
 
 SEEDS = 20

@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.shooting.block_factor import BlockEquations, NodeBlocks
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem, BorderEquations, Damping
+from linkwise.likelihood.shooting.bordered_system import (
+    BlockEquations,
+    BorderedSystem,
+    BorderEquations,
+    Damping,
+    NodeBlocks,
+)
 from linkwise.likelihood.shooting.linear_model import covariance
 from linkwise.likelihood.shooting.segments import Scales
 

@@ -12,12 +12,19 @@ from problems import rubbing_trio, truth
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.acting_forces import ActingForces
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
+from linkwise.likelihood.shooting.flow import (
+    CLOSING,
+    POINTS,
+    STAGE_POINT,
+    STAGE_ROWS,
+    TANGENT_CLOSING,
+    Inputs,
+    Trajectories,
+    flow,
+)
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.shooting.tableau import CLOSING, POINTS, STAGE_POINT, STAGE_ROWS, TANGENT_CLOSING
-from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
-from linkwise.likelihood.shooting.tangents import tangents
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents
 from linkwise.likelihood.shooting.transitions import carried
 from linkwise.model.excitation import TimeFunction
 

@@ -16,13 +16,12 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import Optimum, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.adjoint import gradient as adjoint_gradient
-from linkwise.likelihood.shooting.adjoint import has_adjoint
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
-from linkwise.likelihood.shooting.clipped_readings import ClippedReadings
 from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.local_equations import LocalLinearization
-from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.loss import ClippedReadings, Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.minimise import gradient as adjoint_gradient
+from linkwise.likelihood.shooting.minimise import has_adjoint
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments

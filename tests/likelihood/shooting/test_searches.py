@@ -13,15 +13,20 @@ from structures import CANTILEVER, CANTILEVER_SHAPES, NES, host, link, oscillato
 
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, Optimum, likelihood_fit
-from linkwise.likelihood.hidden_wells import fit_about_rest
+from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting import curved_step
-from linkwise.likelihood.shooting.anneal import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
-from linkwise.likelihood.shooting.chord_steps import ChordEquations
-from linkwise.likelihood.shooting.damped_step import DampedEquations, damped_step
+from linkwise.likelihood.shooting import steps
 from linkwise.likelihood.shooting.linear_model import covariance, firm_border, linear_model
+from linkwise.likelihood.shooting.minimise import (
+    AnnealingFit,
+    AnnealingSchedule,
+    AnnealingStatus,
+    ChordEquations,
+    anneal,
+)
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.steps import DampedEquations, damped_step
 
 Q = AnnealingSchedule.final_q
 
@@ -111,11 +116,11 @@ def test_tight_links_lead_to_the_optimum_that_loose_ones_find(
 ) -> None:
     """By the corrections that steps of few masses are worth, and by those of many."""
     start = friction_optimum(seed)
-    monkeypatch.setattr(curved_step, "_OF_FEW", getattr(curved_step, rules))
+    monkeypatch.setattr(steps, "_OF_FEW", getattr(steps, rules))
     tight, loose = (with_other_noise(start, seed, q) for q in (start.q, 0.1))
     assert tight.status is loose.status is AnnealingStatus.CONVERGED
     assert tight.misfit.cost(start.q) < loose.misfit.cost(start.q) + TOLERANCE
-    monkeypatch.setattr(curved_step, "_OF_FEW", replace(curved_step._OF_FEW, most=0))
+    monkeypatch.setattr(steps, "_OF_FEW", replace(steps._OF_FEW, most=0))
     straight = with_other_noise(start, seed, start.q)
     # full steps are refused, and damped ones gain little
     assert straight.status is not AnnealingStatus.CONVERGED

@@ -10,7 +10,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.starts.kalman import innovations, log_likelihood, smooth, steady_covariance
-from linkwise.likelihood.starts.linear_model import LinearModel
+from linkwise.likelihood.starts.linear_part import LinearModel
 
 RATE, COUNT, NOISE = 2000.0, 1000, 1.0
 

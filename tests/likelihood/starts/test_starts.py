@@ -15,18 +15,13 @@ from within import assert_within
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.starts import free_runs
-from linkwise.likelihood.starts.coefficients import law_start
-from linkwise.likelihood.starts.drift_tracking import elongations_from_forces
-from linkwise.likelihood.starts.free_run_search import free_run_starts
-from linkwise.likelihood.starts.free_runs import FreeRuns
-from linkwise.likelihood.starts.inverse_dynamics import link_signals, masses_from_links
-from linkwise.likelihood.starts.linear_part import LinearPart
+from linkwise.likelihood.starts.drift import elongations_from_forces, link_signals, masses_from_links
+from linkwise.likelihood.starts.free_runs import FreeRuns, free_run_starts
+from linkwise.likelihood.starts.linear_part import LinearPart, stable_starts
 from linkwise.likelihood.starts.link_states import _decay_alone, follow_states
-from linkwise.likelihood.starts.memory import Valley
-from linkwise.likelihood.starts.memory_by_links import memory_starts_by_links
-from linkwise.likelihood.starts.motion_from_states import motion_from_states
-from linkwise.likelihood.starts.stable_starts import stable_starts
-from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.starts.memory import Valley, memory_starts_by_links
+from linkwise.likelihood.starts.states import motion_from_states
+from linkwise.likelihood.starts.values import law_start, starting_values
 from linkwise.model.law import Law
 from linkwise.progress import ProgressReport
 from linkwise.signals.base_frame import framed

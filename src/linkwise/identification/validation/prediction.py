@@ -13,10 +13,16 @@ from linkwise.errors import IdentificationError, RecordError, SimulationError, e
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import uncertain
 from linkwise.identification.validation.windows import WindowPredictor
-from linkwise.likelihood.prescribed.fit import motion_deviations
-from linkwise.likelihood.prescribed.problem import RigProblem
-from linkwise.likelihood.prescribed.records import BASE_CHANNEL, cell_name, cell_noise, rig_forces
-from linkwise.likelihood.prescribed.search import Minimum, minimise
+from linkwise.likelihood.rigs.estimate import motion_deviations
+from linkwise.likelihood.rigs.problem import (
+    BASE_CHANNEL,
+    Minimum,
+    RigProblem,
+    cell_name,
+    cell_noise,
+    minimise,
+    rig_forces,
+)
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Sampled
 from linkwise.model.link import refuse_memory

@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
+from linkwise.likelihood.shooting.flow import POINTS, Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.segmentation import forces_at_points, sensor_arrays
 from linkwise.likelihood.shooting.segments import A, F, S, Sensors, V, X
-from linkwise.likelihood.shooting.shown_tangents import shown_tangents
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.shooting.tableau import POINTS
-from linkwise.likelihood.shooting.tangents import tangents
+from linkwise.likelihood.shooting.tangents import shown_tangents, tangents
 from linkwise.likelihood.starts.states import start_states
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import BAND_LIMITED, HELD, interpolated

@@ -9,7 +9,7 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.flow import Inputs, Trajectories
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single
 from linkwise.model.topology import FIRST_POINT
 
 _MOST = 0.5  # of all pairs of a mass and an unknown

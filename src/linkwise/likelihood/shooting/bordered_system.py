@@ -4,10 +4,18 @@
     | E' C | |t| = |c|      E: (K m, p) border, C: (p, p) corner
 
 Flops and memory are linear in K. A wide border goes through the factor node by node, by products of blocks.
+
+Block tridiagonal normal equations with a border, node by node from both ends, for structures of many masses.
+
+The factor is that of `BorderedSystem` in another order: nodes are eliminated from the first on and from the last, which two
+threads can do at once, and they meet in the middle. Blocks are dense, so that all of it is products and triangular solutions
+of blocks.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -211,3 +219,275 @@ def _forward(chol: Floats, right: Floats, *, overwrite: bool) -> Floats:
             own -= below[node - 1] @ forward[node - 1]
         blas.dtrsm(1.0, root[node].T, own.T, side=1, overwrite_b=1)
     return forward
+
+
+_AT_ONCE = 32  # nodes that are assembled together at most
+_HELD = 2_000_000  # numbers in the blocks of these
+_BLOCK = 40  # states in a diagonal block of a root
+_PARALLEL = 1e7  # multiplications a node from which products take longer than one thread takes to hand over to the other
+
+
+@dataclass(frozen=True, eq=False)
+class NodeBlocks:
+    """Of c nodes that follow each other: `diagonal` (c, m, m), `right` (c, p + 1, m) border and gradient, and `coupling`
+    (c, m, m) of the nodes that follow each (rows) with them (columns).
+    """
+
+    diagonal: Floats
+    right: Floats
+    coupling: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BlockEquations:
+    """K nodes of m states with a border of p unknowns.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        K and m.
+    blocks : callable
+        The `NodeBlocks` of the nodes from a first one up to a last one, not included; new arrays, which may be overwritten.
+    corner : array of shape (p, p)
+        Matrix of the border.
+    corner_gradient : array of shape (p,)
+        Its gradient.
+    remainder : callable
+        What a border (p,) leaves of the gradient of the nodes, (K, m).
+    across : callable
+        What nodes (K, m) add to the equations of the border, (p,).
+    coupling : callable
+        Of the nodes from a first one up to a last one, not included, the blocks (c, m, m) of the node that follows each (rows)
+        with it (columns).
+    """
+
+    shape: tuple[int, int]
+    blocks: Callable[[int, int], NodeBlocks]
+    remainder: Callable[[Floats], Floats]
+    across: Callable[[Floats], Floats]
+    coupling: Callable[[int, int], Floats]
+    corner: Floats
+    corner_gradient: Floats
+
+    def factor(self) -> BlockFactor | None:
+        """The Cholesky factor; None where the equations are not positive definite."""
+        roots = TriangularRoots.empty(*self.shape)
+        border = self._eliminated(roots)
+        return None if border is None else BlockFactor(self, roots, border.schur, border.reduced)
+
+    def border(self) -> BorderEquations | None:
+        """What the factor has of the border, without room for all of it."""
+        return self._eliminated(None)
+
+    @property
+    def at_once(self) -> int:
+        """How many nodes are assembled together."""
+        m, p = self.shape[1], len(self.corner)
+        return max(4, min(_AT_ONCE, _HELD // (m * (2 * m + p + 1))))
+
+    def _eliminated(self, roots: TriangularRoots | None) -> BorderEquations | None:
+        """The border with all nodes eliminated, whose `roots` are filled where they are asked for."""
+        K, m = self.shape
+        middle = K // 2
+        halves = (
+            _Elimination(self, roots, range(middle)),
+            _Elimination(self, roots, range(K - 1, middle, -1)),
+        )
+        if m**2 * (m + 2 * len(self.corner)) < _PARALLEL:
+            eliminated = halves[0].run() and halves[1].run()
+        else:
+            with ThreadPoolExecutor(1) as executor:
+                second_half = executor.submit(halves[1].run)
+                eliminated = halves[0].run() and second_half.result()
+        if not eliminated:
+            return None
+        last = self.blocks(middle, middle + 1)
+        final = _Elimination(self, roots, range(middle, middle + 1))
+        for half in halves:
+            half.carry(last.diagonal[0], last.right[0])
+        if not final.eliminate(middle, last.diagonal[0], last.right[0]):
+            return None
+        moment = halves[0].moment + halves[1].moment + last.right[0] @ last.right[0].T
+        p = len(self.corner)
+        schur = self.corner - moment[:p, :p]
+        if not np.isfinite(schur).all():  # of tangents that overflowed
+            return None
+        return BorderEquations(schur, self.corner_gradient - moment[p, :p], float(moment[p, p]))
+
+
+@dataclass(frozen=True, eq=False)
+class TriangularRoots:
+    """Cholesky factors L of K nodes; `pairs` ((K + 1) / 2, m + 1, m) has L of one node and L' of the next in one rectangle.
+
+    `upper` (m, m) tells an upper triangle.
+    """
+
+    pairs: Floats
+    upper: Bools
+
+    @classmethod
+    def empty(cls, K: int, m: int) -> TriangularRoots:
+        """Room for those of K nodes of m states."""
+        return cls(np.empty(((K + 1) // 2, m + 1, m)), np.tri(m, dtype=bool).T)
+
+    def put(self, node: int, root: Floats) -> None:
+        """Store a factor L by its transpose `root` (m, m)."""
+        own = self.pairs[node // 2]
+        np.copyto(own[1:].T if node % 2 else own[:-1], root, where=self.upper)
+
+    def through(self, node: int, right: Floats, *, transposed: bool = False) -> None:
+        """Solve L x = b, or L' x = b, for each of the rows of `right` (c, m), in place."""
+        own, upper = self.pairs[node // 2], node % 2 == 1
+        triangle = own[1:].T if upper else own[:-1].T
+        lapack.dtrtrs(triangle, right.T, lower=int(not upper), trans=int(transposed != upper), overwrite_b=1)
+
+    def diagonals(self, K: int) -> Floats:
+        """(K, m) the diagonals."""
+        first, second = self.pairs[:, :-1], self.pairs[:, 1:]
+        both = np.stack([np.einsum("kii->ki", first), np.einsum("kii->ki", second)], axis=1)
+        return both.reshape(-1, both.shape[2])[:K]
+
+
+class _Elimination:
+    """Nodes eliminated one after the other: `roots` of each are filled, if any, `moment` (p + 1, p + 1) is summed."""
+
+    def __init__(self, equations: BlockEquations, roots: TriangularRoots | None, nodes: range) -> None:
+        size = len(equations.corner) + 1
+        self.equations, self.roots, self.nodes = equations, roots, nodes
+        self.root = np.empty(2 * equations.shape[1:])  # of the last node that was eliminated
+        self.moment = np.zeros((size, size))
+        self.link: Floats | None = None  # (m, m) of the node behind with the last one that was eliminated
+        self.right: Floats | None = None  # (p + 1, m) of the latter
+
+    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
+    def run(self) -> bool:
+        """Eliminate all nodes; False where one is not positive definite."""
+        nodes, step = self.nodes, self.nodes.step
+        at_once = self.equations.at_once
+        for begin in range(0, len(nodes), at_once):
+            some = nodes[begin : begin + at_once]
+            first, last = min(some[0], some[-1]), max(some[0], some[-1])
+            blocks = self.equations.blocks(first if step > 0 else first - 1, last + 1)
+            if step < 0:  # the links are with the nodes before
+                blocks = NodeBlocks(
+                    blocks.diagonal[1:], blocks.right[1:], blocks.coupling[:-1].transpose(0, 2, 1)
+                )
+            for node in some:
+                own = node - first
+                link = np.array(blocks.coupling[own], order="C")
+                self.carry(blocks.diagonal[own], blocks.right[own])
+                if not self.eliminate(node, blocks.diagonal[own], blocks.right[own], link):
+                    return False
+                self.link, self.right = link, blocks.right[own]
+            rows = np.concatenate(list(blocks.right), axis=1)
+            self.moment += rows @ rows.T
+        return True
+
+    def carry(self, diagonal: Floats, right: Floats) -> None:
+        """Subtract what the last node that was eliminated leaves in the next one."""
+        if self.link is not None and self.right is not None:
+            diagonal -= self.link @ self.link.T
+            right -= self.right @ self.link.T
+
+    def eliminate(self, node: int, diagonal: Floats, *rows: Floats) -> bool:
+        """Root of a node's `diagonal` to `roots`, and `rows` (r, m) through it, in place."""
+        self.root[:] = diagonal
+        _, info = lapack.dpotrf(self.root.T, lower=1, overwrite_a=1)
+        if info:
+            return False
+        if self.roots is not None:
+            self.roots.put(node, self.root)
+        return _solve_rows(self.root, rows)
+
+
+def _solve_rows(root: Floats, rows: Sequence[Floats]) -> bool:
+    """Rows (r, m) times the inverse of the upper triangular `root` (m, m), in place; False where that is singular.
+
+    Products with the inverses of its diagonal blocks let two threads run at once, which the solutions of LAPACK do not: SciPy
+    holds the lock of the interpreter meanwhile.
+    """
+    for first in range(0, len(root), _BLOCK):
+        own = slice(first, first + _BLOCK)
+        inverse, info = lapack.dtrtri(root[own, own].T, lower=1)
+        if info:
+            return False
+        for some in rows:
+            if first:
+                some[:, own] -= some[:, :first] @ root[:first, own]
+            some[:, own] = some[:, own] @ inverse.T
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFactor:
+    """Factor of `equations`: `roots` of the nodes, and equations of the border, `schur` (p, p) and
+    `reduced` (p,).
+    """
+
+    equations: BlockEquations
+    roots: TriangularRoots
+    schur: Floats
+    reduced: Floats
+
+    def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
+
+        None where the equations are not positive definite.
+        """
+        border = border_step(self.schur, self.reduced, free, fixed_values)
+        if border is None:
+            return None
+        return self.nodes(np.array(self.equations.remainder(border)[:, None], order="C"))[:, 0], border
+
+    def nodes(self, right: Floats) -> Floats:
+        """The solution (K, c, m) of the equations of the nodes alone; `right` (K, c, m) is overwritten."""
+        K = len(right)
+        middle = K // 2
+        halves = range(middle), range(K - 1, middle, -1)
+        for half in halves:
+            for node, link in self._links(half):
+                self.roots.through(node, right[node])
+                own = right[node].copy()
+                self.roots.through(node, own, transposed=True)
+                right[node + half.step] -= own @ link.T
+        self.roots.through(middle, right[middle])
+        self.roots.through(middle, right[middle], transposed=True)
+        for half in halves:
+            for node, link in self._links(half[::-1]):
+                carried = right[node + half.step] @ link
+                self.roots.through(node, carried)
+                right[node] -= carried
+                self.roots.through(node, right[node], transposed=True)
+        return right
+
+    def moved(self, nodes: Floats, border: Floats) -> BlockFactor:
+        """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
+        before = self.equations
+        change = self.nodes(nodes[:, None].copy())[:, 0]
+        return replace(
+            self,
+            equations=replace(before, remainder=lambda values: before.remainder(values) + nodes),
+            reduced=self.reduced + border - before.across(change),
+        )
+
+    def _links(self, nodes: range) -> Iterator[tuple[int, Floats]]:
+        """Of each of some nodes the block (m, m) of the one behind it on the way to the middle (rows) with it (columns)."""
+        before = (
+            len(nodes) > 0 and max(nodes) > self.equations.shape[0] // 2
+        )  # then that is the one before it
+        for begin in range(0, len(nodes), _AT_ONCE):
+            some = nodes[begin : begin + _AT_ONCE]
+            first = min(some) - before
+            blocks = self.equations.coupling(first, max(some) + 1 - before)
+            for node in some:
+                block = blocks[node - before - first]
+                yield node, block.T if before else block
+
+    def excess(self, border: Floats, free: Bools) -> float:
+        """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
+        return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
+
+    def log_determinant(self, free: Bools) -> float:
+        """Of the whole matrix, border restricted to `free`."""
+        _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
+        return 2.0 * float(np.log(self.roots.diagonals(self.equations.shape[0])).sum()) + float(border)

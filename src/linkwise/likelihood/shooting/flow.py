@@ -2,25 +2,189 @@
 
 The accuracy of the flow limits that of the estimate, so it is integrated with order 8 to well below the noise. Velocities are
 carried as u = h v and accelerations as h^2 a, so that no stage is multiplied by h; states of links as they are.
+
+Runge-Kutta coefficients: Cooper and Verner's order 8 for the flow, Nystroem's order 4 for sensitivities.
+
+The eleven stages of the former have their abscissae at the five Lobatto points of the step, so inputs are needed at five times
+a step, and stages 0, 8 and 10 are accurate states at its start, middle and end, which the latter uses.
+
+References
+----------
+G. J. Cooper and J. H. Verner, SIAM J. Numer. Anal. 9, 389 (1972).
+
+Applied forces whose channels have an unknown gain or delay: what acts where a channel shows gain * force(t - delay).
+
+Over the delay a force is the polynomial through its values at Chebyshev's points, as what late sensors show of a base is.
+
+What sensors show that are late: the fitted motion between its samples, and its rate.
+
+Between its samples the motion is the polynomial of degree 11 that agrees with displacement, velocity and acceleration at
+four of them around; before the first of a segment it is that of the first four.
+
+What late sensors show of coordinates that move: a known signal at delays of any size up to a sample and a half.
+
+Over the delay the signal is the polynomial through its values at Chebyshev's points. To first order alone a delay of half a
+sample would leave an eighth of a signal at a sixth of the sampling rate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.likelihood.shooting.tableau import (
-    CLOSING,
-    MIDDLE,
-    STAGE_POINT,
-    STAGE_ROWS,
-    STAGES,
+from linkwise.model.excitation import Sampled
+
+_s = np.sqrt(21.0)
+
+#: Lobatto points of a step, fractions of it.
+POINTS = np.array([0.0, (7 - _s) / 14, 0.5, (7 + _s) / 14, 1.0])
+#: Which of POINTS each stage is evaluated at.
+STAGE_POINT = (0, 2, 2, 3, 3, 2, 1, 1, 2, 3, 4)
+#: The stage whose state is the middle of the step.
+MIDDLE = 8
+
+_ROWS = (
+    (),
+    (1 / 2,),
+    (1 / 4, 1 / 4),
+    (1 / 7, (-7 - 3 * _s) / 98, (21 + 5 * _s) / 49),
+    ((11 + _s) / 84, 0, (18 + 4 * _s) / 63, (21 - _s) / 252),
+    ((5 + _s) / 48, 0, (9 + _s) / 36, (-231 + 14 * _s) / 360, (63 - 7 * _s) / 80),
+    (
+        (10 - _s) / 42,
+        0,
+        (-432 + 92 * _s) / 315,
+        (633 - 145 * _s) / 90,
+        (-504 + 115 * _s) / 70,
+        (63 - 13 * _s) / 35,
+    ),
+    (1 / 14, 0, 0, 0, (14 - 3 * _s) / 126, (13 - 3 * _s) / 63, 1 / 9),
+    (1 / 32, 0, 0, 0, (91 - 21 * _s) / 576, 11 / 72, (-385 - 75 * _s) / 1152, (63 + 13 * _s) / 128),
+    (
+        1 / 14,
+        0,
+        0,
+        0,
+        1 / 9,
+        (-733 - 147 * _s) / 2205,
+        (515 + 111 * _s) / 504,
+        (-51 - 11 * _s) / 56,
+        (132 + 28 * _s) / 245,
+    ),
+    (
+        0,
+        0,
+        0,
+        0,
+        (-42 + 7 * _s) / 18,
+        (-18 + 28 * _s) / 45,
+        (-273 - 53 * _s) / 72,
+        (301 + 53 * _s) / 72,
+        (28 - 28 * _s) / 45,
+        (49 - 7 * _s) / 18,
+    ),
 )
-from linkwise.likelihood.shooting.uncertain_forces import UncertainForces
+STAGES = len(_ROWS)
+WEIGHTS = np.array([1 / 20, 0, 0, 0, 0, 0, 0, 49 / 180, 16 / 45, 49 / 180, 1 / 20])
+
+
+def _second_order() -> tuple[np.ndarray, np.ndarray]:
+    """Rewrite the table for x'' = a: stage values as rows over (x, u, k_0, k_1, ...) with u = h v, k = h^2 a.
+
+    Returns (STAGES, 2, 2 + STAGES) for the stages and (2, STAGES) for the closing sums of k.
+    """
+    table = np.zeros((STAGES, STAGES))
+    for i, row in enumerate(_ROWS):
+        table[i, : len(row)] = row
+    stages = np.zeros((STAGES, 2, 2 + STAGES))
+    stages[:, 0, 0] = 1.0
+    stages[:, 0, 1] = table.sum(axis=1)
+    stages[:, 1, 1] = 1.0
+    stages[:, 0, 2:] = table @ table
+    stages[:, 1, 2:] = table
+    return stages, np.stack([WEIGHTS @ table, WEIGHTS])
+
+
+STAGE_ROWS, CLOSING = _second_order()
+
+#: Nystroem's method of order 4 (order 3 in the rates): rows over (d, h v, k_0, k_1) and closing sums of the pulls.
+TANGENT_MIDDLE = np.array([[1, 1 / 2, 1 / 8], [0, 1, 1 / 2]], np.float32)
+TANGENT_END = np.array([[1, 1, 0, 1 / 2], [0, 1, -1, 2]], np.float32)
+TANGENT_CLOSING = np.array([[1 / 6, 1 / 3, 0], [1 / 6, 2 / 3, 1 / 6]], np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainForces:
+    """f applied forces with unknown errors.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Their channels.
+    ends : array of int, shape (f,)
+        The masses that they act on; points of hosts from -3 down.
+    rows : array of shape (f, n)
+        How each acts on the masses, with the shapes that the structure states.
+    points : array of int, shape (f,)
+        Numbers of their points among those of the system, -1 for masses.
+    gains, delays : array of int, shape (f,)
+        Numbers of their unknown gains and delays, -1 for none.
+    certain : array of shape (J, 5, n, K)
+        What acts on the masses beside them at the points of every step, in N.
+    coefficients : tuple of array of shape (J, 5, f, K)
+        What the channels show there, in N; with delays, the coefficients of powers of the delay over its `unit`.
+    unit : array of shape (K,)
+        The largest delay in s for which these hold.
+    """
+
+    channels: tuple[str, ...]
+    ends: Indices
+    rows: Floats
+    points: Indices
+    gains: Indices
+    delays: Indices
+    certain: Floats
+    coefficients: tuple[Floats, ...]
+    unit: Floats
+
+    def mapped(self, change: Callable[[Floats], Floats], unit: Floats) -> UncertainForces:
+        """With each array over steps changed, and the `unit` (K',) of the segments then."""
+        return replace(
+            self,
+            certain=change(self.certain),
+            coefficients=tuple(map(change, self.coefficients)),
+            unit=unit,
+        )
+
+    def part(self, segments: slice | Indices) -> UncertainForces:
+        """The forces in some segments."""
+        return self.mapped(lambda values: values[..., segments], self.unit[segments])
+
+    def acting(self, gains: Floats, delays: Floats) -> tuple[Floats, Floats]:
+        """(J, 5, f, K) the forces in N at gains (g,) and delays (l,) in s, and their rates; straight on beyond `unit`."""
+        late = np.append(delays, 0.0)[self.delays, None] / self.unit
+        factors = np.append(gains, 1.0)[self.gains, None]
+        place = np.clip(late, -1.0, 1.0)
+        value, slope = np.zeros_like(self.coefficients[0]), np.zeros_like(self.coefficients[0])
+        for row in self.coefficients[::-1]:
+            slope = slope * place + value
+            value = value * place + row
+        value += slope * (late - place)
+        return value / factors, slope / (self.unit * factors)
+
+    def on_masses(self, acting: Floats) -> Floats:
+        """(J, 5, n, K) all forces on the masses, with those (J, 5, f, K) of the uncertain ones."""
+        force = self.certain.copy()
+        for number, row in enumerate(self.rows):
+            for mass in np.flatnonzero(row).tolist():
+                force[:, :, mass] += row[mass] * acting[:, :, number]
+        return force
+
 
 #: The stages that close a step, and the weights (2, 1, 1) of their accelerations in x and u.
 _CLOSING_WEIGHTS = [(i, CLOSING[:, i, None, None]) for i in map(int, np.flatnonzero(CLOSING[1]))]
@@ -386,3 +550,121 @@ def _add_base(
         motion += system.base[:, None] * inputs.base[*place, :, None]
     if system.base_error is not None:
         motion[0] -= system.base[:, None] * memory[system.base_error]
+
+
+_POINTS = 4  # samples of a polynomial: before a segment, fewer would leave more of accelerations at a third of the rate
+LARGEST = 1.5
+"""Delay in samples up to which the polynomials hold; the records are shifted by whole samples for more."""
+
+
+def late_motion(
+    orbit: Trajectories, step: Floats, stride: int, *, mass: int, kind: int, delay: float
+) -> tuple[Floats, Floats]:
+    """(M, K) what a sensor of this `kind` shows of a mass at the samples, `delay` s late, and the rate of it.
+
+    `step` (K,) is that of the samples, with `stride` steps of the flow.
+    """
+    x = orbit.states[::stride, 0, mass]
+    v = orbit.states[::stride, 1, mass] * stride
+    a = orbit.accelerations[::stride, mass] * step**2
+    points = min(_POINTS, len(x))
+    sample = np.arange(len(x) - 1)[:, None]
+    around = np.floor(-delay / step).astype(int) + 1 - points // 2
+    first = np.clip(sample + around, 0, len(x) - points)
+    at_points = [
+        np.take_along_axis(signal, first + point, axis=0) for point in range(points) for signal in (x, v, a)
+    ]
+    place = sample - delay / step - first
+    polynomial = np.tensordot(_through(points), np.stack(at_points), axes=1)
+    shown, rate = (_derivative(polynomial, place, order) / step**order for order in (kind, kind + 1))
+    return shown, rate
+
+
+@cache
+def _through(points: int) -> Floats:
+    """(3P, 3P) coefficients of the polynomial with values, slopes and curvatures, point by point, at 0, 1, .. P - 1."""
+    degrees, places = np.arange(3 * points), np.arange(points)
+    rows = []
+    for place in places:
+        for order in range(3):
+            factor = np.prod([degrees - lower for lower in range(order)], axis=0)
+            rows.append(factor * float(place) ** np.maximum(degrees - order, 0))
+    return np.asarray(np.linalg.solve(np.array(rows, dtype=float), np.eye(3 * points)))
+
+
+def _derivative(coefficients: Floats, place: Floats, order: int) -> Floats:
+    """The polynomial's derivative of an order at `place`, by Horner's scheme."""
+    total = np.zeros_like(place)
+    for power in range(len(coefficients) - 1, order - 1, -1):
+        factor = np.prod(np.arange(power - order + 1, power + 1, dtype=float))
+        total = total * place + factor * coefficients[power]
+    return total
+
+
+_BASE_POINTS = (
+    9  # odd, so that one of them is no delay; 1e-4 of a signal at 0.29 of the sampling rate is left
+)
+EDGE = 3
+"""Samples at both ends of a record that late sensors cannot use, as the base a delay earlier or later was not recorded."""
+_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
+
+
+def values_at_delays(values: Floats, rate: float) -> Floats:
+    """(P, N) a signal `values` (N,) at Chebyshev's points of delay, ascending; beyond its ends it runs straight on."""
+    signal = Sampled(0.0, rate, values, band_limited=len(values) > _BAND_LIMITED)
+    sample = np.arange(len(values)) / rate
+    rows = []
+    for place in places_of_delays():
+        time = sample - place * LARGEST / rate
+        inside = np.clip(time, 0.0, sample[-1])
+        beyond = np.flatnonzero(time != inside)
+        row = signal.value(inside)
+        row[beyond] += signal.derivative(inside[beyond]) * (time[beyond] - inside[beyond])
+        rows.append(row)
+    return np.stack(rows)
+
+
+def places_of_delays() -> Floats:
+    """(P,) Chebyshev's points between -1 and 1, ascending; the middle one is 0."""
+    places = np.cos(np.pi * (2 * np.arange(_BASE_POINTS)[::-1] + 1) / (2 * _BASE_POINTS))
+    places[_BASE_POINTS // 2] = 0.0
+    return np.asarray(places)
+
+
+def powers_through(values: Floats) -> Floats:
+    """Coefficients of powers of the delay over its largest, constant first, of `values` (P, ...) at Chebyshev's points."""
+    powers = np.vander(places_of_delays(), increasing=True)
+    coefficients = np.linalg.solve(powers, values.reshape(len(values), -1))
+    return np.asarray(coefficients).reshape(values.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class LateBase:
+    """Polynomials in the delay of what `channels` show of moving coordinates.
+
+    `coefficients` (P, M, L, K) of powers of the delay over its largest, constant first; `step` (K,) of the samples in s.
+    """
+
+    channels: tuple[int, ...]
+    coefficients: Floats
+    step: Floats
+
+    @classmethod
+    def through(cls, channels: Sequence[int], values: Floats, step: Floats) -> LateBase:
+        """Through `values` (P, M, L, K) at the points of `values_at_delays`."""
+        return cls(tuple(channels), powers_through(values), step)
+
+    def chosen(self, which: Indices) -> LateBase:
+        """Those of some of the segments."""
+        return replace(self, coefficients=self.coefficients[..., which], step=self.step[which])
+
+    def at(self, channel: int, delay: float, part: slice = slice(None)) -> tuple[Floats, Floats]:
+        """(M, k) what a channel shows that is `delay` s late, and its rate; straight on beyond the largest delay."""
+        coefficients = self.coefficients[:, :, self.channels.index(channel), part]
+        unit = LARGEST * self.step[part]
+        place = np.clip(delay / unit, -1.0, 1.0)
+        value, slope = np.zeros(coefficients.shape[1:]), np.zeros(coefficients.shape[1:])
+        for row in coefficients[::-1]:
+            slope = slope * place + value
+            value = value * place + row
+        return value + slope * (delay / unit - place), -slope / unit

@@ -2,21 +2,38 @@
 
 Neighbouring masses form clusters. Their states and the coefficients of their links are columns of sensitivities that differ
 from zero only near them: how near follows from the sensitivities of some segments, computed for the whole structure.
+
+Whitened Jacobian of multiple shooting, group by group of columns, each along the part of the structure that it reaches.
+
+Blocks of the normal equations of structures of many masses: of groups of columns that meet in a row, no others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import prod
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from linkwise.arrays import Bools, Indices
-from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
+from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X
 from linkwise.likelihood.shooting.system import MANY as MANY
-from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.shooting.tangents import Transfer, march, tangent_forces, units_of_states
+from linkwise.likelihood.shooting.system import NumericSystem, System
+from linkwise.likelihood.shooting.tangents import (
+    CandidateForces,
+    Single,
+    TangentForces,
+    Transfer,
+    march,
+    tangent_forces,
+    units_of_states,
+)
 
 TOLERANCE = 1e-3
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""
@@ -244,3 +261,363 @@ def _neighbourhood(
         channels=np.flatnonzero(shown),
         moving=len(states) + int(np.sum(border < moving)),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class GroupRows:
+    """Of k segments and a group of P columns: whitened `data` (k, C, M, P) of the group's channels, and `ends` (k, r, P'), the
+    sensitivities of the group's rows at the segments' ends to the moving columns, both in scaled unknowns.
+    """
+
+    data: Single
+    ends: Single
+
+
+@dataclass(frozen=True, eq=False)
+class LocalRows:
+    """The Jacobian at a point, in `groups` of columns.
+
+    The border's columns are parameters, amplitudes of `candidates`, sizes of `errors`, and offsets; `groups` have as moving
+    ones the first two.
+    """
+
+    segments: Segments
+    misfit: Misfit
+    scales: Scales
+    loss: Loss
+    groups: Sequence[Neighbourhood]
+    candidates: CandidateForces | None = None
+    errors: SensorErrors | None = None
+
+    @property
+    def moving(self) -> int:
+        """Columns of the border that act on the motion, which come first."""
+        forces = 0 if self.candidates is None else len(self.candidates.first)
+        return self.segments.system.parameters.size + forces
+
+    @property
+    def fixed(self) -> int:
+        """Columns before those of offsets."""
+        return self.moving + (0 if self.errors is None else len(self.errors.channel))
+
+    def part(self, part: slice) -> tuple[list[GroupRows], Floats]:
+        """The rows of some segments by group, and the whitened residuals (k, C, M)."""
+        segments, misfit = self.segments, self.misfit
+        root = misfit.roots(segments, self.loss, part)
+        whiten = (root / self.scales.sigma[:, None]).astype(np.float32)
+        if segments.relative_noise is not None:
+            whiten /= segments.relative_noise[:, part].astype(np.float32)
+        mechanics = segments.system.at(misfit.point.theta)
+        step = segments.step[part] * segments.flow_steps_per_tangent
+        orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
+        candidates = None if self.candidates is None else self.candidates.part(part)
+        unit = self.scales.theta[: segments.system.parameters.size]
+        inputs = segments.inputs.part(part)
+        forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
+        rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
+        return rows, (root * misfit.pulling[..., part]).transpose(2, 1, 0)
+
+    def _of_group(
+        self,
+        group: Neighbourhood,
+        mechanics: NumericSystem,
+        forces: tuple[TangentForces, TangentForces],
+        part: slice,
+        step: Floats,
+        whiten: Single,
+    ) -> GroupRows:
+        segments, m = self.segments, len(self.scales.state)
+        width = group.moving
+        columns = np.concatenate([group.states, m + group.border])[:width]
+        M = len(segments.samples)
+        data: NDArray[Any] = np.zeros((len(step), len(group.channels), M, group.size), np.float32)
+        ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
+        if width:
+            starts, middles = (
+                force.within(group.masses, group.links, group.memory, columns) for force in forces
+            )
+            steps = march(_transfer(mechanics, group), starts, middles, *self._units(group, step, width))
+            shown = self._shown_by(group, step)
+            for number, tangent in enumerate(steps):
+                sample, between = divmod(number, segments.tangent_refine)
+                if tangent.acceleration is None or between:
+                    continue
+                motions = tangent.shown()
+                for kind, places, channels, rate in shown:
+                    factor = (whiten[sample, group.channels[channels]] * rate).astype(np.float32)
+                    data[:, channels, sample, :width] = (motions[kind][places] * factor[:, None]).transpose(
+                        2, 0, 1
+                    )
+            r, rate = len(group.masses), (1.0 / step).astype(np.float32)
+            ends[:, :r] = tangent.state[0].transpose(2, 0, 1)
+            ends[:, r : 2 * r] = (tangent.state[1] * rate).transpose(2, 0, 1)
+            ends[:, 2 * r :] = tangent.memory.transpose(2, 0, 1)
+            ends /= self.scales.state[group.rows, None].astype(np.float32)
+        self._add_errors(data, group, part, whiten)
+        return GroupRows(data, ends)
+
+    def _shown_by(
+        self, group: Neighbourhood, step: Floats
+    ) -> list[tuple[int, Indices | slice, Indices | slice, Floats]]:
+        """By kind of sensor, the places that those of a group show, their places among its channels, and the factor (k,)."""
+        sensors = self.segments.sensors
+        kinds, numbers = sensors.kind[group.channels], sensors.mass[group.channels]
+        rates = {X: np.ones_like(step), V: 1.0 / step, A: step**-2.0, F: step**-2.0, S: np.ones_like(step)}
+        among = {F: group.links, S: group.memory}
+        return [
+            (
+                kind,
+                as_slice(np.searchsorted(among.get(kind, group.masses), numbers[own])),
+                as_slice(own),
+                rate,
+            )
+            for kind, rate in rates.items()
+            if len(own := np.flatnonzero(kinds == kind))
+        ]
+
+    def _units(self, group: Neighbourhood, step: Floats, width: int) -> tuple[Single, Single]:
+        """Sensitivities of a group at the nodes: of each of its states to itself, in its unit."""
+        n, scale = len(self.segments.system.incidence), self.scales.state
+        state = np.zeros((2, len(group.masses), width, len(step)), np.float32)
+        inner = np.zeros((len(group.memory), width, len(step)), np.float32)
+        for column, number in enumerate(group.states.tolist()):
+            kind, place = divmod(number, n)
+            if kind < 2:
+                unit = scale[number] if kind == 0 else scale[number] * step
+                state[kind, np.searchsorted(group.masses, place), column] = unit
+            else:
+                inner[np.searchsorted(group.memory, number - 2 * n), column] = scale[number]
+        return state, inner
+
+    def _add_errors(self, data: NDArray[Any], group: Neighbourhood, part: slice, whiten: Single) -> None:
+        """The columns of errors and offsets of sensors, which act on one channel each or, offsets, on several."""
+        first = len(group.states)
+        for place, number in enumerate(group.border.tolist()):
+            if self.errors is not None and self.moving <= number < self.fixed:
+                channel = int(self.errors.channel[number - self.moving])
+                values = self.errors.values[:, number - self.moving, part]
+                own = int(np.searchsorted(group.channels, channel))
+                data[:, own, :, first + place] = (whiten[:, channel] * values).T
+            elif number >= self.fixed:
+                offset = number - self.fixed
+                unit = self.scales.theta[self.segments.system.parameters.size + offset]
+                for channel in np.flatnonzero(self.segments.sensors.offset == offset).tolist():
+                    own = int(np.searchsorted(group.channels, channel))
+                    data[:, own, :, first + place] = whiten[:, channel].T * unit
+
+
+def as_slice(numbers: Indices) -> Indices | slice:
+    """The same places as a slice, where they follow each other, so that no copy is made."""
+    if len(numbers) and numbers[-1] - numbers[0] == len(numbers) - 1 and (np.diff(numbers) == 1).all():
+        return slice(int(numbers[0]), int(numbers[-1]) + 1)
+    return numbers
+
+
+def _transfer(mechanics: NumericSystem, group: Neighbourhood) -> Transfer:
+    """The part of the structure that a group reaches."""
+    inside = np.ix_(group.masses, group.links)
+    return Transfer.of(mechanics.incidence[inside], mechanics.gain[inside])
+
+
+_TOGETHER = 8  # segments whose products are summed in the precision of the rows
+
+
+@dataclass(frozen=True, eq=False)
+class MeetingGroups:
+    """Two groups of columns, by number, whose columns meet in some rows: the places of these rows in each of them."""
+
+    first: int
+    second: int
+    channels: tuple[Indices, Indices]
+    rows: tuple[Indices, Indices]
+
+    @property
+    def groups(self) -> tuple[int, int]:
+        """The two."""
+        return self.first, self.second
+
+
+@dataclass(frozen=True, eq=False)
+class PairBlocks:
+    """What two groups of columns contribute: states (K, a, P') of the first with columns of the second, and the border of the
+    first with the states (K, q, b) of the second; the latter none where both are the same group, as it is in the former.
+    """
+
+    upper: NDArray[Any]
+    lower: NDArray[Any]
+
+    @classmethod
+    def room(
+        cls, K: int, pairs: Sequence[MeetingGroups], groups: Sequence[Neighbourhood]
+    ) -> list[PairBlocks]:
+        """Room for K segments and all columns of pairs of groups, in single precision."""
+        shapes = []
+        for pair in pairs:
+            first, second = (groups[number] for number in pair.groups)
+            q = 0 if pair.first == pair.second else len(first.border)
+            shapes += [(K, len(first.states), second.size), (K, q, len(second.states))]
+        arrays = in_one_piece(shapes)
+        return [cls(*both) for both in zip(arrays[::2], arrays[1::2], strict=True)]
+
+    def put_within(self, whole: PairBlocks, first: Indices, second: Indices) -> None:
+        """Store those of `whole` of some places in the border of each group."""
+        states = self.lower.shape[2]
+        self.upper[..., :states] = whole.upper[..., :states]
+        np.take(whole.upper, states + second, axis=2, out=self.upper[..., states:])
+        if len(self.lower[0]):
+            self.lower[:] = whole.lower[:, first]
+
+    def put(self, part: slice, rows: tuple[NDArray[Any], NDArray[Any]]) -> None:
+        """Store the products of `rows` (k, r, P) and (k, r, P') of a chunk."""
+        (_, a, _), (_, below, b) = self.upper.shape, self.lower.shape
+        first, second = rows
+        np.matmul(first[:, :, :a].transpose(0, 2, 1), second, out=self.upper[part])
+        if below:
+            np.matmul(first[:, :, a:].transpose(0, 2, 1), second[:, :, :b], out=self.lower[part])
+
+
+@dataclass(frozen=True, eq=False)
+class LocalQuadraticForm:
+    """The gradient of one quadratic form over scaled unknowns, and its matrix within the border.
+
+    Attributes
+    ----------
+    gradient : array of shape (K, m)
+        That of the nodes.
+    corners : sequence of array
+        By blocks of segments the products (B, q, q') of the border of the two groups of each pair.
+    places : sequence of tuple of array of int
+        The columns of the border, (q,) and (q',), of each pair; of a group with itself one array twice.
+    corner_gradients : array of shape (B, p)
+        By blocks of segments the gradient of the border.
+    prior : array of shape (p,)
+        What is added to the diagonal of the border.
+    """
+
+    gradient: Floats
+    corners: Sequence[Floats]
+    places: Sequence[tuple[Indices, Indices]]
+    corner_gradients: Floats
+    prior: Floats
+
+    def within(
+        self, meeting: Sequence[MeetingGroups], groups: Sequence[Neighbourhood], border: Indices
+    ) -> LocalQuadraticForm:
+        """That of these unknowns of the border alone, in arrays of its own."""
+        own = [group.places_of(border) for group in groups]
+        corners, places = [], []
+        for pair, corner, both in zip(meeting, self.corners, self.places, strict=True):
+            chosen = [below(own[number], len(where)) for number, where in zip(pair.groups, both, strict=True)]
+            corners.append(corner[:, chosen[0][:, None], chosen[1]])
+            first = np.searchsorted(border, both[0][chosen[0]])
+            apart = pair.first != pair.second
+            second = np.searchsorted(border, both[1][chosen[1]]) if apart else first
+            places.append((first, second))
+        return LocalQuadraticForm(
+            self.gradient, corners, places, self.corner_gradients[:, border], self.prior[border]
+        )
+
+    @property
+    def corner(self) -> Floats:
+        """(p, p) matrix of the border, of all segments."""
+        total = self._placed([corner.sum(axis=0, keepdims=True) for corner in self.corners])[0]
+        total[np.diag_indices(len(total))] += self.prior
+        return np.asarray(total)
+
+    @property
+    def corner_diagonal(self) -> Floats:
+        """(p,) of `corner`."""
+        diagonal = self.prior.copy()
+        for corner, (first, second) in zip(self.corners, self.places, strict=True):
+            if first is second:
+                diagonal[first] += np.einsum("bqq->q", corner)
+        return diagonal
+
+    @property
+    def corners_by_blocks(self) -> Floats:
+        """(B, p, p) matrix of the border by blocks of segments, the first with what is known beforehand."""
+        by_blocks = self._placed(self.corners)
+        by_blocks[0][np.diag_indices(len(self.prior))] += self.prior
+        return by_blocks
+
+    @property
+    def corner_gradient(self) -> Floats:
+        """(p,) of all segments."""
+        return np.asarray(self.corner_gradients.sum(axis=0))
+
+    def _placed(self, corners: Sequence[Floats]) -> Floats:
+        p = len(self.prior)
+        placed = np.zeros((len(corners[0]), p, p))
+        for corner, (first, second) in zip(corners, self.places, strict=True):
+            placed[:, first[:, None], second] = corner
+            if first is not second:
+                placed[:, second[:, None], first] = corner.transpose(0, 2, 1)
+        return placed
+
+
+def below(numbers: Indices, limit: int) -> Indices:
+    """The numbers that are less than a limit."""
+    return numbers[numbers < limit]
+
+
+def sums_over(values: NDArray[Any], pieces: Sequence[slice]) -> Floats:
+    """(b, ...) sums of values (k, ...) of segments over pieces of these."""
+    return np.stack([values[piece].sum(axis=0, dtype=float) for piece in pieces])
+
+
+def in_one_piece(shapes: Sequence[tuple[int, ...]]) -> list[NDArray[Any]]:
+    """Arrays in single precision of one allocation: many small ones leave holes, which the system does not get back."""
+    ends = np.cumsum([0, *(prod(shape) for shape in shapes)]).tolist()
+    whole = np.empty(ends[-1], np.float32)
+    return [whole[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)]
+
+
+def corners_of(
+    rows: tuple[NDArray[Any], NDArray[Any]], states: tuple[int, int], pieces: Sequence[slice]
+) -> Floats:
+    """(b, q, q') products of the border in `rows` (k, r, a + q) and (k, r, b + q') of two groups, over pieces of a chunk."""
+    (first, second), (a, b) = rows, states
+    return np.stack([_summed(first[piece, :, a:], second[piece, :, b:]) for piece in pieces])
+
+
+def common_rows(
+    rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rows (k, r, P) and (k, r, P') of two groups: those (k, r, ..., P) that they have in `common`."""
+    first, second = (
+        block[:, own] if isinstance(own := as_slice(which), slice) else np.take(block, own, axis=1)
+        for block, which in zip(rows, common, strict=True)
+    )
+    k, r = len(first), int(np.prod(first.shape[1:-1]))
+    return first.reshape(k, r, first.shape[-1]), second.reshape(k, r, second.shape[-1])
+
+
+def _summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
+    """(q, q') sum over segments of the products of rows (k, r, q) and (k, r, q').
+
+    Few segments are multiplied together, so that sums of single precision remain short.
+    """
+    k, r = first.shape[:2]
+    whole = k - k % _TOGETHER
+    total = np.zeros((first.shape[2], second.shape[2]))
+    for some, size in ((slice(whole), _TOGETHER), (slice(whole, k), 1)):
+        count = (some.stop - (some.start or 0)) // size
+        left, right = (rows[some].reshape(count, size * r, rows.shape[2]) for rows in (first, second))
+        total += (left.transpose(0, 2, 1) @ right).sum(axis=0, dtype=float)
+    return total
+
+
+class Order:
+    """The order of the unknowns, group by group, in the blocks: `states` (m,) and `border` (p,) by their numbers."""
+
+    def __init__(self, groups: Sequence[Neighbourhood]) -> None:
+        self.states = np.concatenate([group.states for group in groups])
+        self.border = np.concatenate([group.border for group in groups])
+        self.places = np.argsort(self.states)
+        self.of_states = _slices([len(group.states) for group in groups])
+        self.of_border = _slices([len(group.border) for group in groups])
+
+
+def _slices(sizes: Sequence[int]) -> list[slice]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return [slice(a, b) for a, b in pairwise(ends)]

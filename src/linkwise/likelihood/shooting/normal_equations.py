@@ -1,4 +1,18 @@
-"""Gauss-Newton normal equations of multiple shooting, block by block and chunk by chunk of segments."""
+"""Gauss-Newton normal equations of multiple shooting, block by block and chunk by chunk of segments.
+
+Sums of products of the linearised rows: of the states of nodes by segments, of the border by blocks of segments.
+
+Columns of errors of sensors touch the rows of one channel each, so that only these are multiplied with them.
+
+Columns of the normal equations of errors that sensors and inputs have: offsets, gains, delays, and shown random forces.
+
+Normal equations whose border moves all nodes along: what stays of a weakly determined direction after rounding.
+
+A coefficient that sets where a mass rests moves it in every segment, by many times what the continuity of the segments allows.
+The equations then hold numbers whose difference alone is information, and where it is less than their rounding a covariance
+means nothing. In coordinates of the nodes relative to a shift by each unknown of the border, the same in all segments, they
+are small from the start, and nothing else changes.
+"""
 
 from __future__ import annotations
 
@@ -14,29 +28,250 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.acting_forces import ActingForces
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.flow import Inputs
-from linkwise.likelihood.shooting.local_rows import as_slice
-from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.normal_blocks import ChannelErrors, NormalBlocks, put_columns
-from linkwise.likelihood.shooting.prior import Prior
-from linkwise.likelihood.shooting.random_states import RandomStates
-from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
-from linkwise.likelihood.shooting.sensor_columns import (
-    add_delays,
-    add_offsets,
-    add_shown_forces,
-    calibrate_gains,
-    changes_of_forces,
-    columns_of_forces,
-    tangents_of_channels,
+from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles, late_motion
+from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
+from linkwise.likelihood.shooting.neighbourhoods import as_slice
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
+from linkwise.likelihood.shooting.segments import (
+    A,
+    F,
+    Iterate,
+    S,
+    Scales,
+    Segments,
+    Sensors,
+    V,
+    X,
+    add_starts,
 )
-from linkwise.likelihood.shooting.sensor_errors import SensorErrors
-from linkwise.likelihood.shooting.shown_tangents import shown_tangents
-from linkwise.likelihood.shooting.slider_starts import add_starts
-from linkwise.likelihood.shooting.tangent_forces import CandidateForces, Single
-from linkwise.likelihood.shooting.tangents import tangents
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single, shown_tangents, tangents
 from linkwise.likelihood.shooting.transitions import carried
+
+
+@dataclass(frozen=True, eq=False)
+class NormalBlocks:
+    """One quadratic form over scaled unknowns: state (K, m, m), right (K, m, p + 1) border and gradient, and by blocks of
+    segments the corner (B, p, p) and its gradient (B, p).
+    """
+
+    state: Floats
+    right: Floats
+    corners: Floats
+    corner_gradients: Floats
+
+    @classmethod
+    def empty(cls, K: int, m: int, p: int, blocks: int = 1) -> NormalBlocks:
+        return cls(
+            np.empty((K, m, m)), np.zeros((K, m, p + 1)), np.zeros((blocks, p, p)), np.zeros((blocks, p))
+        )
+
+    def within(self, border: Indices) -> NormalBlocks:
+        """Those of these unknowns of the border alone, in arrays of their own."""
+        return replace(
+            self,
+            right=self.right[..., np.append(border, -1)],
+            corners=self.corners[:, border[:, None], border],
+            corner_gradients=self.corner_gradients[:, border],
+        )
+
+    @property
+    def corner(self) -> Floats:
+        """(p, p) of all segments."""
+        return np.asarray(self.corners.sum(axis=0))
+
+    @property
+    def corner_gradient(self) -> Floats:
+        """(p,) of all segments."""
+        return np.asarray(self.corner_gradients.sum(axis=0))
+
+    def put(self, part: slice, rows: Floats | Single, pieces: Sequence[slice], columns: Indices) -> Floats:
+        """Store [J r]'[J r] of the Jacobian and residuals `rows` (k, r, m + c) of a chunk, by states and c `columns`.
+
+        Returns corners and gradients (b, c, c) of its pieces. Rows in single precision are multiplied segment by segment and
+        the products summed in double precision; those in double precision are multiplied at once.
+        """
+        m, single = self.state.shape[1], rows.dtype == np.float32
+        product = (rows if single else rows[..., :m]).transpose(0, 2, 1) @ rows
+        self.state[part] = product[:, :m, :m]
+        put_columns(self.right[part], columns, product[:, :m, m:])
+        if single:
+            return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
+        borders = (rows[piece, :, m:].reshape(-1, len(columns)) for piece in pieces)
+        return np.stack([border.T @ border for border in borders])
+
+    def add_corners(self, blocks: Indices, columns: Indices, corners: Floats) -> None:
+        """Add corners and gradients (b, c, c) of `columns`, as of `put`, to those of b `blocks`."""
+        border, which = as_slice(columns[:-1]), as_slice(blocks)
+        if isinstance(border, slice) and isinstance(which, slice):
+            self.corners[which, border, border] += corners[:, :-1, :-1]
+            self.corner_gradients[which, border] += corners[:, -1, :-1]
+            return
+        places, numbers = columns[:-1], blocks[:, None]
+        self.corners[numbers[:, None], places[:, None], places] += corners[:, :-1, :-1]
+        self.corner_gradients[numbers, places] += corners[:, -1, :-1]
+
+    def put_errors(
+        self, part: slice, rows: Floats | Single, errors: Sequence[ChannelErrors], columns: Indices
+    ) -> Floats:
+        """Store products of `errors` of sensors with `rows` (k, M C, m + c) as of `put`.
+
+        Returns those in the border and its gradient (p + 1, p + 1).
+        """
+        m, size = self.state.shape[1], self.right.shape[2]
+        corner = np.zeros((size, size))
+        for of_channel in errors:
+            own, values = of_channel.columns, of_channel.values
+            by_sample = rows.reshape(*values.shape[:2], -1, rows.shape[2])
+            shown = by_sample[:, :, of_channel.channel]
+            product = shown.transpose(0, 2, 1) @ values
+            self.right[part][..., own] = product[:, :m]
+            across = product[:, m:].sum(axis=0, dtype=float)
+            corner[columns[:, None], own] = across
+            corner[own[:, None], columns] = across.T
+            corner[own[:, None], own] = (values.transpose(0, 2, 1) @ values).sum(axis=0, dtype=float)
+        return corner
+
+
+def put_columns(out: Floats, columns: Indices, values: Floats | Single) -> None:
+    """Store values (..., c) in some columns of `out` (..., p + 1), of which the last one is the gradient's."""
+    out[..., as_slice(columns[:-1])] = values[..., :-1]
+    out[..., -1] = values[..., -1]
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelErrors:
+    """Whitened `values` (k, M, e) that e errors add to a `channel` in a chunk, and their `columns` (e,) in the border."""
+
+    channel: int
+    columns: Indices
+    values: Single
+
+
+def columns_of_forces(segments: Segments) -> Indices:
+    """The columns of gains, then of delays, of uncertain forces among those of the errors of sensors."""
+    uncertain, sensors = segments.inputs.uncertain, segments.sensors
+    if uncertain is None:
+        return np.empty(0, dtype=int)
+    gains, delays = (numbers[numbers >= 0] for numbers in (uncertain.gains, uncertain.delays))
+    return np.concatenate([sensors.offsets + gains, sensors.offsets + sensors.gains + delays])
+
+
+def changes_of_forces(
+    segments: Segments, point: Iterate, scales: Scales, part: slice
+) -> CandidateForces | None:
+    """The forces on masses, in some segments, per unit of each error of `columns_of_forces`; None without any."""
+    if segments.inputs.uncertain is None:
+        return None
+    uncertain = segments.inputs.uncertain.part(part)
+    force, rate = uncertain.acting(point.gains, point.delays)
+    scaled, late = np.flatnonzero(uncertain.gains >= 0), np.flatnonzero(uncertain.delays >= 0)
+    gains, delays = uncertain.gains[scaled], uncertain.delays[late]
+    units = scales.theta[len(point.theta) + len(point.offsets) :]
+    per_gain = -force[:, :, scaled] * (units[gains] / point.gains[gains])[:, None]
+    per_delay = rate[:, :, late] * units[len(point.gains) + delays][:, None]
+    changes = np.concatenate([per_gain, per_delay], axis=2)
+    starts, middles = at_ends_and_middles(changes, segments.flow_steps_per_tangent)
+    ends = uncertain.ends[np.concatenate([scaled, late])]
+    return CandidateForces(np.full(len(ends), -1), ends, starts, middles)
+
+
+def add_offsets(columns: Floats, segments: Segments, scales: Scales, whiten: Single, part: slice) -> None:
+    """The columns of constant offsets, and of waveforms behind them, among those of the errors of sensors."""
+    sensors = segments.sensors
+    units = scales.theta[segments.system.parameters.size :]
+    for channel in np.flatnonzero(sensors.offset >= 0):
+        number = sensors.offset[channel]
+        columns[:, :, channel, number] = whiten[:, channel].T * units[number]
+    if segments.waveforms is not None:
+        for number, channel in enumerate(segments.waveforms.channel.tolist(), start=sensors.constants):
+            values = segments.waveforms.values[:, number - sensors.constants, part]
+            columns[:, :, channel, number] = (whiten[:, channel] * values).T * units[number]
+
+
+def tangents_of_channels(
+    motions: Sequence[Single],
+    kind: int,
+    channels: Indices,
+    sensors: Sensors,
+    point: Iterate,
+    rate: float | Floats,
+) -> Single:
+    """(c, P, k) tangents of what the `channels` of one `kind` show; those that are late to first order in the delay."""
+    rows = motions[kind][as_slice(sensors.mass[channels])]
+    late = sensors.delay[channels] >= 0 if kind < A and len(sensors.delay) else np.zeros(0, dtype=bool)
+    if late.any():
+        rows = rows.copy()
+    for number in np.flatnonzero(late).tolist():
+        delay, mass = point.delays[sensors.delay[channels[number]]], sensors.mass[channels[number]]
+        rows[number] -= (delay * rate * motions[kind + 1][mass]).astype(rows.dtype)
+    return rows
+
+
+def add_delays(
+    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, whiten: Single, part: slice
+) -> None:
+    """The columns of delays: the rate of the motion that the sensor shows, sign reversed."""
+    sensors, point = segments.sensors.at(segments.system.at(misfit.point.theta)), misfit.point
+    first = jacobian.shape[-1] - 1 - sensors.delays
+    units, factors = scales.theta[len(scales.theta) - sensors.delays :], sensors.factors(point.gains)
+    for channel in sensors.late:
+        number = sensors.delay[channel]
+        _, rate = late_motion(
+            sensors.orbit_with_points(misfit.trajectories.part(part)),
+            segments.step[part] * segments.refine,
+            segments.refine,
+            mass=int(sensors.mass[channel]),
+            kind=int(sensors.kind[channel]),
+            delay=float(point.delays[number]),
+        )
+        if segments.late_base is not None:
+            rate = rate + segments.late_base.at(channel, float(point.delays[number]), part)[1]
+        column = -whiten[:, channel] * rate * (units[number] * factors[channel])
+        jacobian[:, :, channel, first + number] = column.T
+
+
+def calibrate_gains(
+    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
+) -> None:
+    """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened alike.
+
+    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. The columns of uncertain forces,
+    which move the masses, are in place.
+    """
+    sensors, point = segments.sensors, misfit.point
+    motion_columns = jacobian.shape[-1] - 1 - sensors.unknowns
+    first = len(point.theta) + len(point.offsets)
+    factors, moving = sensors.factors(point.gains), motion_columns + columns_of_forces(segments)
+    for channel in sensors.scaled:
+        relative = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
+        sigma = scales.sigma[channel] * relative
+        predicted = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
+        if misfit.clipped is not None:
+            predicted = predicted + misfit.clipped.shown[:, channel, part]
+        if segments.carried is not None:
+            predicted = predicted + segments.carried[0, :, channel, part] / sigma
+        if sensors.offset[channel] >= 0:
+            predicted = predicted - point.offsets[sensors.offset[channel]] / sigma
+        if segments.waveforms is not None:
+            added = segments.waveforms.added(int(channel), point.offsets[sensors.constants :])
+            predicted = predicted - added[:, part] / sigma
+        jacobian[:, :, channel, :motion_columns] *= np.float32(factors[channel])
+        jacobian[:, :, channel, moving] *= np.float32(factors[channel])
+        for number in np.flatnonzero(sensors.gain[channel]):
+            unit = scales.theta[first + number] / factors[channel]
+            column = motion_columns + len(point.offsets) + number
+            jacobian[:, :, channel, column] = (root[:, channel] * predicted * unit).T
+
+
+def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
+    """What sensors show of random forces directly, in segments of one sample."""
+    assert random.shown is not None
+    for channel, number in np.argwhere(random.shown):
+        row = random.rows[number]
+        jacobian[:, 0, channel, row] += whiten[0, channel] * np.float32(
+            random.shown[channel, number] * scales.state[row]
+        )
+
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
@@ -398,3 +633,70 @@ def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | No
     """Number of columns behind those of the parameters."""
     of_candidates = 0 if candidates is None else len(candidates.first)
     return of_candidates + (0 if errors is None else len(errors.channel))
+
+
+_INDEPENDENT = (
+    1e-12  # relative square of what a shift does to the ends of segments, below which it is nothing
+)
+
+
+def with_common_shift(linear: Linearization) -> Linearization:
+    """The same linearised problem, its nodes relative to shifts by the border that leave the ends of segments least to fit.
+
+    Parameters
+    ----------
+    linear : Linearization
+        The linearised problem.
+
+    Returns
+    -------
+    Linearization
+        That in the other coordinates: the equations of its border alone, and so the covariance, are the same but for rounding.
+        The same one where the motion overflows.
+    """
+    p, m = len(linear.data.corner), linear.data.state.shape[1]
+    if not (np.isfinite(linear.state_ends).all() and np.isfinite(linear.right_ends).all()):
+        return linear
+    apart = linear.state_ends.copy()
+    apart[:, range(m), range(m)] -= linear.joined
+    shift = _least_left(apart, linear.right_ends[:, :, :p])
+    right_ends = linear.right_ends.copy()
+    right_ends[:, :, :p] += apart @ shift
+    right = np.zeros_like(linear.defects.right)
+    right[:-1] = linear.state_ends.transpose(0, 2, 1) @ right_ends
+    ends = [slice(*pair) for pair in pairwise(block_ends(len(right), len(linear.data.corners)))]
+    rows = (right_ends[block].reshape(-1, p + 1) for block in ends)
+    products = np.stack([own.T @ own for own in rows])
+    defects = replace(
+        linear.defects, right=right, corners=products[:, :p, :p], corner_gradients=products[:, p, :p]
+    )
+    return replace(
+        linear,
+        data=_moved_along(linear.data, shift, ends),
+        defects=defects,
+        right_ends=right_ends,
+        shift=shift,
+    )
+
+
+def _least_left(apart: Floats, by_border: Floats) -> Floats:
+    """(m, p) the shift that, times `apart` (K - 1, m, m), leaves least of what the border does, (K - 1, m, p)."""
+    rows = apart.reshape(-1, apart.shape[2])
+    squares, products = rows.T @ rows, rows.T @ by_border.reshape(len(rows), -1)
+    size = np.sqrt(np.maximum(squares.diagonal(), np.finfo(float).tiny))[:, None]
+    solved = np.linalg.lstsq(squares / size / size.T, products / size, rcond=_INDEPENDENT)[0]
+    return np.asarray(-solved / size)
+
+
+def _moved_along(data: NormalBlocks, shift: Floats, blocks: Sequence[slice]) -> NormalBlocks:
+    """The quadratic form of the samples, its corners by blocks of nodes, where the border moves nodes by `shift` (m, p)."""
+    p = shift.shape[1]
+    right = data.right.copy()
+    right[:, :, :p] += data.state @ shift
+    corners, gradients = data.corners.copy(), data.corner_gradients.copy()
+    for number, block in enumerate(blocks):
+        own = data.right[block].sum(axis=0)
+        across = own[:, :p].T @ shift
+        corners[number] += across + across.T + shift.T @ data.state[block].sum(axis=0) @ shift
+        gradients[number] += shift.T @ own[:, p]
+    return replace(data, right=right, corners=corners, corner_gradients=gradients)

@@ -1,20 +1,37 @@
-"""Records cut into segments: samples by channel, sensors, and inputs at the points of the flow."""
+"""Records cut into segments: samples by channel, sensors, and inputs at the points of the flow.
+
+Segments of records in coordinates that move with a base: what sensors show of its motion, and its acceleration.
+
+Segments of records in which channels of applied forces have unknown gains or delays.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.clipped_readings import ClippedReadings
-from linkwise.likelihood.shooting.flow import Inputs
+from linkwise.likelihood.shooting.flow import (
+    EDGE,
+    LARGEST,
+    POINTS,
+    Inputs,
+    LateBase,
+    UncertainForces,
+    places_of_delays,
+    powers_through,
+    values_at_delays,
+)
+from linkwise.likelihood.shooting.loss import ClippedReadings
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.shooting.tableau import POINTS
+from linkwise.model.excitation import Sampled
 from linkwise.model.structure import Structure
+from linkwise.model.topology import FIRST_POINT
 from linkwise.records.channel import (
     BAND_LIMITED,
     FORCE,
@@ -26,6 +43,7 @@ from linkwise.records.channel import (
 )
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
+from linkwise.signals.base_frame import FramedRecord, frame_acceleration
 from linkwise.units import base_exponents
 
 _BLOCK = 100_000  # samples of a signal that are interpolated at once
@@ -381,3 +399,194 @@ def _between_samples(
             else signal.value(inside)
         )
     return result
+
+
+def in_moving_coordinates(segments: Segments, frames: Sequence[FramedRecord]) -> Segments:
+    """Add to segments of records in coordinates that move what their sensors show of that, and its acceleration.
+
+    Parameters
+    ----------
+    segments : Segments
+        The segments of all records.
+    frames : sequence of FramedRecord
+        The records.
+
+    Returns
+    -------
+    Segments
+        The segments; the same where no coordinates move.
+    """
+    samples, refine = len(segments.samples), segments.refine
+    inputs = replace(segments.inputs, frame=_frame_acceleration(frames, samples, refine))
+    carried = _carried(frames, samples)
+    if carried is None or not len(segments.sensors.late):
+        return replace(segments, inputs=inputs, carried=carried)
+    base, inside = _late_base(segments, frames)
+    observed = segments.observed & inside
+    samples_inside = np.where(observed, segments.samples, 0.0)
+    segments = replace(segments, observed=observed, samples=samples_inside, clipped=None)
+    return replace(segments, inputs=inputs, carried=carried, late_base=base)
+
+
+def _late_base(segments: Segments, frames: Sequence[FramedRecord]) -> tuple[LateBase, Bools]:
+    """What late sensors show of moving coordinates, and (M, C, K) where the record of the base reaches far enough for it."""
+    late = [int(channel) for channel in segments.sensors.late]
+    values, inside = [], []
+    for frame in frames:
+        names, nothing = list(frame.names.values()), np.zeros((1, len(frame.record)))
+        shown = [frame.carried.get(names[channel], nothing)[0] for channel in late]
+        delayed = np.stack([values_at_delays(signal, frame.record.rate) for signal in shown], axis=2)
+        values.append(np.stack([cut(signal, len(segments.samples)) for signal in delayed]))
+        reaches = np.ones((len(frame.record), len(names)))
+        for channel in late:
+            if names[channel] in frame.carried:
+                reaches[:EDGE, channel] = reaches[-EDGE:, channel] = 0.0
+        inside.append(np.nan_to_num(cut(reaches, len(segments.samples))))
+    through = np.nan_to_num(np.concatenate(values, axis=3))
+    base = LateBase.through(late, through, segments.step * segments.refine)
+    return base, np.concatenate(inside, axis=2) > 0.0
+
+
+def _carried(frames: Sequence[FramedRecord], samples: int) -> Floats | None:
+    """(2, M, C, K) what the sensors show of moving coordinates, and its rate; 0 behind the end of a record."""
+    if not any(frame.carried for frame in frames):
+        return None
+    parts = []
+    for frame in frames:
+        nothing = np.zeros((2, len(frame.record)))
+        shown = np.stack([frame.carried.get(name, nothing) for name in frame.names.values()], axis=2)
+        parts.append(np.stack([cut(values, samples) for values in shown]))
+    return np.nan_to_num(np.concatenate(parts, axis=3))
+
+
+def _frame_acceleration(frames: Sequence[FramedRecord], samples: int, refine: int) -> Floats | None:
+    """(J, 5, K) acceleration of the coordinates at the points of every step."""
+    if not any(frame.acceleration is not None for frame in frames):
+        return None
+    pieces = [
+        signal_at_points(
+            frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine)
+        )[0]
+        for frame in frames
+        if frame.acceleration is not None
+    ]
+    return np.concatenate(pieces, axis=2)
+
+
+def with_uncertain_forces(
+    segments: Segments,
+    records: Sequence[Record],
+    structure: Structure,
+    gains: Sequence[str],
+    delays: Sequence[str],
+) -> Segments:
+    """Add to segments the applied forces of which a gain or a delay is among the unknowns.
+
+    Parameters
+    ----------
+    segments : Segments
+        The segments of all records.
+    records : sequence of Record
+        The records, in the coordinates of the equations.
+    structure : Structure
+        The structure.
+    gains, delays : sequence of str
+        Channels with an unknown gain or delay, of sensors and of forces, in the order of the unknowns.
+
+    Returns
+    -------
+    Segments
+        The segments; the same where no channel of a force is among these.
+
+    Raises
+    ------
+    IdentificationError
+        If a force with an unknown delay is not band-limited between its samples.
+    """
+    channels = tuple(
+        dict.fromkeys(Channel.parse(name) for name in (*gains, *delays) if name.startswith(FORCE))
+    )
+    if not channels:
+        return segments
+    late = [name for name in channels if name in delays]
+    _require_band_limited(records, late)
+    shown = [_shown(segments, records, structure, name, name in delays) for name in channels]
+    powers = max(map(len, shown))
+    coefficients = tuple(
+        np.stack([own[power] if power < len(own) else np.zeros_like(own[0]) for own in shown], axis=2)
+        for power in range(powers)
+    )
+    places = [channel.place for channel in channels]
+    points = np.array([structure.points.index(name) if name in structure.points else -1 for name in places])
+    masses = [structure.mass_names.index(name) if name in structure.mass_names else -1 for name in places]
+    assert segments.inputs.force is not None
+    uncertain = UncertainForces(
+        channels=channels,
+        ends=np.where(points >= 0, FIRST_POINT - points, masses),
+        rows=np.array([structure.topology.row(name) for name in places]),
+        points=points,
+        gains=np.array([gains.index(name) if name in gains else -1 for name in channels]),
+        delays=np.array([delays.index(name) if name in delays else -1 for name in channels]),
+        certain=np.zeros_like(segments.inputs.force),
+        coefficients=coefficients,
+        unit=LARGEST * segments.step * segments.refine,
+    )
+    nothing = np.zeros(len(delays))
+    of_these = uncertain.on_masses(uncertain.acting(np.ones(len(gains)), nothing)[0])
+    uncertain = replace(uncertain, certain=segments.inputs.force - of_these)
+    return replace(
+        segments,
+        inputs=replace(segments.inputs, uncertain=uncertain),
+        sensors=replace(segments.sensors, late_inputs=1 + int(uncertain.delays.max())),
+    )
+
+
+def _require_band_limited(records: Sequence[Record], late: Sequence[str]) -> None:
+    for name in late:
+        kinds = {record.interpolation.get(name, BAND_LIMITED) for record in records} - {BAND_LIMITED}
+        if kinds:
+            raise IdentificationError(
+                f"no delay of {name}, which is {kinds.pop()} between its samples, can be estimated beside other inputs: state "
+                "it as band-limited if it is, or take the delay out (without_delays)"
+            )
+
+
+def _shown(
+    segments: Segments, records: Sequence[Record], structure: Structure, name: Channel, late: bool
+) -> tuple[Floats, ...]:
+    """(J, 5, K) what a channel shows, less forces of inertia, at the points of every step; where late, powers of the delay."""
+    samples = len(segments.samples)
+    pieces = []
+    for record in records:
+        values, acceleration = record.channel(name), frame_acceleration(record)
+        if acceleration is not None and name.place in structure.mass_names:
+            number = structure.mass_names.index(name.place)
+            values = values + segments.system.parameters.stated_masses[number] * acceleration
+        count, grid = -(-len(record) // samples), (samples, segments.refine)
+        kind = record.interpolation.get(name, BAND_LIMITED)
+        if late:
+            pieces.append(_at_delays(record, values, count, grid))
+        else:
+            pieces.append(value_at_points(record, values, count, grid, kind)[None])
+    joined = np.concatenate(pieces, axis=3)
+    return tuple(powers_through(joined)) if late else (joined[0],)
+
+
+def _at_delays(record: Record, values: Floats, count: int, grid: tuple[int, int]) -> Floats:
+    """(P, J, 5, K) a force at the points of every step, if its channel is late by Chebyshev's points, ascending.
+
+    Beyond the ends of the record it runs straight on, and stays from the last sample on where no delay counts.
+    """
+    samples, refine = grid
+    signal: Sampled = interpolated(0.0, record.rate, values)
+    steps = np.arange(count * samples * refine).reshape(count, samples * refine)
+    time = (record.step / refine) * (steps.T[:, None, :] + POINTS[None, :, None])
+    rows = []
+    for place in places_of_delays():
+        late = np.minimum(time, signal.end) + place * LARGEST / record.rate
+        inside = np.clip(late, 0.0, signal.end)
+        row = signal.value(inside)
+        beyond = late != inside
+        row[beyond] += signal.derivative(inside[beyond]) * (late[beyond] - inside[beyond])
+        rows.append(row)
+    return np.stack(rows)

@@ -3,11 +3,29 @@
 Segment k starts at its node, carries the samples j = 0 .. M - 1 from there, and ends where segment k + 1 starts
 (if the two are linked). Several records are chains of segments that are not linked to each other. A missing sample
 has weight zero; so has the padding behind the last sample of a record.
+
+What sensors add to their signals over time, in known shapes of unknown size: drift by pieces of a line, and hum.
+
+A drift is a line of pieces, each of which rises from 0 to 1 after the one before and stays there. A hum is a cosine and a
+sine of one frequency, of which amplitude and phase follow.
+
+Where the sliders of links were when a record began: within their largest sizes, which records hardly tell.
+
+Sliders side by side stick until the motion turns far enough, and until then their forces add up to one. How the states of
+several share it at the start of a record shows in their corners alone: the equations were singular along such shares, and
+searches crept. A slider is never beyond its largest size, and its state passes through all of its range: at the start it is
+taken as normal around zero with the root mean square of its size along the motion.
+
+Long gaps in records: where the chain of segments is interrupted, and the start inside gaps.
+
+Over a long gap chaotic motion has many continuations, and a search cannot choose among them from poor starting values. The
+state after the gap is therefore free at first, as at the start of a record; once the laws are known, the two sides are
+joined.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -16,13 +34,191 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.clipped_readings import ClippedReadings
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories
-from linkwise.likelihood.shooting.late_base import LateBase
-from linkwise.likelihood.shooting.prior import Prior
-from linkwise.likelihood.shooting.random_states import RandomStates
-from linkwise.likelihood.shooting.system import NumericSystem, System
-from linkwise.likelihood.shooting.waveforms import Waveforms
+from linkwise.display import near_miss
+from linkwise.errors import IdentificationError
+from linkwise.likelihood.shooting.flow import Inputs, LateBase, Trajectories, flow
+from linkwise.likelihood.shooting.loss import ClippedReadings, Prior, RandomStates
+from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
+from linkwise.records.record import Record
+
+PIECES, MOST_PIECES = 8, 64
+"""Pieces of a drift in each record, and the most that may be asked for: more would follow the motion itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Waveforms:
+    """`values` (M, w, K) at the samples, per unit of the size, that w waveforms add to their `channel` (w,)."""
+
+    channel: Indices
+    values: Floats
+
+    def chosen(self, which: Indices) -> Waveforms:
+        """Those in some of the segments."""
+        return Waveforms(self.channel, self.values[..., which])
+
+    def added(self, channel: int, sizes: Floats) -> Floats:
+        """(M, K) what waveforms of these `sizes` (w,) add to a channel."""
+        own = self.channel == channel
+        return np.asarray(np.einsum("w,mwk->mk", sizes[own], self.values[:, own]))
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """A drift, or a hum of some `frequency` in Hz, of a channel in the record number `record`, in `count` waveforms.
+
+    A drift from an `unknown_start` has a constant as the first of them.
+    """
+
+    channel: str
+    record: int
+    count: int
+    frequency: float | None = None
+    unknown_start: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        drifts: Mapping[str, float | None],
+        hums: Mapping[str, Sequence[float]],
+        records: Sequence[Record],
+        unknown_starts: Collection[str] = (),
+    ) -> tuple[Disturbance, ...]:
+        """Those of some channels in every record, each with sizes of its own.
+
+        `drifts` has the lengths of pieces in s, `hums` frequencies in Hz; drifts of the channels in `unknown_starts` may start
+        anywhere.
+
+        Raises IdentificationError for a channel that no record has as a response, pieces that are too many, and a frequency
+        beyond half the rate.
+        """
+        responses = records[0].responses
+        for name in (*drifts, *hums):
+            if name not in responses:
+                raise IdentificationError(
+                    f"no drift or hum of {name} can be estimated{near_miss(name, responses)}: the record has the sensors "
+                    f"{', '.join(responses)}",
+                    arguments=("drifts",) if name in drifts else ("hums",),
+                )
+        for name, seconds in drifts.items():
+            longest = max(record.duration for record in records)
+            if seconds is not None and not longest / MOST_PIECES <= seconds < np.inf:
+                raise IdentificationError(
+                    f"the pieces of the drift of {name} must be {longest / MOST_PIECES:.3g} s long at least, got {seconds:g} "
+                    f"s: more than {MOST_PIECES} of them would follow the motion",
+                    arguments=("drifts",),
+                )
+        half = min(record.rate for record in records) / 2.0
+        for name, frequency in ((name, frequency) for name, several in hums.items() for frequency in several):
+            if not 0.0 < frequency < half:
+                raise IdentificationError(
+                    f"the hum of {name} must have a frequency between 0 and half the rate, {half:g} Hz, got {frequency:g} Hz",
+                    arguments=("hums",),
+                )
+        return tuple(
+            disturbance
+            for number, record in enumerate(records)
+            for disturbance in (
+                *(
+                    cls(name, number, _pieces(record, seconds) + start, unknown_start=start)
+                    for name, seconds in drifts.items()
+                    for start in [name in unknown_starts]
+                ),
+                *(cls(name, number, 2, frequency) for name, several in hums.items() for frequency in several),
+            )
+        )
+
+    def shapes(self, record: Record) -> Floats:
+        """(N, count) its waveforms at the samples of a record."""
+        elapsed = record.time - record.start
+        if self.frequency is not None:
+            phase = 2.0 * np.pi * self.frequency * elapsed
+            return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        count = self.count - self.unknown_start
+        pieces = elapsed / max(record.duration, np.finfo(float).tiny) * count
+        rising = np.clip(pieces[:, None] - np.arange(count), 0.0, 1.0)
+        return np.insert(rising, 0, 1.0, axis=1) if self.unknown_start else rising
+
+    def describe(self, sizes: Floats, deviations: Floats, unit: str) -> str:
+        """A sentence on what was found, from the sizes (count,) and their standard deviations."""
+        error = float(np.sqrt(np.mean(deviations**2)))
+        if self.frequency is not None:
+            amplitude = float(np.hypot(*sizes))
+            return (
+                f"{self.channel} has a hum of {amplitude:.4g} {unit} at {self.frequency:g} Hz (estimated with the other "
+                f"unknowns, standard error {error:.2g})."
+            )
+        first = [] if self.unknown_start else [0.0]
+        path = np.concatenate([first, np.cumsum(sizes)])
+        return (
+            f"{self.channel} drifts over {np.ptp(path):.4g} {unit} (estimated with the other unknowns in {len(path) - 1} "
+            f"pieces, standard error of each {error:.2g})."
+        )
+
+
+def _pieces(record: Record, seconds: float | None) -> int:
+    return PIECES if seconds is None else max(1, round(record.duration / seconds))
+
+
+def lengths_by_channel(drifts: str | Sequence[str] | Mapping[str, float | None]) -> dict[str, float | None]:
+    """Channels that drift, with the lengths of pieces in s where they are stated.
+
+    Parameters
+    ----------
+    drifts : str, sequence of str or mapping of str to float or None
+        A channel, several, or the lengths by channel.
+
+    Returns
+    -------
+    dict of str to float or None
+        The lengths by channel.
+
+    Raises
+    ------
+    IdentificationError
+        If a length is no positive number.
+    """
+    if not isinstance(drifts, Mapping):
+        return dict.fromkeys((drifts,) if isinstance(drifts, str) else drifts or ())
+    for name, seconds in drifts.items():
+        if seconds is not None and not (_is_number(seconds) and seconds > 0.0):
+            raise IdentificationError(
+                f"the pieces of the drift of {name} must have a positive length in s, got {seconds!r}"
+            )
+    return dict(drifts)
+
+
+def frequencies_by_channel(hums: Mapping[str, float | Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    """Frequencies of hums in Hz by channel.
+
+    Parameters
+    ----------
+    hums : mapping of str to float or sequence of float
+        One frequency or several.
+
+    Returns
+    -------
+    dict of str to tuple of float
+        The frequencies.
+
+    Raises
+    ------
+    IdentificationError
+        If they are not numbers by channel.
+    """
+    frequencies = {}
+    for name, several in hums.items() if isinstance(hums, Mapping) else [(hums, None)]:
+        values: object = (several,) if _is_number(several) else several
+        if isinstance(values, str) or not isinstance(values, Sequence) or not all(map(_is_number, values)):
+            raise IdentificationError(
+                f'hums takes frequencies in Hz by channel, as in {{"x:m1": 50.0}}, got {hums!r}'
+            )
+        frequencies[str(name)] = tuple(float(frequency) for frequency in values)
+    return frequencies
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
 
 X, V, A, F, S = 0, 1, 2, 3, 4
 """Kinds of sensors: displacement, velocity and acceleration of a mass, force in a link, state of a link."""
@@ -273,3 +469,126 @@ class Scales:
     sigma: Floats
     state: Floats
     theta: Floats
+
+
+_SIZE = 10.0  # times the scale of a state that no channel shows: its root mean square
+
+
+def cost_of_starts(segments: Segments, nodes: Floats, scales: Scales) -> float:
+    """What the states of sliders at the starts of chains of segments add to the cost.
+
+    Parameters
+    ----------
+    segments : Segments
+        The records in segments.
+    nodes : array of shape (2n + S, K)
+        The states at the nodes.
+    scales : Scales
+        Units of the unknowns.
+
+    Returns
+    -------
+    float
+        The sum of squares over those of their sizes; 0 of many masses, among which neighbours tell of each other.
+    """
+    rows, firsts = _places(segments)
+    if not len(rows):
+        return 0.0
+    return float(np.sum((nodes[rows][:, firsts] / (_SIZE * scales.state[rows, None])) ** 2))
+
+
+def add_starts(state: Floats, right: Floats, segments: Segments, nodes: Floats, scales: Scales) -> None:
+    """Add that cost to normal equations.
+
+    Parameters
+    ----------
+    state, right : array of shape (K, m, m) and (K, m, p + 1)
+        Diagonal blocks of the nodes, and their right-hand sides, the last column of which is the negative gradient.
+    segments, nodes, scales
+        As of `cost_of_starts`.
+    """
+    rows, firsts = _places(segments)
+    if not len(rows):
+        return
+    state[firsts[:, None], rows, rows] += _SIZE**-2.0
+    right[firsts[:, None], rows, -1] -= (nodes[rows][:, firsts] / scales.state[rows, None]).T / _SIZE**2
+
+
+def _places(segments: Segments) -> tuple[Indices, Indices]:
+    """Rows of the states, and the first segments of chains; no rows of many masses."""
+    rows = segments.system.slider_states
+    few = len(segments.system.incidence) < MANY
+    return rows[: len(rows) if few else 0], np.flatnonzero(np.append(True, ~segments.linked))
+
+
+_BRIDGED = 2  # segments without a sample of a mass that a rough start may bridge
+
+
+def split_at_gaps(segments: Segments) -> Segments:
+    """Interrupt the chain of segments at long gaps.
+
+    No segment inside a gap of all sensors is linked to another. In a gap of the sensors of one mass, the laws continue its
+    motion from the near side, and the chain is interrupted at the far side.
+
+    Parameters
+    ----------
+    segments : Segments
+        The segments.
+
+    Returns
+    -------
+    Segments
+        The same with fewer linked pairs.
+    """
+    linked = segments.linked.copy()
+    for first, last in _gaps(segments.informed):
+        linked[max(first - 1, 0) : last] = False
+    sensors = segments.sensors
+    for mass in np.unique(sensors.mass[sensors.of_masses]):
+        for _, last in _gaps(segments.informed[:, sensors.of_masses & (sensors.mass == mass)]):
+            linked[last - 1 : last] = False
+    return replace(segments, linked=linked)
+
+
+def _gaps(observed: Bools) -> list[tuple[int, int]]:
+    """First segment of every long gap in the channels (M, C, K) and the first after it."""
+    unobserved = np.concatenate([[False], ~observed.any(axis=(0, 1)), [False]])
+    turns = np.flatnonzero(np.diff(unobserved)).reshape(-1, 2)
+    return [(int(first), int(last)) for first, last in turns if last - first > _BRIDGED]
+
+
+def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
+    """Start inside gaps by integration of the laws instead of interpolation.
+
+    Parameters
+    ----------
+    segments : Segments
+        The segments.
+    point : Iterate
+        The start.
+
+    Returns
+    -------
+    Iterate
+        The start with new nodes in gaps.
+    """
+    n, sensors = len(segments.system.incidence), segments.sensors
+    unobserved = np.zeros((len(point.nodes), segments.count), dtype=bool)
+    for mass in np.unique(sensors.mass[sensors.of_masses & (sensors.mass < n)]):
+        shows = sensors.of_masses & (sensors.mass == mass)
+        unobserved[[mass, n + mass]] = ~segments.informed[:, shows].any(axis=(0, 1))
+    unobserved[:, 0] = False
+    unobserved[:, 1:] &= segments.linked
+    depth = np.zeros(segments.count, dtype=int)
+    for k in np.flatnonzero(unobserved.any(axis=0)):
+        depth[k] = depth[k - 1] + 1
+    nodes, mechanics = point.nodes.copy(), segments.system.at(point.theta)
+    for reached in range(1, int(depth.max(initial=0)) + 1):
+        segment = np.flatnonzero(depth == reached)
+        before, step = segment - 1, segments.step[segment - 1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            orbit = flow(mechanics, nodes[..., before], step, segments.steps, segments.inputs.part(before))
+        end = orbit.ends(step)
+        replaced = unobserved[:, segment] & np.isfinite(end).all(axis=0)
+        nodes[..., segment] = np.where(replaced, end, nodes[..., segment])
+    return replace(point, nodes=nodes)

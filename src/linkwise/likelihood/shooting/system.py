@@ -3,24 +3,380 @@
 The batch of segments is the LAST axis of arrays, (links, K) or (masses, K): links are then contiguous, a group of links
 with one law is a slice, and B^T x is one matrix product for all segments. Links are sorted by law; `System.order` has their
 indices in the structure.
+
+Links with one law, and their states, by their places in the arrays of a system.
+
+The linear map from parameters to the coefficients of links and to masses.
+
+Partial derivatives of the rates of states of links with memory.
+
+Shapes of hosts among the parameters: how points, and with them links, forces and sensors, change with the modes' shapes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from types import EllipsisType
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.expression import Operation
-from linkwise.likelihood.shooting.law_group import LawGroup
-from linkwise.likelihood.shooting.parameters import Parameters
-from linkwise.likelihood.shooting.rate_partials import MemorySlopes, RatePartials
-from linkwise.likelihood.shooting.shape_parameters import ShapeParameters
+from linkwise.expression import Expression, Operation, Program, differentiate
 from linkwise.likelihood.starts.linear_part import is_linear
-from linkwise.model.slider_corners import slider_parts
+from linkwise.model.law import VARIABLES, Law
+from linkwise.model.names import MASS, SHAPE, Name
+from linkwise.model.slider_corners import slider_parts, smooth_rates
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+
+
+@dataclass(frozen=True)
+class LawGroup:
+    """Links with one law.
+
+    Attributes
+    ----------
+    law : Law
+        The law.
+    links : slice
+        Their positions on the link axis.
+    first : int
+        Position of their first coefficient in the vector of coefficients.
+    first_state : int
+        Position of their first state on the state axis: state by state, link by link.
+    free : tuple of str
+        Coefficients that are unknown in one of these links at least.
+    lag : float or None
+        Time in s by which a slider may lag behind its corner, which is rounded; None takes rates as they are written.
+    """
+
+    law: Law
+    links: slice
+    first: int
+    first_state: int
+    free: tuple[str, ...]
+    lag: float | None = None
+
+    @property
+    def states(self) -> slice:
+        """Positions of the states of these links."""
+        return slice(self.first_state, self.first_state + len(self.law.states) * self.size)
+
+    @property
+    def size(self) -> int:
+        """Number of links."""
+        return int(self.links.stop - self.links.start)
+
+    @cached_property
+    def force(self) -> Program:
+        """Program for the force and the rates of the states from d, v, the states and the coefficients."""
+        return _force_program(self.law, self.lag)
+
+    @cached_property
+    def partials(self) -> Program:
+        """Program for the partial derivatives of the force with respect to d, v, the unknown coefficients and the states, and
+        then of each rate.
+        """
+        return _slope_program(self.law, self.free, self.lag)
+
+    @cached_property
+    def slopes(self) -> Program:
+        """Program for the partial derivatives of the force with respect to d and v, from what `partials` takes."""
+        return _slope_of_motion_program(self.law)
+
+    @property
+    def rows(self) -> slice:
+        """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
+        return slice(self.first, self.first + len(self.law.coefficients) * self.size)
+
+    @cached_property
+    def which(self) -> tuple[EllipsisType, slice, slice]:
+        """Index of these links in arrays (..., L, K)."""
+        return (..., self.links, slice(None))
+
+    @cached_property
+    def _which_states(self) -> tuple[tuple[EllipsisType, slice, slice], ...]:
+        """Index of each state of the law in arrays (..., S, K)."""
+        starts = range(self.first_state, self.states.stop, self.size)
+        return tuple((..., slice(start, start + self.size), slice(None)) for start in starts)
+
+    def of_states(self, values: Floats) -> list[Floats]:
+        """The parts (..., m, K) of an array over all states (..., S, K), one for each state of the law."""
+        return [values[which] for which in self._which_states]
+
+    def row(self, name: str) -> slice:
+        """Positions of one coefficient of these links.
+
+        Parameters
+        ----------
+        name : str
+            Name of the coefficient.
+
+        Returns
+        -------
+        slice
+            Its positions in the vector of coefficients.
+        """
+        start = self.first + self.law.coefficients.index(name) * self.size
+        return slice(start, start + self.size)
+
+
+@lru_cache(maxsize=512)
+def _force_program(law: Law, lag: float | None) -> Program:
+    trees = _trees(law, lag)
+    return Program(trees, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+@lru_cache(maxsize=512)
+def _slope_program(law: Law, free: tuple[str, ...], lag: float | None) -> Program:
+    names = (*VARIABLES, *free, *law.states)
+    trees = _trees(law, lag)
+    slopes = [differentiate(tree, name) for tree in trees for name in names]
+    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+@lru_cache(maxsize=512)
+def _slope_of_motion_program(law: Law) -> Program:
+    slopes = [differentiate(law.expression, name) for name in VARIABLES]
+    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+def _trees(law: Law, lag: float | None) -> list[Expression]:
+    """The force of a law and the rates of its states."""
+    rates = [rate.expression for rate in law.rates] if lag is None else smooth_rates(law, lag)
+    return [law.expression, *rates]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeParameters:
+    """h parameters that are shapes of modes at points.
+
+    Attributes
+    ----------
+    columns, points, modes : array of int, shape (h,)
+        Which parameters they are, the numbers of the points from 0, and the numbers of the modes among the masses.
+    start : array of shape (k, n)
+        How points move with the shapes that the structure states.
+    sides : array of shape (k, L)
+        1 where a point is the first end of a link, -1 where it is the second; links in the order of the system.
+    """
+
+    columns: Indices
+    points: Indices
+    modes: Indices
+    start: Floats
+    sides: Floats
+
+    @classmethod
+    def of(cls, structure: Structure, order: Indices) -> ShapeParameters | None:
+        """The shapes among the parameters of a structure, `order` (L,) being that of the links; None without any."""
+        shapes = [
+            (column, structure.points.index(_point(structure, *member)), -1 - member[0])
+            for column, parameter in enumerate(structure.parameters)
+            for member in parameter.members
+            if member[0] < 0 and member[1].startswith(SHAPE)
+        ]
+        if not shapes:
+            return None
+        columns, points, modes = np.array(shapes, dtype=int).T
+        ends = [structure.links[number].between for number in order.tolist()]
+        sides = [[float(a == point) - float(b == point) for a, b in ends] for point in structure.points]
+        start = np.array([structure.topology.row(name) for name in structure.points])
+        return cls(columns, points, modes, start, np.array(sides))
+
+    def change(self, theta: Floats) -> Floats:
+        """(k, n) by which the rows of points differ from `start` at parameters theta (p,)."""
+        change = np.zeros_like(self.start)
+        change[self.points, self.modes] = theta[self.columns] - self.start[self.points, self.modes]
+        return change
+
+
+def _point(structure: Structure, index: int, key: str) -> str:
+    host, _, _ = structure.mass_names[-1 - index].partition(".")
+    return f"{host}.{key.removeprefix(SHAPE)}"
+
+
+def held_where_unseen(structure: Structure, channels: Sequence[Channel]) -> Structure:
+    """The structure with shapes known at points that have no link, force or sensor: nothing determines them.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    channels : sequence of Channel
+        Channels of the record.
+
+    Returns
+    -------
+    Structure
+        The structure; the same where every uncertain shape is at a point that is used.
+    """
+    used = {end for link in structure.links for end in link.between}
+    used |= {channel.place for channel in channels}
+    hosts = tuple(
+        replace(
+            host,
+            modes=tuple(
+                replace(
+                    mode,
+                    shape_sigma={
+                        point: sigma
+                        for point, sigma in mode.shape_sigma.items()
+                        if f"{host.name}.{point}" in used
+                    },
+                )
+                for mode in host.modes
+            ),
+        )
+        for host in structure.hosts
+    )
+    return structure if hosts == structure.hosts else replace(structure, hosts=hosts)
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Parameters theta (p,): coefficients = constant + map @ theta, masses = mass_constant + mass_map @ theta.
+
+    Attributes
+    ----------
+    names, units : tuple of Name, of str
+        Names of the parameters and their SI units.
+    constant, map : array of shape (c,), (c, p)
+        Map to the c coefficients.
+    mass_constant, mass_map : array of shape (n,), (n, p)
+        Map to the masses.
+    stated_masses : array of shape (n,)
+        Values of the masses in the structure, 0 of those without one.
+    lower, upper : array of shape (p,)
+        Bounds.
+    """
+
+    names: tuple[Name, ...]
+    units: tuple[str, ...]
+    constant: Floats
+    map: Floats
+    mass_constant: Floats
+    mass_map: Floats
+    stated_masses: Floats
+    lower: Floats
+    upper: Floats
+
+    @property
+    def size(self) -> int:
+        """Number of parameters p."""
+        return len(self.names)
+
+    @classmethod
+    def of(cls, structure: Structure, groups: list[LawGroup], order: Indices, rows: int) -> Parameters:
+        """Those of a structure whose links, in this `order`, have `rows` coefficients in the groups."""
+        position_of = {int(index): position for position, index in enumerate(order)}
+        row_of = {}
+        for group in groups:
+            for index in order[group.links]:
+                for name in group.law.coefficients:
+                    row_of[int(index), name] = (
+                        group.row(name).start + position_of[int(index)] - group.links.start
+                    )
+        free = structure.parameters
+        map_, mass_map = np.zeros((rows, len(free))), np.zeros((structure.size, len(free)))
+        for column, parameter in enumerate(free):
+            for index, name in parameter.members:
+                if index < 0 and name == MASS:
+                    mass_map[-1 - index, column] = 1.0
+                elif index >= 0:
+                    map_[row_of[index, name], column] = 1.0
+        constant = np.zeros(rows)
+        for (index, name), row in row_of.items():
+            constant[row] = 0.0 if map_[row].any() else structure.links[index].coefficients[name].value or 0.0
+        masses = np.array([mass.mass.value or 0.0 for mass in structure.masses])
+        return cls(
+            names=tuple(parameter.name for parameter in free),
+            units=tuple(parameter.unit for parameter in free),
+            constant=constant,
+            map=map_,
+            mass_constant=np.where(mass_map.any(axis=1), 0.0, masses),
+            mass_map=mass_map,
+            stated_masses=masses,
+            lower=np.array([parameter.lower for parameter in free]),
+            upper=np.array([parameter.upper for parameter in free]),
+        )
+
+    def known(self, coefficients: Floats, masses: Floats) -> Parameters:
+        """None, with all coefficients (c,) and masses (n,) known."""
+        nothing = np.empty(0)
+        return replace(
+            self,
+            names=(),
+            units=(),
+            constant=coefficients,
+            map=np.empty((len(coefficients), 0)),
+            mass_constant=masses,
+            mass_map=np.empty((len(masses), 0)),
+            lower=nothing,
+            upper=nothing,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RatePartials:
+    """Partial derivatives of the rates of states, and of the forces by states; states are the last axis but one.
+
+    Attributes
+    ----------
+    force : array of shape (..., S, K)
+        Of the force of a state's link with respect to the state.
+    by_d, by_v : array of shape (..., S, K)
+        Of the rates with respect to elongation and rate of the link.
+    by_state : tuple of (int, int, array)
+        Of the rate of a state (first) with respect to a state (second), (..., K).
+    by_parameter : tuple of (int, int, array)
+        Of the rate of a state (first) with respect to a parameter (second), (..., K).
+    """
+
+    force: Floats
+    by_d: Floats
+    by_v: Floats
+    by_state: tuple[tuple[int, int, Floats], ...]
+    by_parameter: tuple[tuple[int, int, Floats], ...]
+
+
+class MemorySlopes:
+    """Collects the derivatives of the rates, group by group."""
+
+    def __init__(self, parameter_map: Floats, states: Floats) -> None:
+        self.parameter_map = parameter_map
+        self.force, self.by_d, self.by_v = (np.empty_like(states) for _ in range(3))
+        self.by_state: list[tuple[int, int, Floats]] = []
+        self.by_parameter: list[tuple[int, int, Floats]] = []
+
+    def take(self, group: LawGroup, slopes: list[Floats]) -> None:
+        """Take in what `LawGroup.partials` gives behind the derivatives of the force by coefficients."""
+        count, size, first = len(group.law.states), group.size, group.first_state
+        for own, slope in zip(group.of_states(self.force), slopes[:count], strict=True):
+            own[...] = slope
+        width = 2 + len(group.free) + count
+        for number in range(count):
+            by_d, by_v, *others = slopes[count + number * width : count + (number + 1) * width]
+            group.of_states(self.by_d)[number][...] = by_d
+            group.of_states(self.by_v)[number][...] = by_v
+            for offset in range(size):
+                state = first + number * size + offset
+                for source in range(count):
+                    slope = others[len(group.free) + source][..., offset, :]
+                    self.by_state.append((state, first + source * size + offset, slope))
+                for name, slope in zip(group.free, others, strict=False):
+                    factors = self.parameter_map[group.row(name).start + offset]
+                    for column in np.flatnonzero(factors):
+                        self.by_parameter.append(
+                            (state, int(column), factors[column] * slope[..., offset, :])
+                        )
+
+    def partials(self) -> RatePartials:
+        """All of them."""
+        return RatePartials(self.force, self.by_d, self.by_v, tuple(self.by_state), tuple(self.by_parameter))
+
 
 MANY = 12  # masses from which the parts of a structure are handled apart
 

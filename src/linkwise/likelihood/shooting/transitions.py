@@ -15,11 +15,10 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.acting_forces import Accelerations, ActingForces
-from linkwise.likelihood.shooting.local_rows import as_slice
+from linkwise.likelihood.shooting.flow import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
+from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.likelihood.shooting.tableau import TANGENT_CLOSING, TANGENT_END, TANGENT_MIDDLE
-from linkwise.likelihood.shooting.tangent_forces import Single
-from linkwise.likelihood.shooting.tangents import combine, product
+from linkwise.likelihood.shooting.tangents import Single, combine, product
 
 _AT_ONCE = 60_000  # numbers of one kind in the columns that are marched together
 _HALF = np.float32(0.5)

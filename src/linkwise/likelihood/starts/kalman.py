@@ -8,18 +8,113 @@ References
 ----------
 A. E. Bryson and M. Frazier, Smoothing for linear and nonlinear dynamic systems, TDR 63-119, Wright-Patterson AFB (1963).
 P. de Jong, J. Am. Stat. Assoc. 84, 1085 (1989).
+
+States of a linear system without random inputs: all follow from the one at the start, which least squares find.
+
+Rows of samples are joined to a triangular factor block by block (Bierman's square-root information form), so that nothing is
+squared and nothing is divided by a covariance.
+
+References
+----------
+G. J. Bierman, Factorization Methods for Discrete Sequential Estimation, Academic Press (1977), chapter V.
+
+Frequencies and damping of modes, and equivalent springs and dampers of links, as a filter predicts the samples best.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.starts import free_states
-from linkwise.likelihood.starts.linear_model import LinearModel, recursion
+from linkwise.likelihood.starts.linear_part import LinearModel, LinearPart, inputs_of, recursion, samples_of
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+
+_GROWTH = 20.0  # of the logarithm of a motion over the record, at most: a filter holds one that grows further
+_BLOCK = 4000  # rows of samples that are joined at a time
+
+
+@dataclass(frozen=True, eq=False)
+class FreeStates:
+    """States (N, m), their covariance (m, m) in the middle, whitened errors (N, C) of samples, and their log likelihood."""
+
+    states: Floats
+    covariance: Floats
+    whitened: Floats
+    log_likelihood: float
+
+
+def determines(model: LinearModel, count: int) -> bool:
+    """Whether the state at the start determines all of `count` samples: nothing is random, and no motion runs away."""
+    if model.process.any():
+        return False
+    largest = float(np.abs(np.linalg.eigvals(model.transition)).max(initial=0.0))
+    return count * float(np.log(max(largest, 1.0))) < _GROWTH
+
+
+def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> FreeStates:
+    """States by the most likely one at the start.
+
+    Parameters
+    ----------
+    model : LinearModel
+        The system, whose process covariance is zero.
+    samples : array of shape (N, C)
+        The samples, NaN where missing.
+    inputs : array of shape (N, r)
+        The known inputs at the samples; between them their mean acts.
+
+    Returns
+    -------
+    FreeStates
+        The states.
+    """
+    count, channels = samples.shape
+    m = len(model.transition)
+    noise, size = np.sqrt(model.noise), np.sqrt(model.first.diagonal())
+    known = np.isfinite(samples)
+    driven = 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
+    forced = recursion(model.transition, np.zeros(m), driven)
+    left = np.where(known, samples, 0.0) - inputs @ model.direct.T - forced @ model.observation.T
+    left = np.where(known, left / noise, 0.0)
+    length = max(1, min(count, _BLOCK // max(channels, 1)))
+    powers = _powers(model.transition, length)
+    rows = np.matmul(model.observation / noise[:, None], powers[:length])  # (length, C, m)
+    factor, at = (
+        np.eye(m, m + 1),
+        np.diag(size),
+    )  # of the state at the start in units of `size`, which is its prior
+    for first in range(0, count, length):
+        part = slice(first, min(first + length, count))
+        slopes = (rows[: part.stop - first] @ at) * known[part, :, None]
+        joined = np.concatenate([slopes.reshape(-1, m), left[part].reshape(-1, 1)], axis=1)
+        factor = np.linalg.qr(np.concatenate([factor, joined]))[1][: m + 1]
+        at = powers[length] @ at
+    triangle = factor[:m, :m]
+    start = size * scipy.linalg.solve_triangular(triangle, factor[:m, m])
+    states = forced + recursion(model.transition, start, np.zeros((count - 1, m)))
+    root = size[:, None] * np.linalg.inv(triangle)
+    root = np.linalg.matrix_power(model.transition, count // 2) @ root
+    misfit = float(np.sum(factor[m:, m] ** 2))
+    total = -0.5 * misfit - float(np.sum(known @ np.log(noise)))
+    total -= float(np.log(np.abs(triangle.diagonal())).sum())
+    error = left - np.where(known, (states - forced) @ model.observation.T / noise, 0.0)
+    return FreeStates(states, root @ root.T, error, total)
+
+
+def _powers(matrix: Floats, count: int) -> Floats:
+    """(count + 1, m, m) powers 0 to `count` of a matrix, each the product of the one before."""
+    powers = np.empty((count + 1, *matrix.shape))
+    powers[0] = np.eye(len(matrix))
+    for number in range(count):
+        np.matmul(matrix, powers[number], out=powers[number + 1])
+    return powers
+
 
 _TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
 _DOUBLINGS = 60  # of the samples after which the covariance is that far from the start ...
@@ -64,8 +159,8 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
     Smoothed
         The states.
     """
-    if free_states.determines(model, len(samples)):
-        free = free_states.fitted(model, samples, inputs)
+    if determines(model, len(samples)):
+        free = fitted(model, samples, inputs)
         return Smoothed(free.states, free.covariance, free.log_likelihood)
     forward = _filtered(model, samples, inputs)
     count, which = len(samples), np.asarray(forward.which)
@@ -89,8 +184,8 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
 
 def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
     """Log likelihood of samples (N, C), less what does not depend on the model, with inputs (N, r)."""
-    if free_states.determines(model, len(samples)):
-        return free_states.fitted(model, samples, inputs).log_likelihood
+    if determines(model, len(samples)):
+        return fitted(model, samples, inputs).log_likelihood
     return _filtered(model, samples, inputs, transient=1).log_likelihood
 
 
@@ -99,8 +194,8 @@ def innovations(model: LinearModel, samples: Floats, inputs: Floats) -> Floats:
 
     Where nothing is random, of those by the most likely state at the start.
     """
-    if free_states.determines(model, len(samples)):
-        return free_states.fitted(model, samples, inputs).whitened
+    if determines(model, len(samples)):
+        return fitted(model, samples, inputs).whitened
     return _filtered(model, samples, inputs, transient=1).whitened
 
 
@@ -234,3 +329,161 @@ def _symmetric(matrix: Floats) -> Floats:
 def _close(first: Floats, second: Floats) -> bool:
     scale = np.sqrt(np.maximum(np.outer(first.diagonal(), first.diagonal()), np.finfo(float).tiny))
     return bool((np.abs(first - second) <= _SETTLED * scale).all())
+
+
+_TRIED = 2000  # samples that decide how fast the forces of links change
+_TUNED = 4000  # samples that the frequencies of modes are tuned to
+_ROUGH = 0.05  # relative size of a change of a frequency or damping without a prior
+_DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
+_CHANGES = 10.0 ** np.arange(
+    -4.0, 3.0
+)  # of a force over a sample, relative to its size: tried one after the other
+_STIFF = 0.1  # such a change, at which springs and dampers of open links are found first
+_SPRINGS = 10.0 ** np.arange(0.0, 6.5, 0.5)  # sizes of springs that are tried before, in those of the motion
+_RATIO = 0.1  # of the critical damping of the masses at their ends: dampers beside these springs
+_ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by where another round may gain
+
+
+def likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> tuple[float, float]:
+    """The log likelihood, and by how much the forces of open links then change in a sample, relative to their size."""
+    first = slice(None, min(_TRIED, len(record)))
+    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+    return max(
+        (log_likelihood(linear.model(record, sigma, change), samples, inputs), float(change))
+        for change in _CHANGES
+    )
+
+
+def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]) -> dict[str, float]:
+    """Frequencies and damping of modes that are unknown, from what a filter with random forces of links predicts.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure; frequencies and damping of modes have numbers or starts.
+    sigma : mapping of str to float
+        Standard deviations of the noise by channel, in SI units.
+
+    Returns
+    -------
+    dict of str to float
+        Values by name of the parameter; empty where all modes are known.
+    """
+    linear = LinearPart.of(structure)
+    return _tuned(record, structure, sigma, linear, likeliest_change(record, linear, sigma)[1])[0]
+
+
+def tuned_part(
+    record: Record, structure: Structure, sigma: Mapping[str, float]
+) -> tuple[dict[str, float], LinearPart]:
+    """Values of unknown modes as `tuned_modes`, and the linear system with springs and dampers for the open links.
+
+    These explain most of the forces of links, so that errors of modes are not taken for forces.
+    """
+    values: dict[str, float] = {}
+    linear = _stiffened(record, LinearPart.of(structure), sigma)
+    units, change, best = linear.equivalent_units(record), _STIFF, -np.inf
+    units = np.maximum(units, _ROUGH * np.abs(linear.equivalent))
+    for _ in range(_ROUNDS):
+        tuned, part = _tuned(record, with_starts(structure, values), sigma, linear, change, units)
+        likelihood, change = likeliest_change(record, part, sigma)
+        if likelihood < best + _GAIN:
+            break
+        values, linear, best = tuned, part, likelihood
+    return values, linear
+
+
+def _tuned(
+    record: Record,
+    structure: Structure,
+    sigma: Mapping[str, float],
+    linear: LinearPart,
+    change: float,
+    units: Floats | None = None,
+) -> tuple[dict[str, float], LinearPart]:
+    """Values of unknown modes, and the linear system with these, and with equivalents found where they have `units`."""
+    free = [p for p in structure.parameters if p.name.owner in structure.mass_names and not p.name.is_shape]
+    if not free and units is None:
+        return {}, linear
+    start = np.array([float(p.start or 0.0) for p in free])
+    unit = np.array(
+        [min(p.sigma, _ROUGH * abs(value) or _ROUGH) for p, value in zip(free, start, strict=True)]
+    )
+    stated = np.array([p.sigma < np.inf for p in free], dtype=bool)
+    first = slice(None, min(_TUNED, len(record)))
+    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+
+    untuned = LinearPart.of(structure, linear.equivalent)
+
+    def moved_values(moved: Floats) -> tuple[dict[str, float], Floats]:
+        values: dict[str, float] = dict(
+            zip((p.name for p in free), map(float, start + unit * moved[: len(free)]), strict=True)
+        )
+        equivalent = linear.equivalent
+        if units is not None:
+            equivalent = equivalent + units * moved[len(free) :].reshape(equivalent.shape)
+        return values, equivalent
+
+    def residual(moved: Floats) -> Floats:
+        model = untuned.with_values(*moved_values(moved)).model(record, sigma, change)
+        return np.append(innovations(model, samples, inputs).ravel(), moved[: len(free)][stated])
+
+    count = len(free) + (0 if units is None else units.size)
+    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
+    for bound, side in ((lower, "lower"), (upper, "upper")):
+        bound[: len(free)] = [
+            (getattr(p, side) - value) / size for p, value, size in zip(free, start, unit, strict=True)
+        ]
+    if units is not None:
+        limits = np.array([linear.bounds(number, record.rate) for number in range(len(units))])
+        moves = (limits - linear.equivalent[..., None]) / units[..., None]
+        lower[len(free) :], upper[len(free) :] = moves[..., 0].ravel(), moves[..., 1].ravel()
+    lower, upper = (
+        np.minimum(lower, 0.0),
+        np.maximum(upper, 0.0),
+    )  # which rounding of a start at its bound exceeds
+    optimum = scipy.optimize.least_squares(
+        lambda shifted: residual(shifted - 1.0),  # from 1, of which a difference is a part
+        np.ones(count),
+        bounds=(lower + 1.0, upper + 1.0),
+        diff_step=_DIFFERENCE,
+        max_nfev=_STEPS,
+    )
+    values, equivalent = moved_values(np.asarray(optimum.x) - 1.0)
+    return values, LinearPart.of(with_starts(structure, values), equivalent)
+
+
+def _stiffened(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> LinearPart:
+    """The linear system with a spring and a damper of the likeliest size in each open link, one after the other."""
+    first = slice(None, min(_TRIED, len(record)))
+    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+
+    def likelihood(part: LinearPart) -> float:
+        return log_likelihood(part.model(record, sigma, _STIFF), samples, inputs)
+
+    best = likelihood(linear)
+    for number, unit in enumerate(linear.equivalent_units(record)[:, 0]):
+        (_, most), _ = linear.bounds(number, record.rate)
+        for spring in unit * _SPRINGS[unit * _SPRINGS < most]:
+            equivalent = linear.equivalent.copy()
+            equivalent[number] = spring, _RATIO * np.sqrt(spring * linear.mass(number))
+            trial = LinearPart.of(linear.structure, equivalent)
+            rise = likelihood(trial) - best
+            if rise > _GAIN:
+                linear, best = trial, best + rise
+    return linear
+
+
+def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
+    """A structure with other starts of unknown coefficients."""
+    links = []
+    for link in structure.links:
+        own = {
+            name: replace(coefficient, value=values[f"{link.name}.{name}"])
+            for name, coefficient in link.coefficients.items()
+            if f"{link.name}.{name}" in values
+        }
+        links.append(replace(link, coefficients={**link.coefficients, **own}) if own else link)
+    return replace(structure, links=tuple(links))

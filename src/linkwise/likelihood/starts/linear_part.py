@@ -1,10 +1,16 @@
-"""The linear part of a structure with hosts for a Kalman filter, with the forces of other links as random inputs."""
+"""The linear part of a structure with hosts for a Kalman filter, with the forces of other links as random inputs.
+
+A linear system in samples, with random inputs and noise.
+
+Starts of linear links with which a structure is stable: noise gives springs and dampers of either sign, and of any size.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import isqrt
 
 import numpy as np
 import scipy
@@ -12,12 +18,74 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
-from linkwise.likelihood.starts.linear_model import LinearModel
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """z_k+1 = transition z_k + drive u_k + w_k, y_k = observation z_k + direct u_k + e_k.
+
+    Attributes
+    ----------
+    transition, process : array of shape (m, m)
+        Transition over a sample, and covariance of w.
+    observation : array of shape (C, m)
+        What the channels show.
+    noise : array of shape (C,)
+        Variances of e.
+    drive, direct : array of shape (m, r) and (C, r)
+        Effect of known inputs.
+    first : array of shape (m, m)
+        Covariance of the first state, which has the mean 0.
+    """
+
+    transition: Floats
+    process: Floats
+    observation: Floats
+    noise: Floats
+    drive: Floats
+    direct: Floats
+    first: Floats
+
+
+def recursion(matrix: Floats, first: Floats, added: Floats) -> Floats:
+    """States of a stable system, in blocks side by side.
+
+    Parameters
+    ----------
+    matrix : array of shape (m, m)
+        Transition over a sample.
+    first : array of shape (m,)
+        The state z_0.
+    added : array of shape (N, m)
+        What is added: z_k+1 = `matrix` z_k + `added`_k.
+
+    Returns
+    -------
+    array of shape (N + 1, m)
+        The states.
+    """
+    count, m = added.shape
+    length = max(1, isqrt(count))
+    blocks = -(-count // length)
+    states = np.zeros((blocks * length, m))
+    states[:count] = added
+    states = states.reshape(blocks, length, m)
+    powers, starts = np.empty((length, m, m)), np.empty((blocks, m))
+    powers[0] = matrix
+    for k in range(1, length):  # as if every block started at 0
+        states[:, k] += states[:, k - 1] @ matrix.T
+        np.matmul(powers[k - 1], matrix, out=powers[k])
+    starts[0] = first
+    for block in range(1, blocks):
+        starts[block] = powers[-1] @ starts[block - 1] + states[block - 1, -1]
+    states += np.matmul(starts, powers.transpose(0, 2, 1)).transpose(1, 0, 2)
+    return np.concatenate([first[None], states.reshape(-1, m)[:count]])
+
 
 TIGHT = 0.1
 """A bound on elongations that drift, as a part of the size of the measured motion."""
@@ -250,3 +318,53 @@ def _discrete(rates: Floats, drive: Floats, intensity: Floats, step: float) -> t
         process = process + transition @ process @ transition.T
         transition = transition @ transition
     return whole[:m, :m], 0.5 * (process + process.T), whole[:m, m:]
+
+
+def stable_starts(
+    linear: LinearPart, starts: Mapping[str, float], stated: Mapping[str, float], rate: float
+) -> dict[str, float]:
+    """Starting values with those of linear links moved to where the motion neither grows nor is too fast to be followed.
+
+    Parameters
+    ----------
+    linear : LinearPart
+        The linear system of the structure, with numbers for its modes.
+    starts : mapping of str to float
+        Starting values by name of the parameter.
+    stated : mapping of str to float
+        Starts that count as they are.
+    rate : float
+        Samples per second.
+
+    Returns
+    -------
+    dict of str to float
+        The starting values.
+    """
+    values = dict(starts)
+    for number, index in enumerate(linear.open):
+        link = linear.structure.links[index]
+        own = {
+            name: coefficient.value
+            for name, coefficient in link.coefficients.items()
+            if coefficient.value is not None
+        }
+        own |= {name: values[key] for name in link.coefficients if (key := f"{link.name}.{name}") in values}
+        free = [name for name in link.law.linear if f"{link.name}.{name}" in values.keys() - stated.keys()]
+        if not free or own.keys() != link.coefficients.keys() or not is_linear(link.law):
+            continue
+        slopes = _slopes(link, own)
+        missing = np.clip(slopes, *np.transpose(linear.bounds(number, rate))) - slopes
+        if not missing.any():
+            continue
+        columns = [_slopes(link, own | {name: 2.0 * own[name] or 1.0}) - slopes for name in free]
+        change = np.linalg.lstsq(np.stack(columns, axis=1), missing, rcond=None)[0]
+        for name, part in zip(free, change, strict=True):
+            values[f"{link.name}.{name}"] += float(part) * (own[name] or 1.0)
+    return values
+
+
+def _slopes(link: Link, values: Mapping[str, float]) -> Floats:
+    """Stiffness in N/m and damping in N s/m of a linear link."""
+    partials = link.law.partials(0.0, 0.0, dict(values))
+    return np.array([float(partials.by_d), float(partials.by_v)])

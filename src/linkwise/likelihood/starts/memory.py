@@ -4,26 +4,94 @@ The equation of every mass is integrated against test functions, so that no disp
 of a load cell is compared with its law. Along the smoothed motion the states follow from the coefficients in their rates; the
 rest of the coefficients, and unknown masses, are then a linear regression (variable projection). The cost may have several
 valleys: it is searched from many starts of the sizes that the units of the coefficients and the motion imply.
+
+Random starting values of the sizes that units and motion imply.
+
+Starting values of links with memory, one link after another, where inverse dynamics gives the force of each.
+
+Elongations are known up to drift only where velocities or accelerations were measured. A filter that takes the drift away
+takes slow motion with it, which a state may need. The force of a link tells which filter is best: each link is searched as if
+it stood on a rig, with several filters of its motion, and those that leave least of the force are kept. Slow parts of the
+forces, which the filtered motion lacks, are left out.
+
+Starting values of structures with hosts whose links have memory.
+
+The smoother of `hosts` gives the elongation and the force of every link whose law is not known. Along these the links are
+identified as if they stood on a rig (`memory`), together. Of several records the one that moves most is used: at a low level a
+joint hardly slips.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.starts.drift import LinkSignals, link_signals
+from linkwise.likelihood.starts.kalman import tuned_part, with_starts
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
-from linkwise.likelihood.starts.trials import trial_values, unit_sizes
+from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motions, require_supported
+from linkwise.model.law import unit_dimension
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
-from linkwise.signals.states import smoothed
+from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
+
+_DECADES = 1.5  # above and below the size that units imply
+
+
+def unit_sizes(
+    parameters: Sequence[Parameter], d: Floats, v: Floats, force: float, voltage: float | None = None
+) -> dict[str, float]:
+    """A size for each parameter by name, from its unit.
+
+    `d` and `v` are elongations in m and rates in m/s, `force` in N is the size of the forces, and `voltage` in V that of a
+    voltage that goes with them.
+    """
+    length = float(np.std(d)) or 1.0
+    speed = float(np.std(v)) or 1.0
+    time = length / speed
+    mass = force * time**2 / length
+    current = 1.0 if voltage is None else force * speed / (voltage or 1.0)
+    sizes: dict[str, float] = {}
+    for parameter in parameters:
+        unit = unit_dimension(parameter.unit if parameter.unit != "?" else "")
+        powers = (unit.kilogram, unit.metre, unit.second, unit.ampere)
+        bases = (mass, length, time, current)
+        sizes[parameter.name] = float(np.prod([b ** float(p) for b, p in zip(bases, powers, strict=True)]))
+    return sizes
+
+
+def trial_values(
+    parameters: Sequence[Parameter],
+    given: Mapping[str, float],
+    sizes: Mapping[str, float],
+    rng: np.random.Generator,
+    *,
+    first: bool,
+) -> Floats:
+    """Values (q,) to start from; the `first` trial takes starts as they are given or stated."""
+    values = []
+    for parameter in parameters:
+        start = given.get(parameter.name, parameter.start)
+        low, high = parameter.lower, parameter.upper
+        if start is not None:
+            value = start * (1.0 if first else 10.0 ** rng.normal(0.0, 0.2))
+        elif np.isfinite(low) and np.isfinite(high):
+            value = low + (high - low) * rng.uniform(0.05, 0.95)
+        else:
+            value = sizes[parameter.name] * 10.0 ** rng.uniform(-_DECADES, _DECADES)
+            value *= -1.0 if high <= 0.0 or (low < 0.0 and rng.random() < 0.3) else 1.0
+        margin = 1e-9 * (abs(value) + sizes[parameter.name])
+        values.append(np.clip(value, low + margin, high - margin))
+    return np.array(values, dtype=float)
+
 
 MOST_SAMPLES = 8192  # of a record that the search uses
 _ROUGH_SAMPLES, _ROUGH_TRIALS = 2000, 40  # of a search that only ranks structures
@@ -394,3 +462,221 @@ def _projection(d: Floats, v: Floats, step: float) -> Callable[[Floats, int], Fl
         return projected
 
     return project
+
+
+_CUTOFFS = tuple(
+    2.0 ** (-0.5 * k) for k in range(10)
+)  # times the frequency below which all is drift elsewhere
+_WORTHWHILE = 0.8  # of the misfit of a rough start: what a search leaves that did not merely follow the drift
+_MOST = 3  # minima of a link whose elongation was measured
+
+
+def memory_starts_by_links(
+    record: Record, structure: Structure, given: Mapping[str, float]
+) -> tuple[Valley, ...]:
+    """Starting values of all parameters of a structure whose masses are known and move as `needs_integration` says.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure.
+    given : mapping of str to float
+        Starting values by name of the parameter.
+
+    Returns
+    -------
+    tuple of Valley
+        Minima of what the laws leave of the forces of the links, the lowest of every link together first.
+    """
+    record = record[:MOST_SAMPLES]
+    sigma = channel_noise(record)
+    signals = link_signals(record, structure, sigma)
+    shown = {f"f:{link.name}": force for link, force in zip(structure.links, signals.force, strict=True)}
+    shown |= {
+        name: smoothed(record, name, sigma[name])[0]
+        for name in record.channels
+        if name.startswith(("f:", "state:"))
+    }
+    by_group = [
+        (group, _group_valleys(structure, group, signals, shown, given)) for group in _connected(structure)
+    ]
+    valleys = []
+    for rank in range(max(len(own) for _, own in by_group)):
+        chosen = [(group, own[min(rank, len(own) - 1)]) for group, own in by_group]
+        values = {name: value for group, valley in chosen for name, value in _named(structure, group, valley)}
+        misfit = float(np.mean([valley.misfit for _, valley in chosen]))
+        valleys.append(Valley(np.array([values[p.name] for p in structure.parameters]), misfit))
+    return tuple(valleys)
+
+
+def _connected(structure: Structure) -> tuple[tuple[int, ...], ...]:
+    """Numbers of the links that have unknowns, those that share one together."""
+    groups: list[set[int]] = []
+    for parameter in structure.parameters:
+        links = {link for link, _ in parameter.members}
+        together = [group for group in groups if group & links]
+        groups = [group for group in groups if not group & links] + [links.union(*together)]
+    return tuple(tuple(sorted(group)) for group in groups)
+
+
+def _alone(structure: Structure, group: tuple[int, ...]) -> Structure:
+    """The links of a group on a rig."""
+    links = tuple(replace(structure.links[number], between=("base", "ground")) for number in group)
+    return replace(structure, masses=(), links=links)
+
+
+def _named(structure: Structure, group: tuple[int, ...], valley: Valley) -> list[tuple[str, float]]:
+    parameters = _alone(structure, group).parameters
+    return list(zip((p.name for p in parameters), valley.values.tolist(), strict=True))
+
+
+def _group_valleys(
+    structure: Structure,
+    group: tuple[int, ...],
+    signals: LinkSignals,
+    shown: Mapping[str, Floats],
+    given: Mapping[str, float],
+) -> tuple[Valley, ...]:
+    """Starts for the links of a group, with the filters that leave least of their forces."""
+    alone, chosen = _alone(structure, group), list(group)
+    own = {name: values for name, values in shown.items() if _belongs(name, alone)}
+
+    def search(cutoff: float) -> MemorySearch:
+        d, v = _without_drift(signals.d[chosen], signals.v[chosen], signals.step, cutoff)
+        cosines = int(2.0 * cutoff * signals.step * len(d.T)) + 1
+        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given, slow=cosines)
+
+    if not signals.integration_order[chosen].any():
+        d, v = signals.d[chosen], signals.v[chosen]
+        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given).valleys()[:_MOST]
+    highest = min(
+        drift_frequency(np.gradient(signals.v[number], signals.step), 1.0 / signals.step) for number in group
+    )
+    searches = sorted((search(part * highest) for part in _CUTOFFS), key=lambda search: search.rough().misfit)
+    rough, refined = searches[0].rough(), searches[0].valleys()[0]
+    first = (refined, rough) if refined.misfit < _WORTHWHILE * rough.misfit else (rough, refined)
+    return *first, searches[1].rough()
+
+
+def _without_drift(d: Floats, v: Floats, step: float, cutoff: float) -> tuple[Floats, Floats]:
+    """Elongations and rates (L, N) above a frequency; each integral is filtered, as that of a drift grows."""
+    rates = np.stack([highpass(row, 1.0 / step, cutoff) for row in v])
+    return np.stack([highpass(integral(row, step), 1.0 / step, cutoff) for row in rates]), rates
+
+
+def _belongs(channel: str, structure: Structure) -> bool:
+    """Whether a channel shows the force or a state of one of the links."""
+    owner = channel.partition(":")[2]
+    return any(owner == link.name or owner.startswith(f"{link.name}.") for link in structure.links)
+
+
+_HARDLY_MORE = 1.3  # times the misfit of the best random start
+_APART = 0.6  # relative distance of a parameter beyond which starts are far from each other: a factor of 2.5
+_SPREAD = 10  # of these at most
+
+
+def host_memory_starts(
+    records: Sequence[Record], structure: Structure, given: Mapping[str, float]
+) -> tuple[Valley, ...]:
+    """Starting values of all parameters of a structure with hosts.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records, with the same channels.
+    structure : Structure
+        The structure.
+    given : mapping of str to float
+        Starting values by name of the parameter.
+
+    Returns
+    -------
+    tuple of Valley
+        The lowest minimum of what the laws leave of the forces of links, then starts far from each other that leave hardly
+        more: beside a host these forces are known roughly.
+
+    Raises
+    ------
+    IdentificationError
+        If the record does not determine the motion.
+    """
+    record = _liveliest(records)
+    require_supported(record, structure)
+    record, sigma = record[:MOST_SAMPLES], channel_noise(record)
+    structure = with_starts(structure, dict(given))
+    try:
+        tuned, linear = tuned_part(record, structure, sigma)
+        by_motion = [
+            _motion_valleys(motion, record, structure, {**given, **tuned}, sigma)
+            for motion in host_motions(record, linear, sigma)
+        ]
+    except np.linalg.LinAlgError:
+        raise IdentificationError(TOO_LITTLE) from None
+    return min(by_motion, key=lambda valleys: valleys[0].misfit)
+
+
+def _liveliest(records: Sequence[Record]) -> Record:
+    """The record that moves most: by the power of its responses, each relative to that in all records."""
+    powers = np.array([[np.nanvar(record.channel(name)) for name in record.responses] for record in records])
+    return records[
+        int(np.argmax((powers / np.maximum(powers.max(axis=0), np.finfo(float).tiny)).sum(axis=1)))
+    ]
+
+
+def _motion_valleys(
+    motion: HostMotion,
+    record: Record,
+    structure: Structure,
+    given: Mapping[str, float],
+    sigma: Mapping[str, float],
+) -> tuple[Valley, ...]:
+    """Starts along one motion, in all parameters of the structure; those in no open link keep their starts."""
+    fixed: dict[str, float] = {}
+    for parameter in structure.parameters:
+        if any(link in motion.open for link, _ in parameter.members):
+            continue
+        start = given.get(parameter.name, parameter.start)
+        assert start is not None  # which the smoother needs of modes and masses
+        fixed[parameter.name] = start
+    names = [structure.links[number].name for number in motion.open]
+    shown = {f"f:{name}": motion.signals.force[k] for name, k in zip(names, motion.open, strict=True)}
+    measured = [
+        name for name in record.channels if name.startswith(("f:", "state:"))
+    ]  # before what the smoother infers
+    shown |= {name: smoothed(record, name, sigma[name])[0] for name in measured}
+    search = MemorySearch(
+        structure.with_values(fixed) if fixed else structure,
+        record.step,
+        motion.signals.d.T,
+        motion.signals.v.T,
+        (),
+        shown,
+        given,
+    )
+    return tuple(
+        Valley(np.array([(fixed | values)[p.name] for p in structure.parameters]), valley.misfit)
+        for valley in (*search.valleys()[:1], *_spread(search))
+        for values in [dict(zip((p.name for p in search.structure.parameters), valley.values, strict=True))]
+    )
+
+
+def _spread(search: MemorySearch) -> tuple[Valley, ...]:
+    """Random starts far from each other that leave hardly more of the forces than the best of them, that first."""
+    if not search.curved:
+        return ()
+    chosen: list[tuple[Floats, Valley]] = []
+    for curved in search.trials():
+        valley = Valley(*search.solved(curved))
+        if chosen and valley.misfit > _HARDLY_MORE * chosen[0][1].misfit:
+            break
+        if all(_are_apart(curved, earlier) for earlier, _ in chosen):
+            chosen.append((curved, valley))
+    return tuple(valley for _, valley in chosen[:_SPREAD])
+
+
+def _are_apart(first: Floats, second: Floats) -> bool:
+    """Whether a parameter of one start is more than a few times that of another."""
+    sizes = np.maximum(np.maximum(np.abs(first), np.abs(second)), np.finfo(float).tiny)
+    return bool(np.max(np.abs(first - second) / sizes) > _APART)

@@ -1,0 +1,214 @@
+"""Coefficients that are not the same in all of a record: a mount that slips, a magnet that shifts, a joint that loosens.
+
+Blocks of the record pull each coefficient by scores that sum to zero at the optimum. A change at one moment makes all scores
+before it pull to one side and all behind it to the other: their sum up to there is the score of that change, with the
+information that all coefficients, fitted anew, leave of it (the supremum of such tests over the moment: Andrews, Econometrica
+61, 1993). Laws that lack a term pull by turns as the motion does. How much so, the differences of neighbouring blocks say,
+which a single change hardly touches (von Neumann, Annals of Mathematical Statistics 12, 1941).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.estimates.causes import Cause
+from linkwise.likelihood.checks.held_errors import LIKELIER
+from linkwise.likelihood.checks.judgement import Judgement
+from linkwise.likelihood.checks.model_error import CloserFit
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.marginal import is_long
+from linkwise.likelihood.search import BLOCKS, BlockScores, block_scores, blocks_of_scatter
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, block_ends
+from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.tests.diagnosis import TestedCauses
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+from linkwise.verdict import Verdict
+
+_JUDGED = (
+    Verdict.CONVERGED,
+    Verdict.MODEL_ERROR_NEEDED,
+    Verdict.SYSTEMATIC_MISFIT,
+    Verdict.MEASUREMENT_ERROR,
+    Verdict.UNEXPLAINED_FORCES,
+    Verdict.NOISE_MISMATCH,
+)
+"""Verdicts on laws that fit: others have a reason of their own, which a change is not the cause of."""
+_LARGEST = 4.0  # chi-square of laws for which a change is a small error
+_ALIKE = 0.5  # of what a change gains: those of other coefficients look like it
+# with twice the logarithm of the number of coefficients and moments: normal scores give one in 2000 fits
+_CHANCE = 12.0
+_LEFT = 1e-6  # of the information before a moment: what the coefficients, fitted anew, leave of it at least
+
+
+def beside_changes(judgement: Judgement, fit: LikelihoodFit, records: Sequence[Record]) -> Judgement:
+    """The judgement, without trust where a change of one coefficient explains much more than all other causes.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        The judgement on the fit.
+    fit : LikelihoodFit
+        The fit.
+    records : sequence of Record
+        The records.
+
+    Returns
+    -------
+    Judgement
+        The same where no change is significant, where another cause is likelier, in records too short for blocks or so long
+        that they are fitted in pieces, and with random forces or a robust loss, whose weights the scores do not have.
+    """
+    if judgement.verdict not in _JUDGED:
+        return judgement
+    change = likeliest_change(fit, records, judgement.tested, judgement.diagnosis)
+    if change is not None:
+        return with_change(judgement, change)
+    hidden = _hidden_change(judgement.closer_fit, records)
+    return judgement if hidden is None else with_change(judgement, hidden, "Held closer to the laws")
+
+
+def _hidden_change(closer: CloserFit | None, records: Sequence[Record]) -> Cause | None:
+    """The change that explains most of what the laws leave in a fit held closer to them, and much more than other causes."""
+    if closer is None:
+        return None
+    change = likeliest_change(closer.fit, records, closer.diagnosis.tested, closer.diagnosis.causes)
+    return change if change is not None and closer.explains_most(change.gain) else None
+
+
+def with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgement:
+    """The judgement without trust, since a coefficient changes; `beside` what laws lack, in words, if that shows it."""
+    explained = f"{beside}, one value" if beside else "One value"
+    return replace(
+        judgement,
+        verdict=Verdict.COEFFICIENT_CHANGES,
+        message=(
+            f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
+            f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
+            "neither value, so none is given: identify the parts of the record before and after it by themselves."
+        ),
+        diagnosis=(change, *judgement.diagnosis),
+        for_missing_terms=None,
+        for_blocks=None,
+        for_input_noise=None,
+    )
+
+
+def likeliest_change(
+    fit: LikelihoodFit, records: Sequence[Record], tested: TestedCauses | None, causes: Sequence[Cause]
+) -> Cause | None:
+    """The change of a coefficient that explains much more than all `causes`; None where none is significant, or tested."""
+    if fit.random_forces or is_long(fit.segments) or fit.chi_square > _LARGEST:
+        return None
+    if not isinstance(fit.optimum.loss, Gaussian):
+        return None
+    change = _significant_change(fit, records, tested)
+    if change is None or change.gain < LIKELIER + max((cause.gain for cause in causes), default=0.0):
+        return None
+    return change
+
+
+@dataclass(frozen=True, eq=False)
+class _Changes:
+    """Changes of each of p coefficients behind each of m blocks: `gains`, `sizes` and standard `errors` (m, p), scaled.
+
+    `scatter` (p,) is the variance of neighbouring blocks over that of noise.
+    """
+
+    gains: Floats
+    sizes: Floats
+    errors: Floats
+    scatter: Floats
+
+    @classmethod
+    def of(cls, scores: BlockScores, known: Floats, parameters: int) -> _Changes:
+        """Those of the first `parameters` of u unknowns, of which so much information (u, u) is `known` beforehand.
+
+        Raises numpy.linalg.LinAlgError where the equations are singular.
+        """
+        before, pull = (np.cumsum(of, axis=0)[:-1] for of in (scores.information, scores.scores))
+        inverse = np.linalg.inv(scores.information.sum(axis=0) + known)
+        own = np.einsum("bii->bi", before)
+        left = own - np.einsum("bij,jk,bki->bi", before, inverse, before)
+        left = np.where(left > _LEFT * own, left, np.inf)[:, :parameters]
+        beside = inverse[:, :parameters] / inverse.diagonal()[:parameters]
+        steps = np.diff(scores.scores @ beside, axis=0)
+        expected = np.einsum("up,buv,vp->bp", beside, scores.information, beside)
+        return cls(
+            gains=pull[:, :parameters] ** 2 / left,
+            sizes=-pull[:, :parameters] / left,
+            errors=1.0 / np.sqrt(left),
+            scatter=np.sum(steps**2, axis=0) / np.sum(expected[1:] + expected[:-1], axis=0),
+        )
+
+
+def _significant_change(
+    fit: LikelihoodFit, records: Sequence[Record], tested: TestedCauses | None
+) -> Cause | None:
+    """The change of a coefficient that explains most of what is left, among those that are significant; None without any.
+
+    None of more than the coefficient itself, which is no small one.
+    """
+    segments, scores = _scores(fit, tested)
+    if scores is None:
+        return None
+    parameters, noise = fit.segments.system.parameters, fit.optimum.noise
+    free = np.flatnonzero(fit.free)
+    some = np.concatenate([free, np.arange(len(fit.values), scores.scores.shape[1])])
+    known = np.zeros(scores.information.shape[1:])
+    if segments.prior is not None:
+        add_prior_curvature(known, segments.prior, fit.optimum.scales, parameters.size)
+    within = np.ix_(some, some)
+    of_some = BlockScores(scores.scores[:, some], scores.information[:, some][:, :, some])
+    try:
+        changes = _Changes.of(of_some, known[within], len(free))
+    except np.linalg.LinAlgError:
+        return None
+    scales = fit.optimum.scales.theta[free]
+    gains, sizes = changes.gains / noise**2, changes.sizes * scales
+    least = _CHANCE + 2.0 * np.log(gains.size)
+    significant = gains > least * np.maximum(changes.scatter / noise**2, 1.0)
+    gains = np.where(significant & (np.abs(sizes) < np.abs(fit.values[free])), gains, 0.0)
+    block, number = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    if not gains[block, number] > 0.0:
+        return None
+    alike = np.flatnonzero(gains.max(axis=0) > _ALIKE * gains[block, number])
+    others = [parameters.names[place] for place in free[alike].tolist() if place != free[number]]
+    return Cause(
+        kind="change",
+        where=parameters.names[free[number]],
+        size=float(sizes[block, number]),
+        unit=parameters.units[free[number]],
+        gain=float(gains[block, number]),
+        standard_error=float(changes.errors[block, number] * scales[number] * noise),
+        source=_moment(segments, int(block) + 1, records),
+        remark=f"or of {' or '.join(others)}" if others else "",
+    )
+
+
+def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, BlockScores | None]:
+    """Scores of the blocks of a fit, as they were tested or by themselves, and the segments that they consist of."""
+    if tested is not None and tested.block_scores is not None:
+        return tested.longer[0].segments, tested.block_scores
+    optimum = fit.optimum
+    if blocks_of_scatter(fit.segments) == 1:
+        return fit.segments, None
+    with one_blas_thread():
+        scores = block_scores(fit.segments, fit.misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0])
+    return fit.segments, scores
+
+
+def _moment(segments: Segments, block: int, records: Sequence[Record]) -> str:
+    """When a block of segments begins, in words."""
+    first = block_ends(segments.count, BLOCKS[0])[block]
+    begins = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1])
+    number = int(np.searchsorted(begins, first, side="right")) - 1
+    record = records[number]
+    time = record.start + (first - begins[number]) * len(segments.samples) * record.step
+    of_record = f" of record {number + 1}" if len(records) > 1 else ""
+    return f"{time:.3g} s{of_record}"

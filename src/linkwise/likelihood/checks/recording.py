@@ -1,0 +1,599 @@
+"""Clipped samples: those at an end of the range of a sensor, beyond which the fitted motion goes.
+
+Records whose samples are not evenly spaced in time, as they show by themselves: samples lost, held or written twice.
+
+Errors of a whole channel: the wrong sign, another unit, the place of another channel, a high pass.
+
+A score test says what a small error would explain, and of an error of -200 % it says anything. These are hypotheses of their
+own: each is taken out of the records, and the weak form says how well the laws explain what is left, with coefficients of
+their own. One is named where the records as they stand are not explained, and those without it are to within their noise,
+which no other cause does.
+
+Noise that is stated smaller than it is: residuals that are white, and larger than it.
+
+Hosts that lack a mode in the band.
+
+The modes of a host move alone under the forces on its points: those that are applied, and those of the links along the fitted
+motion. A sensor on the host shows a sum of these motions and of free decays, in which a host that is stated as it should be
+has only its own frequencies. A mode that is not stated leaves a peak, and one more frequency explains it. Amplitudes are free
+at every sensor, so that no shape has to be known, nor any to be right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Bools, Floats
+from linkwise.errors import LinkwiseError
+from linkwise.estimates.causes import DEGREES, Cause
+from linkwise.inspection.channel_signal import RecordSignals
+from linkwise.inspection.inspect import inspect
+from linkwise.inspection.samples import rails
+from linkwise.likelihood.checks.judgement import Judgement
+from linkwise.likelihood.fit import LikelihoodFit, motion_of_links
+from linkwise.likelihood.noise import is_white
+from linkwise.modal.oscillators import SampledForce
+from linkwise.model.host import Host
+from linkwise.model.structure import Structure
+from linkwise.progress import silent
+from linkwise.records.channel import BASE, KINDS, Channel
+from linkwise.records.channel_units import unit_in
+from linkwise.records.record import Record
+from linkwise.signals.base_frame import framed_records
+from linkwise.signals.noise import noise_sigma
+from linkwise.verdict import Verdict
+from linkwise.weak.estimate import WeakForm
+from linkwise.weak.record_misfit import record_misfit
+
+_BEYOND = 4.0  # standard errors, of the mean or of the power, which noise exceeds once in 30 000 and in 2 000 channels
+
+
+def clipped_samples(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[Cause]:
+    """The channels with samples at an end of their range that a fit contradicts: its motion goes on beyond it.
+
+    The largest samples of a sensor that was not overloaded have noise to the outside, so that the motion is inside. A motion
+    with a large model error follows the samples, and is beyond them by less than it misses them by.
+    """
+    responses = [name for name in records[0].channels if name not in records[0].inputs]
+    ends: dict[str, set[tuple[float, float]]] = {}
+    for record in records:
+        for signal in RecordSignals.of(record).responses:
+            ends.setdefault(signal.channel, set()).update(rails(signal))
+    for number, name in enumerate(responses):
+        samples, observed = fit.segments.samples[:, number], fit.segments.observed[:, number]
+        residuals = fit.misfit.residuals[:, number] / fit.optimum.noise
+        beyond = [-side * residuals[(samples == value) & observed] for value, side in ends.get(name, ())]
+        outside = np.concatenate(beyond) if beyond else np.empty(0)
+        count, total = len(outside), float(np.sum(outside))
+        gain = float(np.sum(outside**2)) - count
+        if total > _BEYOND * np.sqrt(count) or (total > 0.0 and gain > _BEYOND * np.sqrt(2.0 * count)):
+            yield Cause("clipped", name, float(count), "1", gain, standard_error=0.0)
+
+
+_JUMPS = "jumps between two samples"  # of a channel that lacks samples, without a gap in the times
+_SYSTEMATIC = (Verdict.MEASUREMENT_ERROR, Verdict.SYSTEMATIC_MISFIT, Verdict.UNEXPLAINED_FORCES)
+
+
+def before_other_causes(judgement: Judgement, records: Sequence[Record]) -> Judgement:
+    """The judgement, with uneven samples told before the causes of a diagnosis, all of which such samples resemble.
+
+    A step in time moves everything behind it, which gains and delays explain in part.
+    """
+    if judgement.verdict not in _SYSTEMATIC or not judgement.diagnosis:
+        return judgement
+    shown = {
+        f"{alert.channel} {alert.message.partition(',' if alert.kind == 'dropped' else ':')[0]}"
+        for alert in inspect(tuple(records)).alerts
+        if alert.kind == "doubled" or (alert.kind == "dropped" and alert.message.startswith(_JUMPS))
+    }
+    if not shown:
+        return judgement
+    return replace(
+        judgement,
+        message=(
+            f"The record shows by itself what comes before any cause below: {'; '.join(sorted(shown))}. Samples were lost or "
+            "written twice, so that what follows is early or late. Mend that first, as the alerts say, and identify again. "
+            f"As it stands: {judgement.message[:1].lower()}{judgement.message[1:]}"
+        ),
+    )
+
+
+_LARGEST = 12  # masses up to which the weak form is fast enough for all hypotheses
+_MOST = 60  # unknowns, likewise
+# of a record, the part with the largest motion, which a whole channel shows as well as all of it
+_SAMPLES = 20_000
+_CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
+_ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
+_UNITS = (1e-3, 1e3)  # factors that take out values in mm told as m, the usual error, and the reverse
+_ANGLES = (1.0 / DEGREES, DEGREES)  # likewise those in deg told as rad
+_CORNERS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
+"""Hz: AC coupling lies inside. What is best at an end is no high pass, but slow residuals or motion that any makes smaller."""
+_HINT = 5.0  # of -2 log likelihood, from which a corner is looked for between these
+_REFINED = 12  # records that are tried for it
+_EXPLAINED = (Verdict.CONVERGED, Verdict.HARDLY_DETERMINED)
+"""Verdicts of the weak form on laws that explain a record to within its noise."""
+
+Correction = Callable[[Record], Record]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingError:
+    """An error of a channel, with the words of a `Cause`, and what takes it out of a record."""
+
+    kind: str
+    where: str
+    correct: Correction
+    source: str = ""
+    size: float = 0.0
+    unit: str = "1"
+
+    def cause(self, gain: float) -> Cause:
+        """It as a cause that takes `gain` off -2 log likelihood."""
+        return Cause(
+            self.kind, self.where, self.size, self.unit, gain, standard_error=0.0, source=self.source
+        )
+
+
+def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[Cause, ...]:
+    """The errors without which the records are explained to within their noise, the usual ones first.
+
+    Several where the equations cannot tell them apart, as a displacement that is too large from another that is too small;
+    none where the weak form does not apply. `structure` has its unknowns, all of the terms that were offered in a search.
+    """
+    if structure.size > _LARGEST or len(structure.parameters) > _MOST:
+        return ()
+    given = [
+        replace(record, noise={}, simulated=None) for record in records
+    ]  # noise is found, as units change
+    parts = [_loudest_part(record) for record in given]
+
+    def corrected(error: RecordingError) -> list[Record]:
+        return [error.correct(record)[part] for record, part in zip(given, parts, strict=True)]
+
+    def gain(error: RecordingError) -> float:
+        try:
+            return as_recorded - _misfit(corrected(error), structure)
+        except (LinkwiseError, np.linalg.LinAlgError):
+            return -np.inf
+
+    try:
+        as_recorded = _misfit([record[part] for record, part in zip(given, parts, strict=True)], structure)
+    except (LinkwiseError, np.linalg.LinAlgError):
+        return ()
+    errors = [*_exchanged(given[0], structure), *_high_passes(given, structure, gain)]
+    gains = [gain(error) for error in errors]
+    least = max(_CONVINCING, max(gains, default=-np.inf) - _ALIKE)
+    return tuple(
+        error.cause(of_error)
+        for error, of_error in zip(errors, gains, strict=True)
+        if of_error > least and all(_is_explained(error, record, structure) for record in corrected(error))
+    )
+
+
+def _loudest_part(record: Record) -> slice:
+    """The part of a long record in which its responses have the largest power; all of a short one."""
+    if len(record) <= _SAMPLES:
+        return slice(None)
+    responses = np.nan_to_num(record.select(record.responses).values)
+    power = np.sum((responses / np.maximum(np.std(responses, axis=0), np.finfo(float).tiny)) ** 2, axis=1)
+    firsts = (*range(0, len(record) - _SAMPLES, _SAMPLES // 4), len(record) - _SAMPLES)
+    first = max(firsts, key=lambda first: float(np.sum(power[first : first + _SAMPLES])))
+    return slice(first, first + _SAMPLES)
+
+
+def _misfit(records: Sequence[Record], structure: Structure) -> float:
+    return sum(
+        record_misfit(record, structure) for record in framed_records(records, structure, integrated=True)
+    )
+
+
+def _is_explained(error: RecordingError, record: Record, structure: Structure) -> bool:
+    """Whether the weak form finds no more than noise in what the laws leave of a `record` that is without an error.
+
+    Without a high pass, slow noise of the sensor is larger than before, and follows slow motion; there the power decides.
+    """
+    try:
+        answer = WeakForm().estimate([record], structure, silent)
+    except (LinkwiseError, np.linalg.LinAlgError):
+        return False
+    slow_noise = (Verdict.SYSTEMATIC_MISFIT,) if error.kind == "high pass" else ()
+    return answer.fit_verdicts[0] in (*_EXPLAINED, *slow_noise)
+
+
+def _exchanged(record: Record, structure: Structure) -> Iterator[RecordingError]:
+    """Channels of the wrong sign, in another unit, or in each other's place."""
+    displacements = [f"x:{name}" for name in structure.mass_names if f"x:{name}" in record.channels]
+    forces = [f"force:{name}" for name in structure.mass_names if f"force:{name}" in record.channels]
+    for name in (*forces, *displacements):
+        yield RecordingError("sign", name, partial(_times, name, -1.0))
+    for factor in _UNITS:
+        for name in (*displacements, *forces):
+            yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
+    for name in (name for name in displacements if unit_in(structure, name) == KINDS["x"].angular_unit):
+        for factor in _ANGLES:
+            yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
+    for channels in (displacements, forces):
+        for first, second in combinations(channels, 2):
+            yield RecordingError("swapped", first, partial(_swapped, first, second), source=second)
+
+
+def _high_passes(
+    records: Sequence[Record], structure: Structure, gain: Callable[[RecordingError], float]
+) -> Iterator[RecordingError]:
+    """Of each displacement without gaps the high pass that explains most, if one of usual corners does."""
+    for name in (f"x:{name}" for name in structure.mass_names):
+        if not all(name in record.channels and np.isfinite(record.channel(name)).all() for record in records):
+            continue
+        gains = [gain(_high_pass(name, corner)) for corner in _CORNERS]
+        best = int(np.argmax(gains))
+        if gains[best] < _HINT or best in (0, len(_CORNERS) - 1):
+            continue
+        refined = scipy.optimize.minimize_scalar(
+            lambda log_corner, name=name: -gain(_high_pass(name, float(np.exp(log_corner)))),
+            bounds=np.log([_CORNERS[best - 1], _CORNERS[best + 1]]),
+            method="bounded",
+            options={"maxiter": _REFINED},
+        )
+        yield _high_pass(name, float(np.exp(refined.x)))
+
+
+def _high_pass(name: str, corner: float) -> RecordingError:
+    """A high pass of first order with a corner in Hz."""
+    return RecordingError("high pass", name, partial(_integrated, name, corner), size=corner, unit="Hz")
+
+
+def _times(name: str, factor: float, record: Record) -> Record:
+    return _with_channel(record, name, factor * record.channel(name))
+
+
+def _swapped(first: str, second: str, record: Record) -> Record:
+    exchanged = _with_channel(record, first, record.channel(second))
+    return _with_channel(exchanged, second, record.channel(first))
+
+
+def _integrated(name: str, corner: float, record: Record) -> Record:
+    """The record before a high pass y' + w y = x' that was at rest: x = y + w times the integral of y."""
+    y = record.channel(name)
+    integral = scipy.integrate.cumulative_trapezoid(y, dx=record.step, initial=0.0)
+    return _with_channel(record, name, y + 2.0 * np.pi * corner * integral)
+
+
+def _with_channel(record: Record, name: str, values: Floats) -> Record:
+    columns = record.values.copy()
+    columns[:, record.channels.index(name)] = values
+    return replace(record, values=columns)
+
+
+# times the noise: 1.44 in chi-square, which no number of samples that a fit has gives by chance
+_EXCEEDED = 1.2
+# times the noise: what neighbouring samples scatter by is noise within a few per cent where the motion is resolved
+_SCATTERED = 100.0
+_DOUBTED = (Verdict.NOT_CONVERGED, Verdict.NOISE_MISMATCH)
+
+
+def with_understated_noise(
+    judgement: Judgement, fit: LikelihoodFit, records: Sequence[Record]
+) -> Judgement | None:
+    """The judgement that says that the noise of channels is stated too small, where that alone is wrong; else None.
+
+    What laws lack leaves residuals that follow the motion, from one sample to the next; those of noise are white.
+    """
+    if judgement.verdict not in _DOUBTED or fit.random_forces:
+        return None
+    if judgement.verdict is Verdict.NOT_CONVERGED:
+        scattered = beyond_statement(records)
+        if scattered:
+            return replace(judgement, message=f"{judgement.message} {scattered}")
+    if not np.isfinite(fit.chi_square):
+        return None
+    stated = {name for record in records for name in record.noise}
+    exceeded = []
+    for name, residuals in zip(fit.noise, fit.misfit.residuals.transpose(1, 2, 0), strict=True):
+        counted = residuals[residuals != 0.0]
+        ratio = float(np.sqrt(np.mean(counted**2))) if len(counted) else 0.0
+        if ratio <= _EXCEEDED:
+            continue
+        if name not in stated or not is_white(residuals.ravel()):
+            return None
+        exceeded.append(f"{ratio:.2g} times in {name}, {fit.noise[name]:.2g} {records[0].unit(name)}")
+    if not exceeded:
+        return None
+    which = " and ".join(exceeded)
+    unsettled = judgement.verdict is Verdict.NOT_CONVERGED
+    return replace(
+        judgement,
+        message=(
+            f"The residuals exceed the noise that is stated ({which}), and are white, as noise is and what laws lack is not: "
+            f"it is stated too small, and no interval is given.{' The search did not converge with it.' if unsettled else ''} "
+            "State what it is, or leave it out, so that it is found with the laws."
+        ),
+    )
+
+
+def beyond_statement(records: Sequence[Record]) -> str:
+    """Whether samples of responses scatter far more than the noise that is stated of them.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+
+    Returns
+    -------
+    str
+        A sentence on such channels; empty where there are none.
+    """
+    scatters: dict[Channel, tuple[float, float]] = {}
+    for record in records:
+        responses = record.select(record.responses)
+        for name, sigma in zip(responses.channels, noise_sigma(responses.values).tolist(), strict=True):
+            stated = record.noise.get(name, 0.0)
+            ratio = sigma / stated if stated > 0.0 else 0.0
+            if ratio > max(_SCATTERED, scatters.get(name, (0.0, 0.0))[0]):
+                scatters[name] = ratio, sigma
+    if not scatters:
+        return ""
+    which = " and ".join(
+        f"{ratio:.2g} times in {name}, {sigma:.2g} {name.unit}" for name, (ratio, sigma) in scatters.items()
+    )
+    return (
+        f"Before any law, neighbouring samples scatter by far more than the noise that is stated ({which}): state what it is, "
+        "or leave it out, so that it is found with the laws."
+    )
+
+
+_MODES = 60  # modes of a host, and samples for each of its columns, that can be told apart
+_DAMPING = (0.003, 0.01, 0.03)  # of a mode that is not stated
+_PEAKS = 4  # of what is left that are tried
+_APART = 0.08  # relative distance from a stated frequency, below which that is rather off
+_NYQUIST = 0.45  # of the rate: frequencies up to which a mode is in the band
+_JUDGED = 0.5  # of what is left in the sensors of the host: one more mode beside other causes explains less
+_MODE_GAIN = 50.0  # of -2 log likelihood for each column that is added
+_SEEN = 100.0  # of the noise in power: a mode that should be seen in the sensors
+_NEEDED = 0.05  # of what a mode that should be seen takes off: less, and it is elsewhere
+_TRIALS = 8  # frequencies about a peak
+_RANK = 1e-8  # of a column of unit length that others explain
+_OFF = 4  # frequencies a little off the stated ones that may leave more than a mode that is lacking
+
+
+def lacking_modes(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> tuple[Cause, ...]:
+    """Modes that hosts lack, by what the forces on them leave in their sensors.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit whose laws do not explain the records.
+    identified : Structure
+        The structure with its values.
+    records : sequence of Record
+        The records, of which the first is looked at.
+
+    Returns
+    -------
+    tuple of Cause
+        For each host at most one; none on a moving base, and where a model error stands for what the laws lack.
+    """
+    record = records[0]
+    if not fit.chi_square_off or any(channel.place == BASE for channel in record.channels):
+        return ()
+    start = record[: min(len(record), _SAMPLES)]
+    forces = _forces_on_points(fit, identified, records, len(start))
+    causes = []
+    for host in identified.hosts:
+        shown = _Shown.of(host, start, forces, fit.noise)
+        cause = None if shown is None else shown.cause()
+        if cause is not None:
+            causes.append(cause)
+    return tuple(causes)
+
+
+def _forces_on_points(
+    fit: LikelihoodFit, identified: Structure, records: Sequence[Record], samples: int
+) -> dict[str, Floats]:
+    """(N,) the force on each point of a host along the fitted motion, from the start of the first record."""
+    record, motion = records[0], motion_of_links(fit, identified, records)
+    points = {point for host in identified.hosts for point in host.points}
+    totals: dict[str, Floats] = {}
+    for number, link in enumerate(identified.links):
+        if link.name in identified.modes or not points.intersection(link.between):
+            continue
+        force = None if motion.identified_force is None else motion.identified_force[:samples, number]
+        if force is None or np.isnan(force).any():
+            force = link.force(motion.d[:samples, number], motion.v[:samples, number], {})
+        for point, sign in zip(link.between, (-1.0, 1.0), strict=True):
+            if point in points:
+                totals[point] = totals.get(point, 0.0) + sign * np.nan_to_num(force)
+    for channel in record.forces:
+        if (point := channel.place) in points:
+            totals[point] = totals.get(point, 0.0) + np.nan_to_num(record.channel(channel)[:samples])
+    return totals
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What the sensors of a host show, in units of their noise, and the forces on its points."""
+
+    host: Host
+    step: float
+    forces: Mapping[str, SampledForce]
+    kinds: tuple[int, ...]  # derivative that each of c sensors shows
+    points: tuple[str, ...]
+    units: tuple[float, ...]  # standard deviation of the noise of each sensor
+    values: Floats  # (N, c)
+    present: Bools  # (N,)
+
+    @classmethod
+    def of(
+        cls, host: Host, record: Record, forces: Mapping[str, Floats], noise: Mapping[str, float]
+    ) -> _Shown | None:
+        """None where no sensor is on the host, no force acts, or there are too many modes for the samples."""
+        sensors = [
+            (channel, channel.order, channel.place)
+            for channel in record.motions
+            if channel.place in host.points
+        ]
+        acting = {point: SampledForce(force, record.step) for point, force in forces.items() if force.any()}
+        acting = {point: force for point, force in acting.items() if point in host.points}
+        values = [mode.frequency.value for mode in host.modes]
+        columns = (len(values) + 1) * (len(acting) + 2)
+        if not sensors or not acting or None in values or len(values) > _MODES:
+            return None
+        units = tuple(noise.get(name) or 1.0 for name, _, _ in sensors)
+        stack = np.stack([record.channel(name) for name, _, _ in sensors], axis=1) / np.array(units)
+        present = np.isfinite(stack).all(axis=1)
+        if present.sum() < _MODES * columns / 10:
+            return None
+        kinds, points = zip(*((kind, point) for _, kind, point in sensors), strict=True)
+        return cls(host, record.step, acting, kinds, points, units, np.nan_to_num(stack), present)
+
+    def cause(self) -> Cause | None:
+        """The mode that explains most of what is left, if it explains what no other cause does."""
+        stated = [
+            (float(mode.frequency.value or 0.0), float(mode.damping.value or 0.0)) for mode in self.host.modes
+        ]
+        columns = [self._columns(*mode) for mode in stated]
+        first = float(np.sum(_Explained.by(self, columns).left ** 2))
+        for _ in range(_OFF):
+            explained = _Explained.by(self, columns)
+            trials = [self._refined(explained, frequency) for frequency in self._peaks(explained.left)]
+            if not trials:
+                return None
+            power, frequency, added = min(trials, key=lambda trial: trial[0])
+            if not any(abs(frequency / f - 1.0) < _APART for f, _ in stated if f > 0.0):
+                break
+            columns.append(added)  # what a stated frequency that is a little off leaves
+        else:
+            return None
+        count, before = len(self.kinds) * added.shape[2], float(np.sum(explained.left**2))
+        gain = float(explained.left.size * np.log(before / max(power, 1.0)))
+        share = (before - power) / first
+        if share < _JUDGED or gain < _MODE_GAIN * count or self._moved(columns, len(stated), added):
+            return None
+        return Cause("mode", self.host.name, frequency, "Hz", gain, standard_error=0.0, share=share)
+
+    def _columns(self, frequency: float, damping: float) -> Floats:
+        """(3, N, f + 2) displacement, velocity and acceleration of a mode under each force, and of its free decay."""
+        if frequency > _NYQUIST / self.step:
+            return self._static()
+        time = self.step * np.arange(len(self.values))
+        if frequency == 0.0:  # a rigid motion
+            ones, zeros = np.ones_like(time), np.zeros_like(time)
+            free = [np.stack([ones, zeros, zeros]), np.stack([time, ones, zeros])]
+            return np.stack([*map(self._rigid, self.forces.values()), *free], axis=2)
+        w = 2.0 * np.pi * frequency
+        pole = w * complex(-damping, np.sqrt(max(1.0 - damping**2, 1e-6)))
+        decay = np.stack([pole**order * np.exp(pole * time) for order in range(3)]) / w
+        moved = [force.motion(frequency, min(damping, 0.99)) for force in self.forces.values()]
+        return np.stack([*moved, decay.real, decay.imag], axis=2)
+
+    def _rigid(self, force: SampledForce) -> Floats:
+        integrate = scipy.integrate.cumulative_trapezoid
+        velocity = integrate(force.samples, dx=self.step, initial=0.0)
+        return np.stack([integrate(velocity, dx=self.step, initial=0.0), velocity, force.samples])
+
+    def _static(self) -> Floats:
+        """(3, N, f) what follows the forces at once, as a mode above the band does, and its derivatives."""
+        time = self.step * np.arange(len(self.values))
+        splines = [scipy.interpolate.make_interp_spline(time, f.samples, 5) for f in self.forces.values()]
+        return np.stack([[spline(time, order) for order in range(3)] for spline in splines], axis=2)
+
+    def _peaks(self, left: Floats) -> list[float]:
+        """Frequencies in Hz at which most is left, apart from each other."""
+        spectrum = np.sum(np.abs(scipy.fft.rfft(left, axis=0)) ** 2, axis=1)
+        frequencies = scipy.fft.rfftfreq(len(left), self.step)
+        spectrum[(frequencies < 2.0 * frequencies[1]) | (frequencies > _NYQUIST / self.step)] = 0.0
+        peaks: list[float] = []
+        for _ in range(_PEAKS):
+            peak = float(frequencies[int(np.argmax(spectrum))])
+            if peak == 0.0:
+                break
+            peaks.append(peak)
+            spectrum[np.abs(frequencies - peak) < max(_APART * peak, 3.0 * frequencies[1])] = 0.0
+        return peaks
+
+    def _refined(self, explained: _Explained, near: float) -> tuple[float, float, Floats]:
+        """The power that one more mode near a frequency leaves, its frequency, and its columns."""
+        width = max(0.03 * near, 1.5 / (self.step * len(self.values)))
+        best = (np.inf, near, np.zeros((3, len(self.values), 0)))
+        for damping in _DAMPING:
+            solved = scipy.optimize.minimize_scalar(
+                lambda frequency, damping=damping: explained.power_with(self._columns(frequency, damping)),
+                bounds=(max(near - width, 0.1 * near), near + width),
+                method="bounded",
+                options={"maxiter": _TRIALS},
+            )
+            if solved.fun < best[0]:
+                best = (float(solved.fun), float(solved.x), self._columns(float(solved.x), damping))
+        return best
+
+    def _moved(self, columns: Sequence[Floats], stated: int, added: Floats) -> bool:
+        """Whether the sensors do not show a stated mode that they should: then it is another one, and none is lacking."""
+        for number in range(stated):
+            if columns[number].shape[2] == len(self.forces):  # above the band
+                continue
+            name = self.host.coordinates[number]
+            shapes = np.array([self.host.shape(point)[name] for point in self.forces])
+            driven = columns[number][:, :, : len(shapes)] @ shapes
+            expected = np.stack(
+                [
+                    self.host.shape(point)[name] * driven[kind] / unit
+                    for kind, point, unit in zip(self.kinds, self.points, self.units, strict=True)
+                ],
+                axis=1,
+            )
+            others = _Explained.by(self, [*columns[:number], *columns[number + 1 :], added])
+            alone = float(np.sum(others.left_of(expected[self.present]) ** 2))
+            needed = float(np.sum(others.left**2)) - others.power_with(columns[number])
+            if alone > _SEEN * len(self.kinds) and needed < _NEEDED * alone:
+                return True
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """What columns of a host's motion leave of its sensors: orthonormal bases (N, q) by kind of sensor, and `left` (N, c)."""
+
+    kinds: tuple[int, ...]
+    present: Bools
+    bases: dict[int, Floats]
+    left: Floats
+
+    @classmethod
+    def by(cls, shown: _Shown, columns: Sequence[Floats]) -> _Explained:
+        bases = {}
+        for kind in sorted(set(shown.kinds)):
+            parts = [part[kind] for part in columns] + [np.ones((len(shown.values), 1))]
+            bases[kind] = _orthonormal(np.concatenate(parts, axis=1)[shown.present])
+        own = cls(shown.kinds, shown.present, bases, shown.values[shown.present])
+        return replace(own, left=own.left_of(own.left))
+
+    def left_of(self, values: Floats) -> Floats:
+        """(N, c) what the columns leave of other values of the sensors."""
+        left = values.copy()
+        for kind, basis in self.bases.items():
+            own = np.equal(self.kinds, kind)
+            left[:, own] -= basis @ (basis.T @ left[:, own])
+        return left
+
+    def power_with(self, added: Floats) -> float:
+        """The power that is left where columns (3, N, p) are added."""
+        power = float(np.sum(self.left**2))
+        for kind, basis in self.bases.items():
+            more = added[kind][self.present]
+            more = more / np.maximum(np.linalg.norm(more, axis=0), np.finfo(float).tiny)
+            more = _orthonormal(more - basis @ (basis.T @ more))
+            power -= float(np.sum((more.T @ self.left[:, np.equal(self.kinds, kind)]) ** 2))
+        return power
+
+
+def _orthonormal(columns: Floats) -> Floats:
+    """(N, q) a basis of columns (N, p), without those that the others leave nothing of."""
+    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    basis, root, _ = scipy.linalg.qr(columns / size, mode="economic", pivoting=True)
+    return np.asarray(basis[:, np.abs(root.diagonal()) > _RANK])

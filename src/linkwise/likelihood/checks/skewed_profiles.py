@@ -1,0 +1,291 @@
+"""Coefficients whose profile of the likelihood is skewed: intervals as wide as it reaches, not as a parabola would.
+
+Standard errors take -2 log likelihood for a parabola. A motion that nearly comes to rest between two wells goes into the other
+one as soon as a coefficient passes some value: on that side the profile is a wall, on the other it rises slowly. The curvature
+at the optimum is mostly that of the wall, and a true value on the slow side is many standard errors away.
+
+To third order a profile rises by s^2 - a s^3 at s standard errors. Its third derivative follows from first derivatives of the
+states by the coefficient: along these the flow leaves defects of second order, which pull at the coefficient with a, its
+acceleration along its own profile. One direction along all profiles at once tells which coefficients to look at.
+
+References
+----------
+D. M. Bates and D. G. Watts, J. R. Statist. Soc. B 42, 1 (1980), for parameter-effects curvature.
+M. K. Transtrum and J. P. Sethna, arXiv:1201.5885 (2012), for the acceleration by second directional derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.arrays import Floats, Indices
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.likelihood.checks.judgement import Judgement
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.marginal import is_long
+from linkwise.likelihood.optima.other_optima import is_loosened, rise_of_profile, rises_by
+from linkwise.likelihood.shooting.linear_model import FactoredModel, linear_model, precise_model
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.steps import pull_of_defects
+from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
+from linkwise.runtime import one_blas_thread
+from linkwise.verdict import Verdict
+
+_SKEWED = 0.3
+"""Acceleration beyond which a profile is followed. Of 768 fits of two masses at 16 to 40 dB one in 18 is beyond; below it most
+profiles end within a quarter of where standard errors say, and errors are as large as these."""
+_FIRST = 4.0  # standard errors that a skewed profile is followed by first
+_FARTHEST = 40.0  # the same: a wider interval carries no information
+_CLOSE = 0.1  # of the rise to the end of an interval in standard errors
+_STEP = 1.2  # factor between distances inside and outside, the latter of which is taken then
+_TRIALS = 8
+_SHARES = (0.2, 0.8)  # of the way from inside to outside, where the next trial is
+_GROWTH = (1.3, 3.0)  # of the distance where the end is still beyond, by about the rise to the power of 3/4
+_WIDER = 1.05  # times as wide, that an interval is said to be
+_BEYOND = 6.0, 9.0  # standard errors at which a wall is looked over
+_TOO_LITTLE = 0.5  # of the rise expected there
+_LOWER = -0.5  # of -2 log likelihood: there is another optimum, which is higher
+
+
+def with_skewed_profiles(judgement: Judgement, fit: LikelihoodFit, faint: Sequence[str] = ()) -> Judgement:
+    """The judgement with what skewed profiles add to the covariance; one that forbids trust where they cannot be followed.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        The judgement.
+    fit : LikelihoodFit
+        The fit.
+    faint : sequence of str, optional
+        Parameters that are left out, as their intervals do not rest on the covariance.
+
+    Returns
+    -------
+    Judgement
+        The same one where no profile is skewed, and beside anything but exact laws and white noise.
+    """
+    exact = judgement.verdict is Verdict.CONVERGED and not fit.random_forces and fit.optimum.coloured is None
+    if not exact or not fit.free.any():
+        return judgement
+    names = fit.segments.system.parameters.names
+    accelerations = _accelerations(fit, judgement.tested)
+    skewed = {k: a for k, a in accelerations.items() if not abs(a) < _SKEWED and names[k] not in faint}
+    reaches: dict[int, float] = {}
+    for number, acceleration in skewed.items():
+        reach = _reach_on_slow_side(fit, number, acceleration)
+        if reach is None:
+            return replace(
+                judgement,
+                verdict=Verdict.SEVERAL_OPTIMA,
+                message=(
+                    f"{judgement.message} But the likelihood of {names[number]} falls steeply on one side, and either cannot "
+                    "be followed to the end of its interval on the other or rises again beyond, so no interval is given. Hold "
+                    "it at a known value, or add a record of another motion or with less noise."
+                ),
+            )
+        reaches[number] = reach / NORMAL_95
+    wider = {number: factor for number, factor in reaches.items() if factor > _WIDER}
+    if not wider:
+        return judgement
+    named = _listed([f"{names[number]} ({factor:.2g} times)" for number, factor in wider.items()])
+    return replace(
+        judgement,
+        message=f"{judgement.message} The likelihood falls slowly on one side of {named}; intervals reach as far as it does.",
+        for_skewed_profiles=_added(fit.covariance, wider),
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _added(covariance: Floats, factors: dict[int, float]) -> Floats:
+    """(p, p) what makes standard errors larger by `factors`, along the profiles; of two that share one, the wider counts."""
+    added = np.zeros_like(covariance)
+    for number in sorted(factors, key=lambda number: -factors[number]):
+        variance = covariance[number, number]
+        lacking = factors[number] ** 2 * variance - variance - added[number, number]
+        if lacking > 0.0:
+            along = covariance[:, number] / variance
+            added += lacking * np.outer(along, along)
+    return added
+
+
+def _is_wall(fit: LikelihoodFit, number: int, *, side: float) -> bool:
+    """Whether the likelihood of a parameter stays low on the steep side, looked at where the laws hold loosely.
+
+    There the likelihood of exact laws has other optima, of which noise may make a wrong one the highest.
+    """
+    if not is_loosened(fit):
+        return True
+    is_fixed = np.arange(len(fit.values)) == number
+    step = side * fit.covariance[:, number] / np.sqrt(fit.covariance[number, number])
+    return all(
+        rises_by(_TOO_LITTLE, fit, fit.values + distance * step, is_fixed, distance) for distance in _BEYOND
+    )
+
+
+def _reach_on_slow_side(fit: LikelihoodFit, number: int, acceleration: float) -> float | None:
+    """The reach of a profile on its slow side, or the farther of both where the motion runs away, which hides which it is.
+
+    None where it is not found, or the other side is no wall.
+    """
+    farthest = 0.0
+    for side in (float(np.sign(acceleration)),) if np.isfinite(acceleration) else (1.0, -1.0):
+        reach = _reach(fit, number, side=side) if _is_wall(fit, number, side=-side) else None
+        if reach is None:
+            return None
+        farthest = max(farthest, reach)
+    return farthest
+
+
+def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
+    """How many standard errors away, on a side, the profile of a parameter is at its 95 % quantile; None if that is not found.
+
+    It may have a step there, from one way of the motion to another: then it ends behind that.
+    """
+    parameters, error = fit.segments.system.parameters, float(np.sqrt(fit.covariance[number, number]))
+    bound = float((parameters.upper if side > 0.0 else parameters.lower)[number])
+    edge = (bound - float(fit.values[number])) / (side * error)
+    inside, outside = (0.0, 0.0), (np.inf, np.inf)  # distances and roots of the rise
+    distance = min(_FIRST, edge)
+    for _ in range(_TRIALS):
+        rise, converged = rise_of_profile(
+            fit, np.array([number]), np.array([side * distance * error]), distance
+        )
+        if rise * distance**2 < _LOWER:
+            return None
+        root = float(np.sqrt(max(rise, 0.0))) * distance
+        if root < NORMAL_95:  # the rise itself is no larger where the others were not found
+            inside = distance, root
+        elif converged:
+            outside = distance, root
+        if converged and abs(root - NORMAL_95) < _CLOSE * NORMAL_95:
+            return distance * NORMAL_95 / root
+        if inside[0] == edge:
+            return edge
+        if outside[0] < _STEP * inside[0]:
+            return outside[0]
+        if np.isfinite(outside[0]):
+            share = (NORMAL_95 - inside[1]) / (outside[1] - inside[1])
+            distance = inside[0] + float(np.clip(share, *_SHARES)) * (outside[0] - inside[0])
+        elif inside[0] < distance:  # where the others were not found
+            distance = float(np.sqrt(max(inside[0], min(1.0, 0.5 * distance)) * distance))
+        else:
+            distance = min(distance * float(np.clip((NORMAL_95 / max(root, _CLOSE)) ** 1.5, *_GROWTH)), edge)
+        if distance > _FARTHEST:
+            return None
+    return None
+
+
+def _accelerations(fit: LikelihoodFit, tested: TestedCauses | None) -> dict[int, float]:
+    """Accelerations along their own profiles, in standard errors, of the parameters that may have large ones.
+
+    Those that have none of a move along the profiles of all are left out, as long as that halves their number.
+    """
+    with one_blas_thread():
+        profiles = _Profiles.of(fit, tested)
+        if profiles is None:
+            return {}
+        suspected = np.flatnonzero(fit.free)
+        while True:
+            along = profiles.acceleration(profiles.along_all(suspected), len(suspected) ** -0.5)
+            left = suspected[~(np.abs(along[suspected]) < _SKEWED)]
+            if 2 * len(left) > len(suspected) or not len(left):
+                break
+            suspected = left
+        return {
+            number: float(profiles.acceleration(profiles.tangents[number], 1.0)[number])
+            for number in left.tolist()
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Profiles:
+    """Profiles of the unknowns of the border, to second order.
+
+    Attributes
+    ----------
+    optimum, misfit : Optimum, Misfit
+        The optimum in segments of any length.
+    model : FactoredModel
+        The linearised equations there.
+    gradient : array of shape (K, m)
+        The step of the nodes that is left.
+    covariance, units, tangents : array of shape (P, P), (P,) and (P, P)
+        Covariance and standard errors of the scaled border, 1 of those at a bound, and its move along the profile of each by
+        one standard error.
+    """
+
+    optimum: Optimum
+    misfit: Misfit
+    model: FactoredModel
+    gradient: Floats
+    covariance: Floats
+    units: Floats
+    tangents: Floats
+
+    @classmethod
+    def of(cls, fit: LikelihoodFit, tested: TestedCauses | None) -> _Profiles | None:
+        """Those of a fit; None of long records in pieces, and where equations are singular."""
+        if tested is not None and tested.model is not None:
+            (optimum, misfit), model = tested.longer, tested.model
+        elif is_long(fit.segments):
+            return None
+        else:
+            optimum, misfit = in_longer_segments(fit)
+            linear = linear_model(optimum.segments, misfit, optimum.scales, optimum.loss)
+            linear, factor = precise_model(linear, optimum.q)
+            if factor is None:
+                return None
+            model = FactoredModel(linear, factor)
+        schur = model.factor.schur
+        free = np.ones(len(schur), dtype=bool)
+        free[: len(fit.free)] = fit.free
+        covariance = np.zeros_like(schur)
+        still = model.factor.solve(np.zeros(len(schur), dtype=bool))
+        try:
+            covariance[np.ix_(free, free)] = np.linalg.inv(schur[np.ix_(free, free)])
+        except np.linalg.LinAlgError:
+            return None
+        errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+        if still is None or not (np.isfinite(errors).all() and (errors[free] > 0.0).all()):
+            return None
+        units = np.where(free, errors, 1.0)
+        return cls(optimum, misfit, model, still[0], covariance, units, covariance / units[:, None])
+
+    def along_all(self, unknowns: Indices) -> Floats:
+        """(P,) a move along the profiles of some unknowns at once, with signs by which none takes a part of another back."""
+        move: Floats = self.tangents[unknowns[0]].copy()
+        for number in unknowns[1:].tolist():
+            move += np.copysign(1.0, move[number]) * self.tangents[number]
+        return move
+
+    @np.errstate(over="ignore", invalid="ignore")  # a motion that runs away bends without end
+    def acceleration(self, border: Floats, length: float) -> Floats:
+        """(P,) second derivatives of the border, in standard errors, by a move of it (P,) that the nodes follow.
+
+        They are differences over a `length` of the move.
+        """
+        optimum, misfit, factor = self.optimum, self.misfit, self.model.factor
+        solved = factor.solve(np.zeros(len(border), dtype=bool), border)
+        assert solved is not None  # which was solved before
+        nodes = ((solved[0] - self.gradient) * optimum.scales.state).T
+        moved = border * optimum.scales.theta
+        point = misfit.point
+        both = [
+            evaluate(
+                optimum.segments,
+                point.moved(point.nodes + part * nodes, point.border + part * moved),
+                optimum.scales,
+                optimum.loss,
+            ).defects
+            for part in (length, -length)
+        ]
+        bent = (both[0] + both[1] - 2.0 * misfit.defects) / length**2
+        pull = pull_of_defects(self.model.linear, bent.reshape(len(nodes), -1).T / optimum.q**2)
+        change = factor.moved(*pull).reduced - factor.reduced
+        return np.asarray(self.covariance @ change / self.units, dtype=float)

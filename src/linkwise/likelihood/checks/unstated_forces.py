@@ -1,0 +1,297 @@
+"""Random forces that nobody stated beside those that were, and stated ones that are too small: whether residuals show them.
+
+Beside random forces the states are integrated out, and the multiplier of each defect is the slope of half of -2 log of the
+marginal likelihood by a kick there. The excess of the sum of squares of these slopes is the score of the variance of kicks of
+a mass; that of the forces found in each segment is the score of their own variance. Deviations of noise and of forces that
+were found with the coefficients subtract what they explain of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.estimates.causes import Cause, RandomForceEstimate
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.loss import RandomStates
+from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.tests.variances import (
+    DRAWS,
+    LARGEST,
+    SEED,
+    SIGNIFICANT,
+    SquareSum,
+    VarianceScore,
+    at_once,
+    changes_of_defects,
+    free_of_bounds,
+    input_kicks,
+    spectral_causes,
+    steps_of,
+)
+from linkwise.model.structure import Structure
+from linkwise.records.channel_units import unit_in
+from linkwise.runtime import one_blas_thread
+
+_LARGER = 1.1  # times what was stated: with less, 95 % intervals still cover 92 %
+_CERTAIN = 3.0  # standard errors of its square by which a deviation that was found is no chance
+_ONE_SIDED = 1.645  # standard errors, which a normal variable exceeds in 5 % of cases
+
+
+def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequence[str]) -> tuple[Cause, ...]:
+    """Causes of what random forces leave: others that nobody stated, stated ones that are larger, and what is not white.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit; nothing is tested where it has no random forces.
+    identified : Structure
+        The structure with the values of the fit.
+    channels : sequence of str
+        The channels of the record.
+
+    Returns
+    -------
+    tuple of Cause
+        Those that are significant.
+    """
+    if not fit.random_forces:
+        return ()
+    optimum = fit.optimum
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    sizes, kicks = _kicks(fit, misfit, identified, channels)
+    stated = [number for number, force in enumerate(fit.random_forces) if not force.found]
+    ambient = any(force.ambient for force in fit.random_forces)
+    if not (kicks or stated or ambient):
+        return ()
+    with one_blas_thread():
+        sums = _Sums.of(fit, misfit, kicks)
+    if sums is None:
+        return ()
+    beside = _found_beside(fit, sums)
+    causes = list(spectral_causes(fit, sums.slopes))
+    for place, tested in sums.kicks.items():
+        score = VarianceScore.of(tested, beside)
+        if score is not None and score.normal > SIGNIFICANT:
+            causes.append(_unstated(place, score, sizes.get(place), fit, identified))
+    for number in stated:
+        score = VarianceScore.of(sums.forces[number], beside)
+        if score is not None and score.normal > SIGNIFICANT and np.hypot(1.0, score.deviation) > _LARGER:
+            causes.append(_larger(fit.random_forces[number], score))
+    return tuple(causes)
+
+
+def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
+    """The fit with upper limits of the random forces that were looked for and not found, or not beyond chance.
+
+    Deviations of the former are small in its equations, and zero in what is reported.
+    """
+    random = fit.optimum.segments.random
+    if random is None or not random.is_estimated.any():
+        return fit
+    optimum = fit.optimum
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    with one_blas_thread():
+        sums = _Sums.of(fit, misfit, {})
+    if sums is None:
+        return fit
+    forces = list(fit.random_forces)
+    for number in np.flatnonzero(random.is_estimated).tolist():
+        score = VarianceScore.of(sums.forces[number], _found_beside(fit, sums, but=number))
+        is_present = bool(random.present[number])
+        if score is None or (is_present and score.error < 1.0 / _CERTAIN):
+            continue
+        deviation = float(random.deviation[number, 0])
+        variance = 1.0 if is_present else score.deviation**2
+        limit = deviation * float(np.sqrt(variance + _ONE_SIDED * score.error))
+        ambient = forces[number].ambient
+        forces[number] = replace(forces[number], upper_limit=_density(fit) * limit if ambient else limit)
+    return replace(fit, random_forces=tuple(forces))
+
+
+def _found_beside(fit: LikelihoodFit, sums: _Sums, but: int | None = None) -> list[SquareSum]:
+    """Sums of squares of what has deviations that were found, `but` a force; one that is absent has none."""
+    random = fit.optimum.segments.random
+    assert random is not None
+    return [
+        *sums.noise,
+        *(
+            sums.forces[number]
+            for number in np.flatnonzero(random.is_estimated & random.present)
+            if number != but
+        ),
+    ]
+
+
+def _kicks(
+    fit: LikelihoodFit, misfit: Misfit, identified: Structure, channels: Sequence[str]
+) -> tuple[dict[str, float], dict[str, Floats]]:
+    """Root mean squares of inputs, and the kicks (K - 1, n) in m/s that noise of each of size one gives at the nodes.
+
+    Of inputs that nobody stated noise of, by channel, and, beside ambient forces, of masses that none was stated to act on.
+    """
+    optimum, stated = fit.optimum, {force.where for force in fit.random_forces}
+    segments = optimum.segments
+    sizes, kicks = {}, {}
+    for channel, rms, pattern in input_kicks(optimum, misfit, identified, channels):
+        if channel not in stated and channel.removeprefix("force:") not in stated:
+            sizes[channel], kicks[channel] = rms, pattern
+    if not any(force.ambient for force in fit.random_forces):
+        return sizes, kicks
+    masses = segments.system.at(optimum.point.theta).masses
+    step = (segments.step * segments.refine)[:-1, None]
+    for number, name in enumerate(identified.mass_names):
+        if not {name, f"force:{name}"} & (stated | set(kicks)):
+            kicks[name] = np.sqrt(step * step[0]) * np.eye(identified.size)[number] / masses[number]
+    return sizes, kicks
+
+
+def _unstated(
+    place: str, score: VarianceScore, rms: float | None, fit: LikelihoodFit, identified: Structure
+) -> Cause:
+    """A random force that nobody stated: noise of the input, where its root mean square `rms` is far larger, else ambient."""
+    error = 0.5 * score.error / score.deviation
+    if rms is not None and score.deviation < LARGEST * rms:
+        unit = unit_in(identified, place)
+        return Cause("input noise", place, score.deviation, unit, score.gain, error)
+    density = _density(fit)
+    mass = place.rpartition(":")[2]
+    unit = f"{unit_in(identified, f'force:{mass}')}/sqrt(Hz)"
+    return Cause("ambient", mass, density * score.deviation, unit, score.gain, density * error)
+
+
+def _larger(force: RandomForceEstimate, score: VarianceScore) -> Cause:
+    """A stated random force that is larger; its score is in units of what was stated."""
+    factor = float(np.hypot(1.0, score.deviation))
+    error = 0.5 * score.error / factor
+    size = force.spectral_density if force.ambient else force.deviation
+    return Cause(
+        kind="ambient" if force.ambient else "input noise",
+        where=force.where,
+        size=factor * size,
+        unit=f"{force.unit}/sqrt(Hz)" if force.ambient else force.unit,
+        gain=score.gain,
+        standard_error=error * size,
+        remark=f"{size:.3g} was stated",
+    )
+
+
+def _density(fit: LikelihoodFit) -> float:
+    """The spectral density of a deviation of one, at the rate of the first record."""
+    segments = fit.optimum.segments
+    return float(np.sqrt(2.0 * segments.step[0] * segments.refine))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Sums of squares of slopes: by `kicks` of each name, by the random `forces` in their deviations, and by `noise`.
+
+    `slopes` (r, K, 1 + d) are those by the forces, of the record and of draws.
+    """
+
+    kicks: dict[str, SquareSum]
+    forces: list[SquareSum]
+    noise: list[SquareSum]
+    slopes: Floats
+
+    @classmethod
+    def of(cls, fit: LikelihoodFit, misfit: Misfit, kicks: Mapping[str, Floats]) -> _Sums | None:
+        """Those at the optimum of a fit; None where its equations are singular."""
+        equations = _DrawnEquations.of(fit, misfit)
+        if equations is None:
+            return None
+        random, rng = equations.random, np.random.default_rng(SEED)
+        m, n = fit.optimum.segments.system.dimension, len(fit.optimum.segments.system.incidence)
+        forces = fit.optimum.point.nodes[random.rows] / random.deviation
+        observed = (
+            equations.by_kicks(misfit.defects.reshape(m, -1).T[:, n : 2 * n, None]),
+            forces[:, :, None],
+            misfit.residuals.transpose(1, 2, 0)[..., None],
+        )
+        widths = [part.stop - part.start for part in at_once(DRAWS, m * forces.shape[1])]
+        parts = zip(observed, *(equations.drawn(rng, count) for count in widths), strict=True)
+        of_kicks, of_forces, of_noise = (np.concatenate(part, axis=-1) for part in parts)
+        return cls(
+            {
+                name: _sum_of_squares(np.einsum("kn,knd->kd", pattern, of_kicks))
+                for name, pattern in kicks.items()
+            },
+            [_sum_of_squares(slopes) for slopes in of_forces],
+            [_sum_of_squares(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
+            of_forces,
+        )
+
+
+def _sum_of_squares(slopes: Floats) -> SquareSum:
+    return SquareSum.of(slopes[:, 0], slopes[:, 1:])
+
+
+@dataclass(frozen=True, eq=False)
+class _DrawnEquations:
+    """The linearised equations at an optimum, for right-hand sides of drawn noise of sensors and random forces.
+
+    `rows` (k, M C, m + P + 1) are those of each part of the segments.
+    """
+
+    fit: LikelihoodFit
+    linear: Linearization
+    factor: BorderedFactor
+    random: RandomStates
+    rows: list[tuple[slice, Floats]]
+
+    @classmethod
+    def of(cls, fit: LikelihoodFit, misfit: Misfit) -> _DrawnEquations | None:
+        """Those of a fit; None where they are singular."""
+        optimum, random = fit.optimum, fit.optimum.segments.random
+        linear = linearise(optimum.segments, misfit, optimum.scales, optimum.loss)
+        factor = linear.equations(optimum.q).factor()
+        if factor is None or random is None:
+            return None
+        rows = [
+            (part, whitened_jacobian(optimum.segments, misfit, optimum.scales, optimum.loss, part)[0])
+            for part in chunks(optimum.segments)
+        ]
+        return cls(fit, linear, factor, random, rows)
+
+    def by_kicks(self, defects: Floats) -> Floats:
+        """(K - 1, n, d) slopes of half the cost in s/m by kicks, from scaled defects (K - 1, n, d) of the velocities."""
+        optimum, n = self.fit.optimum, defects.shape[1]
+        return np.asarray(defects / optimum.q**2 / optimum.scales.state[n : 2 * n, None])
+
+    def _loosened(self, rng: np.random.Generator, count: int) -> Floats:
+        """(K - 1, m, d) pulls of drawn defects that forces leave in displacements, as they vary within a segment."""
+        joined = self.linear.joined
+        pulls = np.zeros((*joined.shape, count))
+        loose = np.flatnonzero(((joined > 0.0) & (joined < 1.0)).any(axis=0))
+        pulls[:, loose] = rng.standard_normal((len(joined), len(loose), count)) / self.fit.optimum.q
+        return pulls
+
+    def drawn(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
+        """By so many draws, states and unknowns following: `by_kicks`, forces (r, K, d) and residuals (C, K, M, d) left."""
+        segments, m = self.fit.optimum.segments, self.fit.optimum.segments.system.dimension
+        samples, channels, K = segments.samples.shape
+        n = len(segments.system.incidence)
+        root = np.sqrt(self.random.curvature(self.fit.optimum.scales.state))[:, :, None]
+        forces = rng.standard_normal((*root.shape[:2], count))
+        noise = rng.standard_normal((K, samples * channels, count))
+        noise *= segments.observed.transpose(2, 0, 1).reshape(K, -1, 1)
+        nodes, border = np.zeros((K, m, count)), np.zeros((len(self.factor.schur), count))
+        for part, rows in self.rows:
+            nodes[part] = rows[..., :m].transpose(0, 2, 1) @ noise[part]
+            border += np.einsum("krp,krd->pd", rows[..., m:-1], noise[part])
+        nodes[:, self.random.rows] += (root * forces).transpose(1, 0, 2)
+        loosened = self._loosened(rng, count)
+        nodes[:-1] += np.einsum("kij,kid->kjd", self.linear.state_ends, loosened)
+        nodes[1:] -= self.linear.joined[:, :, None] * loosened
+        border += np.einsum("kip,kid->pd", self.linear.right_ends[..., :-1], loosened)
+        nodes, border = steps_of(self.factor, free_of_bounds(self.fit), nodes, border)
+        for part, rows in self.rows:
+            noise[part] -= rows[..., :m] @ nodes[part] + rows[..., m:-1] @ border
+        left = noise.reshape(K, samples, channels, count).transpose(2, 0, 1, 3)
+        defects = changes_of_defects(self.linear, nodes, border)[:, n : 2 * n]
+        return self.by_kicks(defects), forces - root * nodes[:, self.random.rows].transpose(1, 0, 2), left

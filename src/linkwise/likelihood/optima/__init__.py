@@ -1,0 +1,1 @@
+"""Other optima of a likelihood: restarts, valleys, hidden wells, profiles."""

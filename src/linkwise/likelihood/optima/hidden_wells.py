@@ -1,0 +1,337 @@
+"""Starts of links of masses that only accelerometers, or none, show: about the place where they rest, which may be a well.
+
+Nothing shows where such a mass rests, and forces of small motion hardly tell one well from another. About its place of rest a
+link of any law moves like a spring that is not symmetric. That law, with a term in d**2 beside its own, has one place of rest,
+and is fitted first, with loose continuity. Then the place of rest is the one about which the own law gives the same forces
+along this motion, and the search goes on from there. A fit about another place leaves as little where the motion is so small
+that noise hides how the link bends: then its coefficients are hardly known, and the two compete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.expression import differentiate, symbols
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.shooting.linear_model import linear_model, precise_model
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.starts.values import starting_values
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import BASE, Link
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+_SKEW = "skew"
+_LOOSE = 0.03  # relaxation at which the fit about the place of rest ends: tighter ones creep
+_NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of rest may be away from d = 0
+_GRID = 161  # places on either side, at equal ratios
+_ROUNDS = 4  # of finer grids
+_VALLEY_STEPS = 4
+_CREEPING = (
+    0.02  # of -2 log likelihood: a full step that would lower it by more is one that a search did not take
+)
+_APART = 4.0  # standard errors beyond which values are others
+_CERTAIN = 10.0  # standard errors: laws whose coefficients are known that well leave no doubt about the place of rest
+
+
+@dataclass(frozen=True)
+class _HiddenLink:
+    """A link by its `number`, which alone holds the mass of number `coordinate`; `sign` is its row of B."""
+
+    number: int
+    coordinate: int
+    sign: float
+
+
+def fit_about_rest(
+    records: Sequence[Record],
+    structure: Structure,
+    options: LikelihoodOptions,
+    first: LikelihoodFit | None = None,
+    *,
+    given: Mapping[str, float] | None = None,
+) -> LikelihoodFit | None:
+    """A fit that starts about the places where hidden masses rest; None where there are none, or it fails.
+
+    There are none in doubt, either, where a first fit leaves only noise and knows all coefficients of their links well.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        The records.
+    structure : Structure
+        The structure.
+    options : LikelihoodOptions
+        The options.
+    first : LikelihoodFit, optional
+        A fit from another start.
+    given : mapping of str to float, optional
+        Starting values by name of the parameter.
+
+    Returns
+    -------
+    LikelihoodFit or None
+        The fit.
+    """
+    hidden = _hidden_links(structure, records[0].channels)
+    if not hidden or (first is not None and _leaves_no_doubt(first, structure, hidden)):
+        return None
+    centred = structure
+    for link in hidden:
+        centred = _centred(centred, link.number)
+    shared = {p.name for p in structure.parameters} & {p.name for p in centred.parameters}
+    freed = {f"{structure.links[link.number].name}." for link in hidden}
+    stated = {
+        name: value
+        for name, value in (given or {}).items()
+        if name in shared and not any(name.startswith(prefix) for prefix in freed)
+    }
+    search = partial(likelihood_fit, records)
+    try:
+        theta, _ = starting_values(records, centred, stated)
+        about = search(centred, theta, options=replace(options, model_error=False, tightest=_LOOSE))
+        if about.status is AnnealingStatus.INTERRUPTED:
+            return None
+        values, nodes = _moved(structure, centred, about, hidden)
+        return _along_valley(partial(search, structure), structure, hidden, options, (values, nodes))
+    except IdentificationError:
+        return None
+
+
+def _along_valley(
+    search: Callable[..., LikelihoodFit],
+    structure: Structure,
+    hidden: Sequence[_HiddenLink],
+    options: LikelihoodOptions,
+    start: tuple[Floats, Floats],
+) -> LikelihoodFit:
+    """A fit from values (p,) and nodes, led along the valley of coefficients that differ in where the hidden masses rest.
+
+    A place of rest bends with the coefficients, and a linear step of all nodes along it misses it by more than the continuity
+    of the segments lets pass, so that a search creeps there, or ends. Full steps of the coefficients are taken with the places
+    of rest that follow from them.
+    """
+    fit = search(start[0], options=replace(options, nodes=start[1]))
+    for _ in range(_VALLEY_STEPS):
+        optimum = fit.optimum
+        linear = linear_model(optimum.segments, fit.misfit, optimum.scales, optimum.loss)
+        linear, factor = precise_model(linear, optimum.q)
+        free = np.concatenate([fit.free, np.ones(len(optimum.scales.theta) - len(fit.free), dtype=bool)])
+        solved = None if factor is None else factor.solve(free)
+        if solved is None or linear.equations(optimum.q).drop(*solved) < _CREEPING:
+            break
+        values = fit.values + (solved[1] * optimum.scales.theta)[: len(fit.values)]
+        nodes = optimum.point.nodes.copy()
+        elongations = np.asarray(fit.misfit.trajectories.links[0][0], dtype=float)  # with what moves the base
+        moves = _moves_of_rest(structure, hidden, elongations, fit.values, values)
+        if moves is None:
+            break
+        for link, move in zip(hidden, moves, strict=True):
+            nodes[link.coordinate] += move / link.sign
+        try:
+            again = search(values, options=replace(options, nodes=nodes))
+        except IdentificationError:
+            break
+        if again.status is AnnealingStatus.INTERRUPTED:
+            return again
+        better = again.status is AnnealingStatus.CONVERGED and fit.status is not AnnealingStatus.CONVERGED
+        if not better and not again.chi_square < fit.chi_square:
+            break
+        fit = again
+    return fit
+
+
+def _moves_of_rest(
+    structure: Structure, hidden: Sequence[_HiddenLink], d: Floats, before: Floats, after: Floats
+) -> list[float] | None:
+    """By how much the elongation at rest of each hidden link changes with the values, whose elongations along the record are
+    `d` (L, K); None where a place of rest is lost.
+    """
+    names = [parameter.name for parameter in structure.parameters]
+    both = [
+        structure.with_values(dict(zip(names, values.tolist(), strict=True))) for values in (before, after)
+    ]
+    moves = []
+    for link in hidden:
+        mean, size = float(np.mean(d[link.number])), float(np.std(d[link.number])) or 1.0
+        places = []
+        for valued in both:
+
+            def force(place: float, law: Link = valued.links[link.number]) -> float:
+                return float(law.force(np.array(place), np.array(0.0), {}))
+
+            place, report = scipy.optimize.newton(
+                force, mean, x1=mean + 0.1 * size, full_output=True, disp=False
+            )
+            places.append(float(place))
+            if not report.converged or not np.isfinite(place):
+                return None
+        moves.append(places[1] - places[0])
+    return moves
+
+
+def about_another_rest(fit: LikelihoodFit) -> str:
+    """What it means that masses of which no channel shows where they rest may as well rest elsewhere.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit; beside memory, other values as likely say nothing of places of rest.
+
+    Returns
+    -------
+    str
+        A part of a sentence with the names of the coefficients; empty where the masses rest at one place alone.
+    """
+    if not fit.others or fit.segments.system.states:
+        return ""
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    apart = np.any([np.abs(values - fit.values) > _APART * errors for values in fit.others], axis=0)
+    parameters = fit.segments.system.parameters.names
+    names = [name for name, far in zip(parameters, apart.tolist(), strict=True) if far]
+    if not names:
+        return ""
+    return (
+        f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} hardly determined: a motion about another place of rest "
+        "explains it as well, and no channel shows where the mass rests, so no interval is given. Record a larger motion, or "
+        "the displacement of the mass, or hold one of them at a known value."
+    )
+
+
+def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> tuple[_HiddenLink, ...]:
+    """Links that bend and alone hold a mass whose displacement no channel shows."""
+    incidence = structure.incidence.toarray()
+    shown = {channel.place for channel in channels if channel.kind == "x"}
+    hidden = []
+    for coordinate, name in enumerate(structure.mass_names):
+        numbers = np.flatnonzero(incidence[coordinate])
+        if name in structure.modes or name in shown or len(numbers) != 1:
+            continue
+        number = int(numbers[0])
+        link = structure.links[number]
+        if BASE in link.between or link.law.states:
+            continue
+        if "d" in symbols(differentiate(link.law.expression, "d")):
+            hidden.append(_HiddenLink(number, coordinate, float(incidence[coordinate, number])))
+    return tuple(hidden)
+
+
+def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Sequence[_HiddenLink]) -> bool:
+    """Whether a fit explains the records, and every coefficient of the links that it has found is far from zero."""
+    if fit.status is not AnnealingStatus.CONVERGED or fit.chi_square_off:
+        return False
+    numbers = {link.number for link in hidden}
+    own = [any(link in numbers for link, _ in parameter.members) for parameter in structure.parameters]
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    return bool((np.abs(fit.values) > _CERTAIN * errors)[own].all())
+
+
+def _centred(structure: Structure, number: int) -> Structure:
+    """The structure with a term in d**2 in a link, whose coefficients, as far as the law is linear in them, are unknown."""
+    link = structure.links[number]
+    skew = _SKEW
+    while skew in link.law.coefficients:
+        skew += "_"
+    law = Law.parse(f"{link.law.text} + {skew}*d**2", units=_units(link.law, skew))
+    coefficients = {
+        name: Coefficient.unknown() if name in link.law.linear else coefficient
+        for name, coefficient in link.coefficients.items()
+    }
+    skewed = replace(link, law=law, coefficients=coefficients | {skew: Coefficient.unknown()})
+    links = list(structure.links)
+    links[number] = skewed
+    return replace(structure, links=tuple(links))
+
+
+def _units(law: Law, skew: str) -> dict[str, str] | None:
+    """Declared units with that of the term in d**2, where the law has some."""
+    return dict(law.declared) | {skew: "N/m^2"} if law.declared else None
+
+
+def _moved(
+    structure: Structure, centred: Structure, about: LikelihoodFit, hidden: Sequence[_HiddenLink]
+) -> tuple[Floats, Floats]:
+    """Values (p,) of the unknowns of the structure, and nodes with its hidden masses moved to where they rest."""
+    own = dict(zip((p.name for p in centred.parameters), about.values.tolist(), strict=True))
+    valued = centred.with_values(own)
+    nodes = about.optimum.point.nodes.copy()
+    n = structure.size
+    incidence = structure.incidence.toarray().T
+    values = own
+    for link in hidden:
+        k = link.number
+        d, v = incidence[k] @ nodes[:n], incidence[k] @ nodes[n : 2 * n]
+        names = {key: p.name for p in structure.parameters for number, key in p.members if number == k}
+        force = valued.links[k].force(d, v, {})
+        rest, numbers = _place_of_rest(structure.links[k], valued.links[k].values, d, v, force, names)
+        values = values | {names[key]: number for key, number in numbers.items()}
+        nodes[link.coordinate] += rest / link.sign
+    return np.array([values[p.name] for p in structure.parameters]), nodes
+
+
+def _place_of_rest(
+    link: Link,
+    numbers: Mapping[str, float],
+    d: Floats,
+    v: Floats,
+    force: Floats,
+    names: Mapping[str, str],
+) -> tuple[float, dict[str, float]]:
+    """The elongation about which the law gives a force (K,) along a motion, and the coefficients in `names` with which.
+
+    Coefficients in which the law is not linear have the `numbers` of the fit, known ones their own.
+    """
+    free = [name for name in link.law.linear if name in names]
+    fixed = {
+        name: numbers[name] if coefficient.value is None or name in names else float(coefficient.value)
+        for name, coefficient in link.coefficients.items()
+    }
+    size = float(np.std(d)) or 1.0
+    ratios = np.linspace(np.log(_NEAREST), np.log(_FARTHEST), _GRID)
+    places = size * np.concatenate([np.exp(ratios), -np.exp(ratios)])
+    best = (np.inf, 0.0, dict[str, float]())
+    for finer in range(_ROUNDS):
+        for place in places.tolist():
+            best = min(best, _regressed(link, fixed, free, d + place, v, force, place), key=_left)
+        step = float(ratios[1] - ratios[0]) * (4.0 / _GRID) ** finer
+        places = best[1] * np.exp(np.linspace(-2.0, 2.0, _GRID) * step)
+    return best[1], {name: best[2].get(name, fixed[name]) for name in names}
+
+
+def _regressed(
+    link: Link,
+    fixed: Mapping[str, float],
+    free: Sequence[str],
+    d: Floats,
+    v: Floats,
+    force: Floats,
+    place: float,
+) -> tuple[float, float, dict[str, float]]:
+    """What the law leaves of a force along a motion about a place of rest, the place, and the free coefficients."""
+    partials = link.law.partials(d, v, dict(fixed) | dict.fromkeys(free, 0.0), by=tuple(free))
+    right = force - np.broadcast_to(partials.force, d.shape)
+    if not np.isfinite(right).all():  # beyond where the law has a force
+        return np.inf, place, {}
+    if not free:
+        return float(right @ right), place, {}
+    columns = np.stack([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in free], axis=1)
+    if not np.isfinite(columns).all():
+        return np.inf, place, {}
+    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    solved = np.linalg.lstsq(columns / size, right, rcond=None)[0] / size
+    left = right - columns @ solved
+    return float(left @ left), place, dict(zip(free, solved.tolist(), strict=True))
+
+
+def _left(trial: tuple[float, float, dict[str, float]]) -> float:
+    return trial[0]

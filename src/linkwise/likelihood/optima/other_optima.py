@@ -1,0 +1,739 @@
+"""Search for other optima near that of a fit: a second search, and the cost a few standard errors away.
+
+The likelihood of chaotic motion or of noisy records has many local optima. A search of many steps indicates them; one of few
+steps is trusted.
+
+Exact laws at a low signal: how closely the motion is held to them, so that the likelihood has one optimum.
+
+The closer the motion must follow the laws, the longer each sample says something of the parameters. Where neighbouring
+motions part, noise then leaves the likelihood with many narrow optima. A search that tightens the links between segments
+quickly ends in one that is not the highest, and the curvature there says nothing of the distance to the others. With looser
+links the motion forgets before that happens, and the likelihood has one optimum. From there the links are tightened slowly,
+with -2 log of the marginal likelihood at each relaxation: it falls towards exact laws in the right valley and rises in a wrong
+one. Where the tightest links leave no quadratic likelihood, the tightest that do are kept, if the likelihood also falls by
+enough along the profile of each parameter; their covariance takes the loosened links for noise, and is on the safe side.
+
+References
+----------
+V. F. Pisarenko and D. Sornette, "Statistical methods of parameter estimation for deterministically chaotic time series",
+Phys. Rev. E 69, 036122 (2004).
+
+Links whose elongation hardly stands above the noise: whether their coefficients are determined far from the estimates.
+
+The frequency of a faint vibration is like the peak of a periodogram: its phase, followed through the whole record, makes the
+peak narrow, and other peaks are as high. What the curvature promises at a distance, the likelihood then does not keep: it
+cannot rise by more than twice the energy of the elongation over that of the noise, and by no more than that energy to where
+the link is rigid. Only vibration of its own counts: what the links beside it force upon a link follows them, whatever its
+stiffness, and may stand far above the noise.
+
+Frequencies and damping of modes that a record hardly shows: the curvature of the likelihood says too much of them.
+
+The likelihood of a frequency is that of a peak of a periodogram: quadratic only within a part of its width. A mode that noise
+hides has other peaks within what is known of it beforehand, about as likely as that which is found, and takes its damping from
+the width of the one that it ends at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.errors import IdentificationError
+from linkwise.expression import symbols
+from linkwise.likelihood.fit import CostShape, LikelihoodFit, Optimum
+from linkwise.likelihood.noise import evidence
+from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.segments import A, F, S, V, X
+from linkwise.model.names import Name
+from linkwise.model.structure import Structure
+
+_STRAIGHT = 10  # steps of annealing up to which there is no sign of another optimum
+_DOUBLED = 5.0  # more of them for twice the masses, of which the slowest to converge decides
+_DIRECTIONS = 2  # in which the cost is evaluated
+_EXHAUSTED = AnnealingSchedule.max_steps  # steps after which a search was taken up again
+_DISTANCE = 2.0  # standard errors
+_PRECISION = 0.1  # of the cost there: 2.5 % of the rise that is expected at two standard errors
+_STEPS = 60  # of annealing at most in each direction
+_LOOSENED = 1e3  # times the last q: annealing starts from here once parameters were moved
+_LOOSEST = 1e-2
+_IRREGULAR = 4.0  # factor on the rise of the cost beyond which it is not quadratic
+_IRREGULAR_UNCONVERGED = 100.0  # the same where annealing did not converge: the rise is then an upper bound
+_WEAKEST = 2  # directions that the record determines least
+_FAR = 3.0  # standard errors that the parameters are moved in these
+_TOO_LITTLE = 0.5  # of the rise expected there: the valley bends, or another one is near
+_SEED = 20261122
+
+
+def went_straight(fit: LikelihoodFit) -> bool:
+    """Whether there is no sign of another optimum: few steps, or a model error or a random force, which smooths the
+    likelihood.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    bool
+        Whether there is none.
+    """
+    masses = len(fit.segments.system.incidence)
+    more = _DOUBLED * np.log2(masses / MANY) if masses > MANY else 0.0
+    return len(fit.path) <= _STRAIGHT + more or fit.model_error > 0.0 or bool(fit.random_forces)
+
+
+def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) -> LikelihoodFit:
+    """Repeat a fit that converged only after many steps, and keep the better one.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    search : callable
+        Fits again from given parameters (p,).
+
+    Returns
+    -------
+    LikelihoodFit
+        The fit with the lower chi-square.
+    """
+    if fit.status is not AnnealingStatus.CONVERGED or went_straight(fit):
+        return fit
+    again = search(fit.values)
+    if again.status is AnnealingStatus.INTERRUPTED:
+        return again
+    better = again.status is AnnealingStatus.CONVERGED and again.chi_square < fit.chi_square
+    if not better or again.model_error > 0.0:
+        return fit
+    return replace(again, path=max(fit.path, again.path, key=len))
+
+
+def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
+    """Whether the cost around the optimum rises as the covariance predicts; tested only after many steps.
+
+    The parameters are moved by two standard errors in random directions, and by three in the directions that the record
+    determines least, and held, and the orbit is fitted again. A narrow valley that bends leaves the latter only. A search that
+    converged only after it had run out of steps crossed a likelihood too uneven for its curvature to say much.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    faint : sequence of str, optional
+        Parameters that stay where they are, as their intervals do not rest on the covariance.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    if went_straight(fit):
+        return True
+    if len(fit.path) > _EXHAUSTED:
+        return False
+    if fit.shape is CostShape.REGULAR:
+        return True
+    known = fit.shape is CostShape.QUADRATIC
+    return (known or is_quadratic(fit, faint)) and rises_in_weak_directions(fit, faint)
+
+
+def is_quadratic(
+    fit: LikelihoodFit,
+    faint: Sequence[str] = (),
+    *,
+    factor: float = _IRREGULAR,
+    sides: Sequence[float] = (1.0,),
+) -> bool:
+    """Whether the cost rises as the covariance predicts where the parameters are moved by two standard errors and held.
+
+    Beside a host only parameters without a prior are moved, and all others are fitted again: dampings between modes, which
+    records hardly determine, shift frequencies by their squares, so that the cost is no parabola of all together.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    faint : sequence of str, optional
+        Parameters that are not moved.
+    factor : float, optional
+        By which the rise may differ from the prediction.
+    sides : sequence of float, optional
+        Signs of the two random directions that are taken.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    tested = _tested(fit, faint)
+    chosen = _unknown_beforehand(fit, tested)
+    axes = _axes_of_covariance(fit, chosen)
+    if axes is None:
+        return True
+    scale, vectors, deviations = axes
+    root = scale[:, None] * (vectors * deviations)
+    rise = _rise if len(chosen) == len(tested) else rise_of_profile
+    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(chosen)))
+    directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
+    return all(
+        _is_expected(*rise(fit, chosen, side * (root @ direction), _DISTANCE), factor)
+        for direction in directions
+        for side in sides
+    )
+
+
+def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
+    """Whether the cost rises by enough where the parameters are moved in the directions that the record determines least.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    faint : sequence of str, optional
+        Parameters that stay where they are.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    free = _tested(fit, faint)
+    axes = _axes_of_covariance(fit, free)
+    if axes is None:
+        return True
+    scale, vectors, deviations = axes
+    return all(
+        _rise(fit, free, side * _FAR * scale * weak, _FAR, enough=_TOO_LITTLE)[0] > _TOO_LITTLE
+        for weak in (vectors * deviations).T[-_WEAKEST:]
+        for side in (1.0, -1.0)
+    )
+
+
+def profiles_rise(fit: LikelihoodFit) -> bool:
+    """Whether -2 log likelihood rises by enough along the profile of each parameter.
+
+    A valley that bends, or another one that crosses it, may be seen in profiles alone, which follow it.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    for parameter in np.flatnonzero(fit.free).tolist():
+        if not (np.isfinite(errors[parameter]) and errors[parameter] > 0.0):
+            return False
+        is_fixed = np.zeros(len(fit.values), dtype=bool)
+        is_fixed[parameter] = True
+        for distance in (_FAR, -_FAR):
+            step = distance * fit.covariance[:, parameter] / errors[parameter]
+            if not rises_by(_TOO_LITTLE, fit, fit.values + step, is_fixed, distance):
+                return False
+    return True
+
+
+def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, distance: float) -> bool:
+    """Whether -2 log likelihood is higher by enough where some parameters are moved and held.
+
+    Parameters
+    ----------
+    least : float
+        Of the rise that is expected.
+    fit : LikelihoodFit
+        The fit.
+    theta : array of shape (p,)
+        Parameters after the move.
+    is_fixed : array of bool, shape (p,)
+        Those that keep these values; the others are fitted again.
+    distance : float
+        Of the move in standard errors.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
+    moved = _fitted_with(fit.optimum, theta, is_fixed, sufficient_cost=_raised_cost(fit, distance, least))
+    return _relative_rise(fit, moved, distance) > least
+
+
+def rise_of_profile(fit: LikelihoodFit, moved: Indices, step: Floats, distance: float) -> tuple[float, bool]:
+    """The rise of -2 log likelihood where parameters are moved and held, and all others fitted again.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    moved : array of int, shape (f,)
+        The parameters that are moved.
+    step : array of shape (f,)
+        By how much.
+    distance : float
+        Of the move in standard errors.
+
+    Returns
+    -------
+    tuple of (float, bool)
+        The rise over that expected, the square of the distance, and whether the others were found; else an upper bound of it.
+    """
+    covariance = _covariance(fit)
+    size = np.sqrt(np.maximum(covariance.diagonal()[moved], np.finfo(float).tiny))
+    correlation = covariance[np.ix_(moved, moved)] / np.outer(size, size)
+    with_others = covariance[:, moved] / size @ np.linalg.pinv(correlation, hermitian=True) @ (step / size)
+    is_fixed = np.isin(np.arange(len(fit.values)), moved)
+    annealed = _fitted_with(fit.optimum, fit.optimum.point.theta + with_others, is_fixed)
+    return _relative_rise(fit, annealed, distance), annealed.status is AnnealingStatus.CONVERGED
+
+
+def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
+    """The parameters that are free and not `faint`."""
+    return np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
+
+
+def _unknown_beforehand(fit: LikelihoodFit, parameters: Indices) -> Indices:
+    """Those of some parameters that have no prior; all of them where none is without, or the structure has no host."""
+    prior = fit.segments.prior
+    if prior is None or not len(fit.segments.system.points):
+        return parameters
+    unknown = parameters[np.isinf(prior.deviation[parameters])]
+    return unknown if len(unknown) else parameters
+
+
+def _covariance(fit: LikelihoodFit) -> Floats:
+    """(p, p) covariance of the parameters as the cost has it, which takes the noise for white."""
+    of_white = fit.optimum.of_white
+    return fit.covariance if of_white is None else of_white
+
+
+def _axes_of_covariance(fit: LikelihoodFit, free: Indices) -> tuple[Floats, Floats, Floats] | None:
+    """Standard deviations (f,) of the free parameters, as the cost has them, and principal axes of their correlations.
+
+    The axes are (f, f) vectors in columns and deviations (f,) along them, the largest last. None where there is no covariance.
+    """
+    covariance = _covariance(fit)[np.ix_(free, free)]
+    if not len(free) or not np.isfinite(covariance).all():
+        return None
+    scale = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
+    variances, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    vectors = vectors * np.where(vectors[-1] < 0.0, -1.0, 1.0)  # signs differ from one machine to another
+    return scale, vectors, np.sqrt(np.maximum(variances, 0.0))
+
+
+def _is_expected(rise: float, converged: bool, factor: float) -> bool:
+    """Whether a rise of the cost over that expected is quadratic, within a factor."""
+    return bool(1.0 / factor < rise < factor if converged else rise < _IRREGULAR_UNCONVERGED)
+
+
+def _rise(
+    fit: LikelihoodFit, free: Indices, step: Floats, distance: float, *, enough: float = np.inf
+) -> tuple[float, bool]:
+    """The rise of the cost over that expected at a `distance` in standard errors, and whether the orbit was found there.
+
+    An upper bound of it where it was not; a lower one where it is surely more than `enough`.
+    """
+    optimum = fit.optimum
+    theta = optimum.point.theta.copy()
+    theta[free] += step
+    moved = _motion_with(optimum, theta, sufficient_cost=_raised_cost(fit, distance, enough))
+    return _relative_rise(fit, moved, distance), moved.status is AnnealingStatus.CONVERGED
+
+
+def _relative_rise(fit: LikelihoodFit, moved: AnnealingFit, distance: float) -> float:
+    """By how much -2 log likelihood is higher after a move of a `distance` in standard errors, over what is expected."""
+    optimum = fit.optimum
+    q = moved.q if moved.status is AnnealingStatus.COSTLY else optimum.q
+    rise = moved.misfit.cost(q) - fit.misfit.cost(optimum.q)
+    return float(rise / optimum.noise**2 / distance**2)
+
+
+def _raised_cost(fit: LikelihoodFit, distance: float, relative_rise: float) -> float:
+    """The cost that is higher than at the optimum by a multiple of what is expected at a `distance`."""
+    optimum = fit.optimum
+    return float(fit.misfit.cost(optimum.q) + relative_rise * (distance * optimum.noise) ** 2)
+
+
+def _fitted_with(
+    optimum: Optimum, theta: Floats, is_fixed: Bools, *, sufficient_cost: float = np.inf
+) -> AnnealingFit:
+    """The orbit fitted again from parameters `theta` (p,), those that `is_fixed` (p,) marks unchanged.
+
+    The search ends early where the cost is surely above `sufficient_cost`.
+    """
+    system = optimum.segments.system
+    lower = np.where(is_fixed, theta, system.parameters.lower)
+    upper = np.where(is_fixed, theta, system.parameters.upper)
+    constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
+    segments = replace(optimum.segments, system=constrained)
+    point = replace(optimum.point, theta=np.clip(theta, lower, upper))
+    return anneal(segments, point, optimum.scales, _tightened(optimum.q, sufficient_cost), loss=optimum.loss)
+
+
+def _motion_with(optimum: Optimum, theta: Floats, *, sufficient_cost: float) -> AnnealingFit:
+    """As `_fitted_with` all parameters held; without them as unknowns where nothing is known of them beforehand."""
+    segments, scales = optimum.segments, optimum.scales
+    if segments.prior is not None or segments.system.shapes is not None:
+        everything = np.ones(len(theta), dtype=bool)
+        return _fitted_with(optimum, theta, everything, sufficient_cost=sufficient_cost)
+    return anneal(
+        replace(segments, system=segments.system.without_parameters(theta)),
+        replace(optimum.point, theta=np.empty(0)),
+        replace(scales, theta=scales.theta[len(theta) :]),
+        _tightened(optimum.q, sufficient_cost),
+        loss=optimum.loss,
+    )
+
+
+def _tightened(q: float, sufficient_cost: float) -> AnnealingSchedule:
+    """From loosened links to a relaxation, which ends early where the cost is surely above a sufficient one."""
+    return AnnealingSchedule(
+        initial_q=max(q, min(_LOOSENED * q, _LOOSEST)),
+        final_q=q,
+        tolerance=_PRECISION,
+        max_steps=_STEPS,
+        sufficient_cost=sufficient_cost,
+    )
+
+
+_WIDTH = 0.2  # of half the bandwidth of a mode: the largest standard error of its frequency for a quadratic likelihood
+_SINGULAR = 1e-12  # of correlations: rounding
+
+
+def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats, tuple[Name, ...]]:
+    """The covariance of a fit in which faint modes keep the standard deviations known beforehand.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    identified : Structure
+        The structure with its values.
+
+    Returns
+    -------
+    covariance : array of shape (p, p)
+        The covariance; correlations stay.
+    names : tuple of str
+        The frequencies and damping of these modes.
+    """
+    segments, covariance = fit.segments, fit.covariance
+    if segments.prior is None or not identified.hosts:
+        return covariance, ()
+    errors, known = np.sqrt(np.maximum(covariance.diagonal(), 0.0)), segments.prior.deviation
+    alone = _alone(fit)
+    places = {name: number for number, name in enumerate(segments.system.parameters.names)}
+    duration = float(np.sum(segments.step)) * segments.steps
+    factor, names = np.ones(len(fit.values)), []
+    for place, frequency in places.items():
+        mode = place.owner
+        if mode not in identified.modes or place.key != "frequency":
+            continue
+        if not np.isfinite(known[frequency]):
+            continue
+        values = identified.link(mode).values
+        if not alone[frequency] > _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):
+            continue
+        for name in (place, Name(mode, "damping")):
+            number = places.get(name)
+            if number is not None and 0.0 < errors[number] < known[number] < np.inf:
+                factor[number] = known[number] / errors[number]
+                names.append(name)
+    return covariance * np.outer(factor, factor), tuple(names)
+
+
+def _alone(fit: LikelihoodFit) -> Floats:
+    """(p,) standard errors with all other parameters held, 0 where there is none: a link that shifts a mode hides none."""
+    alone, errors = np.zeros(len(fit.values)), np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    free = np.flatnonzero(fit.free & np.isfinite(errors) & (errors > 0.0))
+    correlation = fit.covariance[np.ix_(free, free)] / np.outer(errors[free], errors[free])
+    information = np.linalg.pinv(correlation, rcond=_SINGULAR, hermitian=True).diagonal()
+    alone[free] = errors[free] / np.sqrt(np.maximum(information, 1.0))
+    return alone
+
+
+_LOW_SIGNAL = (
+    10.0**1.5
+)  # power of a channel over that of its noise, 15 dB, below which few steps are no sign of one optimum
+_LADDER = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, AnnealingSchedule.final_q)
+_SINGLE = 1e-2  # relaxation down to which noise as strong as the motion leaves one optimum
+_RELAXED_STEPS = 40  # at each relaxation; a search that takes more has left the valley
+# of -2 log of the marginal likelihood: more than rounding and the error of Laplace's approximation
+_WORSE = 2.0
+_AGREES = 1.0  # of the cost: two searches that ended in the same optimum
+_FACTOR = 2.0  # by which the cost may rise more or less than the covariance predicts
+_BOTH = (1.0, -1.0)
+_ON_THE_WAY = 3.0  # times the noise, in power: a search that did not converge may have been in a wrong valley
+
+
+class Refit(Protocol):
+    """`likelihood_fit` of exact laws from values and states, down to a relaxation."""
+
+    def __call__(self, values: Floats, nodes: Floats, relaxation: float) -> LikelihoodFit: ...
+
+
+def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
+    """`fit`, or where its likelihood has other optima the closest fit to exact laws whose likelihood is quadratic.
+
+    Looked at are fits with white noise and without a model error, at a low signal, of many steps, or not converged.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit of exact laws.
+    refit : callable
+        Fits again.
+
+    Returns
+    -------
+    LikelihoodFit
+        The fit; the given one where no other is better.
+    """
+    if not _may_be_wrong(fit):
+        return fit
+    converged, low = fit.status is AnnealingStatus.CONVERGED, _is_low(fit)
+    if converged and not low and _is_smooth(fit):
+        return replace(fit, shape=CostShape.QUADRATIC)
+    relaxed = list(_relaxed_fits(fit))
+    if not relaxed or relaxed[-1].fit.status is AnnealingStatus.INTERRUPTED:
+        return fit
+    tightest = relaxed[-1].fit
+    agrees = (
+        tightest.q <= fit.optimum.q
+        and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
+    )
+    if agrees and converged and low and _is_smooth(fit) and rises_in_weak_directions(fit):
+        return replace(fit, shape=CostShape.REGULAR)
+    least = min(relaxed_fit.evidence for relaxed_fit in relaxed)
+    for candidate in reversed(relaxed):
+        if candidate.evidence > least + _WORSE and candidate.fit.q < _SINGLE:
+            continue
+        try:
+            refitted = refit(candidate.fit.point.theta, candidate.fit.point.nodes, candidate.fit.q)
+        except IdentificationError:  # the motion runs away
+            continue
+        if refitted.status is AnnealingStatus.INTERRUPTED:
+            return fit
+        is_good = refitted.status is AnnealingStatus.CONVERGED and not refitted.chi_square_off
+        if is_good and _is_smooth(refitted) and profiles_rise(refitted):
+            return replace(refitted, shape=CostShape.QUADRATIC)
+    return fit
+
+
+def is_loosened(fit: LikelihoodFit) -> bool:
+    """Whether laws that are taken as exact hold between the segments of a fit only to within its relaxation.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+
+    Returns
+    -------
+    bool
+        Whether they do.
+    """
+    exact = fit.status is AnnealingStatus.CONVERGED and fit.model_error == 0.0 and not fit.random_forces
+    return exact and fit.optimum.q > AnnealingSchedule.final_q
+
+
+@dataclass(frozen=True, eq=False)
+class _RelaxedFit:
+    """A fit at one relaxation, and -2 log of its marginal likelihood."""
+
+    fit: AnnealingFit
+    evidence: float
+
+
+def _relaxed_fits(fit: LikelihoodFit) -> Iterator[_RelaxedFit]:
+    """Fits at ever smaller relaxations, each from the one before, as long as they converge."""
+    optimum, point = fit.optimum, fit.optimum.point
+    for q in _LADDER:
+        schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_RELAXED_STEPS)
+        relaxed = anneal(optimum.segments, point, optimum.scales, schedule, loss=optimum.loss)
+        if relaxed.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
+            return
+        yield _RelaxedFit(relaxed, evidence(optimum.segments, relaxed, q, optimum.loss)[1])
+        if relaxed.status is AnnealingStatus.INTERRUPTED:
+            return
+        point = relaxed.point
+
+
+def _may_be_wrong(fit: LikelihoodFit) -> bool:
+    """Whether the search for exact laws may have ended in an optimum that is not the highest."""
+    if fit.status is AnnealingStatus.INTERRUPTED or fit.model_error > 0.0:
+        return False
+    if fit.random_forces or fit.optimum.coloured is not None:
+        return False
+    if fit.status is not AnnealingStatus.CONVERGED:
+        return fit.chi_square < _ON_THE_WAY
+    if fit.optimum.q > AnnealingSchedule.final_q:
+        return False
+    return _is_low(fit) or not went_straight(fit)
+
+
+def _is_smooth(fit: LikelihoodFit) -> bool:
+    return is_quadratic(fit, factor=_FACTOR, sides=_BOTH)
+
+
+def _is_low(fit: LikelihoodFit) -> bool:
+    """Whether a channel is hardly above its noise."""
+    segments, sigma = fit.segments, fit.optimum.scales.sigma
+    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    power = np.sum((segments.samples * segments.observed) ** 2, axis=(0, 2)) / counts
+    return bool((power < _LOW_SIGNAL * sigma**2).any())
+
+
+_FAINT = 100.0  # energy over the noise: one peak of 1000 is mistaken for another with probability 1000 exp(-100 / 4) = 1e-8
+_UNSEEN = 25.0  # energy over the noise: a rigid link explains the record to within five standard errors
+_BY_PHASE = 4.0
+"""Over the energy of the elongation: (value / error)^2 of a stiffness that the phase of a vibration determines better than
+the size of the elongation, to which a force stretches the link in inverse proportion to it."""
+_RIGID_SHIFT = 8.0  # standard errors
+_LOW_RISE = 0.25  # of the rise of the cost that the curvature promises there
+
+
+def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[str, ...]:
+    """Names of the coefficients of faint links that may as well be far away.
+
+    Those of a link whose elongation is not above the noise at all, where it has no coefficient that is known; without such a
+    link those that may as well be eight standard errors away, tested one by one: all of a link whose elongation is faint, and
+    those of elastic forces if only its own vibration determines them. Coefficients that other links share are not among
+    them.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    identified : Structure
+        The structure with the values of the fit.
+
+    Returns
+    -------
+    tuple of str
+        The names; none for a fit that did not converge.
+    """
+    system, energy = fit.segments.system, elongation_energy(fit)
+    if fit.status is not AnnealingStatus.CONVERGED:
+        return ()
+    own_energy = np.where(energy < np.inf, own_part(fit), 1.0) * energy
+    if not (own_energy < _FAINT).any():
+        return ()
+    in_links: dict[int, list[int]] = {}
+    for link, column, _ in system.interactions:
+        in_links.setdefault(column, []).append(link)
+    own = [column for column, links in sorted(in_links.items()) if (own_energy[links] < _FAINT).all()]
+    free = [column for column in own if fit.free[column]]
+    names, elastic = system.parameters.names, _elastic(identified)
+    unseen = (energy < _UNSEEN) & system.wholly_unknown
+    undetermined = [column for column in free if unseen[in_links[column]].all()]
+    if not undetermined:
+        information = fit.values**2 / np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny)
+        tested = [
+            column
+            for column in free
+            if (energy[in_links[column]] < _FAINT).all()
+            or (names[column] in elastic and information[column] > _BY_PHASE * energy[in_links[column]].sum())
+        ]
+        undetermined = [column for column in tested if not _rises(fit, column)]
+    return tuple(names[column] for column in undetermined)
+
+
+def _elastic(structure: Structure) -> frozenset[str]:
+    """Names of the coefficients on which the elastic forces of links depend: a frequency determines these alone."""
+    return frozenset(
+        f"{link.name}.{name}"
+        for link in structure.links
+        for name in set(link.coefficients).intersection(symbols(link.law.elastic))
+    )
+
+
+def elongation_energy(fit: LikelihoodFit) -> Floats:
+    """(L,) sum of squares of each link's elongation about its mean, in units of the noise of the sensors at its ends.
+
+    Rates and their noise are counted alike. Infinite for links of which an end has no sensor, or the force or a state has.
+    """
+    segments = fit.segments
+    sensors, incidence = segments.sensors, segments.system.incidence
+    if sensors.shapes is not None:  # points show modes, of which each link moves several
+        return np.full(incidence.shape[1], np.inf)
+    orbit = fit.misfit.trajectories
+    at = segments.at_samples
+    motions = {
+        X: orbit.links[at, 0],
+        V: orbit.links[at, 1],
+        A: np.einsum("il,mik->mlk", incidence, orbit.accelerations[at]),
+    }
+    energy = np.zeros(incidence.shape[1])
+    is_measured = np.zeros(incidence.shape[1], dtype=bool)
+    variances = fit.optimum.scales.sigma**2
+    for kind, motion in motions.items():
+        own = np.full(len(incidence), np.inf)
+        chosen = sensors.kind == kind
+        own[sensors.mass[chosen]] = variances[chosen]
+        shown = np.ones(len(incidence))
+        shown[sensors.mass[chosen]] = segments.observed[:, chosen].mean(axis=(0, 2))
+        with_ends = incidence != 0.0
+        variance = np.where(with_ends, own[:, None], 0.0).sum(axis=0)
+        measured = np.isfinite(variance)
+        is_measured |= measured
+        present = np.where(with_ends, shown[:, None], 1.0).min(axis=0)
+        about_mean = np.var(motion, axis=(0, 2)) * motion.shape[0] * motion.shape[2] * present
+        energy += np.where(measured, about_mean / np.where(measured, variance, 1.0), 0.0)
+    energy[~is_measured] = np.inf
+    energy[sensors.mass[sensors.kind == F]] = np.inf
+    energy[segments.system.state_links[sensors.mass[sensors.kind == S]]] = np.inf
+    return energy
+
+
+def own_part(fit: LikelihoodFit) -> Floats:
+    """(L,) part of the energy of each link's elongation that does not follow those of the other links at one of its ends.
+
+    It is what their elongations, cubes and rates leave of it by least squares, at the end where that is less.
+    """
+    system = fit.segments.system
+    motion = fit.misfit.trajectories.links[fit.segments.at_samples]
+    d, v = (motion[:, kind].transpose(2, 0, 1).reshape(-1, motion.shape[2]) for kind in (0, 1))
+    d = d - d.mean(axis=0)
+    touches = system.incidence != 0.0
+    parts = np.ones(d.shape[1])
+    for link in range(d.shape[1]):
+        power = max(float(np.vdot(d[:, link], d[:, link])), np.finfo(float).tiny)
+        for mass in np.flatnonzero(touches[:, link]):
+            beside = np.setdiff1d(np.flatnonzero(touches[mass]), link)
+            columns = np.column_stack([np.ones(len(d)), d[:, beside], v[:, beside], d[:, beside] ** 3])
+            columns /= np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+            left = d[:, link] - columns @ np.linalg.lstsq(columns, d[:, link], rcond=None)[0]
+            parts[link] = min(parts[link], float(np.vdot(left, left)) / power)
+    return parts
+
+
+def _rises(fit: LikelihoodFit, column: int) -> bool:
+    """Whether the cost rises on both sides of the estimate, everything else fitted again."""
+    optimum = fit.optimum
+    covariance = fit.covariance if optimum.of_white is None else optimum.of_white
+    deviation = float(np.sqrt(covariance[column, column]))
+    if not 0.0 < deviation < np.inf:
+        return True
+    step = _RIGID_SHIFT * covariance[column] / deviation
+    is_fixed = np.arange(len(step)) == column
+    limits = optimum.segments.system.parameters
+    for side in (step, -step):
+        theta = optimum.point.theta + side
+        if not limits.lower[column] < theta[column] < limits.upper[column]:
+            continue
+        try:
+            if not rises_by(_LOW_RISE, fit, theta, is_fixed, _RIGID_SHIFT):
+                return False
+        except IdentificationError:  # the motion runs to infinity
+            continue
+    return True

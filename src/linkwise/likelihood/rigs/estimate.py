@@ -1,0 +1,663 @@
+"""The covariance of what is found of links on a rig.
+
+The scatter of the sums that the minimum sets to zero comes from the noise of the load cells, which is white; from that of the
+displacement, which smoothing correlates; and, where the laws are wrong, from what they leave, which follows the motion: its
+sums are compared over a period of the motion.
+
+The most likely unknowns of links on a rig, their covariance, and how far the laws are from the forces.
+
+The verdict on a fit of links on a rig.
+
+What may be wrong on a rig beside noise, tested by its score: zero errors, a delay, and terms that a law lacks.
+
+Maximum likelihood for links alone on a rig: from records of motion and force to an estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats
+from linkwise.display import near_miss
+from linkwise.errors import IdentificationError
+from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.link_estimate import LinkMotion, extremes
+from linkwise.likelihood.rigs.problem import (
+    BASE_CHANNEL,
+    Minimum,
+    PrescribedMotion,
+    RigProblem,
+    bounds,
+    cell_name,
+    cell_noise,
+    minima,
+    minimise,
+    require_same_cells,
+    rig_forces,
+)
+from linkwise.model.law import Law
+from linkwise.model.structure import Structure
+from linkwise.progress import Progress
+from linkwise.records.record import Record
+from linkwise.verdict import Verdict
+
+_SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
+
+
+def covariance_of(
+    problem: RigProblem,
+    minimum: Minimum,
+    free: Bools,
+    cells: Floats,
+    weights: Floats,
+    residuals: Floats,
+    *,
+    inexact: bool,
+) -> tuple[Floats, bool]:
+    """Covariance (u, u), 0 for what is not `free`, and whether the forces determine the unknowns.
+
+    `cells` (R,) is the noise of load cells in N, `weights` are those of the residuals (R,); with `inexact` laws these scatter
+    by more than noise.
+    """
+    jacobian = problem.jacobian(minimum.paths)[:, free]
+    weighted = weights[:, None] * jacobian
+    certainty = problem.certainty[free]
+    normal = weighted.T @ weighted + np.diag(certainty**2)
+    scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    determined = bool(values[0] > _SINGULAR * values[-1])
+    inverse = (vectors / np.maximum(values, _SINGULAR * values[-1])) @ vectors.T / np.outer(scale, scale)
+    scores = weights[:, None] * weighted
+    moved = problem.noise_of_motion(minimum.paths, _spread(problem, scores, free))[:, free]
+    scatter = (cells[:, None] * scores).T @ (cells[:, None] * scores) + moved.T @ moved
+    if inexact:
+        white = (scores / weights[:, None]).T @ (scores / weights[:, None]) + moved.T @ moved
+        lagged = newey_west(problem, scores * residuals[:, None])
+        ratio = np.sqrt(np.maximum(_errors(inverse, white) / _errors(inverse, lagged), 1.0))
+        sandwich = inverse @ lagged @ inverse * np.outer(ratio, ratio)
+    else:
+        sandwich = inverse @ scatter @ inverse
+    sandwich = sandwich + inverse @ np.diag(certainty**2) @ inverse
+    covariance = np.zeros((problem.size, problem.size))
+    covariance[np.ix_(free, free)] = 0.5 * (sandwich + sandwich.T)
+    return covariance, determined
+
+
+def _errors(inverse: Floats, scatter: Floats) -> Floats:
+    return np.asarray(np.maximum(np.einsum("ij,jk,ki->i", inverse, scatter, inverse), 1e-300))
+
+
+def _spread(problem: RigProblem, scores: Floats, free: Bools) -> Floats:
+    spread = np.zeros((len(scores), problem.size))
+    spread[:, free] = scores
+    return spread
+
+
+def newey_west(problem: RigProblem, rows: Floats) -> Floats:
+    """Covariance (f, f) of the sums of rows (R, f) that are correlated over a period of the motion (Newey and West 1987)."""
+    total, first = np.zeros((rows.shape[1], rows.shape[1])), 0
+    for number, (record, _, _) in enumerate(problem.states):
+        part = rows[first : first + len(problem.cell(number))]
+        lags = min(problem.records[record].motion.period, len(part) // 4)
+        size = 2 ** int(np.ceil(np.log2(len(part) + lags + 1)))
+        spectra = np.fft.rfft(part, size, axis=0)
+        taper = np.zeros(size)
+        taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1)
+        taper[size - lags :] = taper[1 : lags + 1][::-1]
+        smoothed = np.fft.irfft(spectra * np.fft.rfft(taper).real[:, None], size, axis=0)[: len(part)]
+        total += part.T @ smoothed
+        first += len(part)
+    return np.asarray(0.5 * (total + total.T))
+
+
+_SEARCHED = 4096  # samples of a record in which starts are searched for
+_MOST_SUBSTEPS = 32
+_DISCRETISED = 0.5  # of the residuals over the root of their number: what finer steps may change, far below errors of noise
+_CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
+_SIGMAS = 5.0  # and its own scatter
+_REWEIGHTED = 3
+_DRAWS = 32  # of the noise of the motion, for the size of what it does to the forces
+_SEED = 7
+_NEAR = 1.2  # times the lowest cost: minima in parts of records that may be the lowest of the whole
+_WHOLE_STEPS = 40  # of their search on the whole
+_TIED = 20.0  # in -2 log likelihood: a minimum that near is as good
+_ALIKE = 4.0  # standard errors within which two minima are one
+
+
+@dataclass(frozen=True, eq=False)
+class RigFit:
+    """A minimum of the weighted squares of what load cells show beside the laws.
+
+    Attributes
+    ----------
+    problem : RigProblem
+        Records, structure and unknowns.
+    minimum : Minimum
+        The unknowns (u,), and the links along the motions.
+    covariance : array of shape (u, u)
+        Their covariance; of those at a bound 0.
+    free : array of bool, shape (u,)
+        False at a bound.
+    residuals, deviations : array of shape (R,)
+        Measured less modelled forces in N, and their standard deviations from the noise of load cells and motion.
+    cells : array of shape (R,)
+        Standard deviations in N of the noise of load cells alone.
+    model_force : float
+        Standard deviation in N of what the laws leave beside noise, 0 where noise explains the residuals.
+    chi_square : float
+        Per degree of freedom, of noise alone.
+    determined : bool
+        Whether the forces determine all unknowns.
+    others : tuple of array of shape (u,)
+        Unknowns at other minima that are as likely.
+    """
+
+    problem: RigProblem
+    minimum: Minimum
+    covariance: Floats
+    free: Bools
+    residuals: Floats
+    deviations: Floats
+    cells: Floats
+    model_force: float
+    chi_square: float
+    determined: bool
+    others: tuple[Floats, ...] = ()
+
+    @property
+    def weights(self) -> Floats:
+        """(R,) one over the standard deviations of the residuals."""
+        return 1.0 / np.hypot(self.deviations, self.model_force)
+
+
+def rig_fit(
+    problem: RigProblem, noise: Mapping[int, float], given: Mapping[str, float], progress: Progress
+) -> RigFit:
+    """Fit a rig; `noise` in N is that of load cells by the number of their link, `given` starts by name."""
+    cells = np.concatenate(
+        [
+            np.full(len(problem.cell(number)), noise[link])
+            for number, (_, link, _) in enumerate(problem.states)
+        ]
+    )
+    measured = np.concatenate([problem.cell(number) for number in range(len(problem.states))])
+    level = max(float(np.nanstd(measured)), np.finfo(float).tiny)
+    candidates = minima(problem.shortened(_SEARCHED), given, level, progress)
+    candidates = _on_whole(problem, candidates, np.full(len(cells), 1.0 / level))
+    if not candidates:
+        candidates = [minimise(problem, np.zeros(problem.size), np.full(len(cells), 1.0 / level))]
+    candidates = [minimum for minimum in candidates if _is_finite(problem, minimum)]
+    if not candidates:
+        raise IdentificationError(_not_finite(problem))
+    problem, best = refined(problem, candidates[0], cells)
+    deviations, model = _levels(problem, best, cells)
+    for _ in range(_REWEIGHTED):
+        best = minimise(problem, best.unknowns, 1.0 / np.hypot(deviations, model))
+        deviations, model = _levels(problem, best, cells)
+    residuals = problem.residuals(best.unknowns, best.paths)
+    freedom = max(int(np.count_nonzero(residuals)) - problem.size, 1)
+    chi_square = float(np.sum((residuals / deviations) ** 2)) / freedom
+    free = _inside(problem, best.unknowns)
+    if not np.isfinite(problem.jacobian(best.paths)).all():
+        raise IdentificationError(_not_finite(problem))
+    covariance, determined = covariance_of(
+        problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
+    )
+    fit = RigFit(problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined)
+    return replace(fit, others=_others(fit, candidates[1:]))
+
+
+def _on_whole(problem: RigProblem, candidates: Sequence[Minimum], weights: Floats) -> list[Minimum]:
+    """Minima found in parts of the records, searched again on the whole where they are near the lowest, the lowest first."""
+    if max(len(problem.cell(number)) for number in range(len(problem.states))) <= _SEARCHED:
+        return list(candidates)
+    whole: list[Minimum] = []
+    for candidate in candidates:
+        if whole and candidate.cost > _NEAR * candidates[0].cost:
+            break
+        unknowns = candidate.unknowns.copy()
+        unknowns[problem.first_state :] = 0.0  # at the start of whole records
+        again = minimise(problem, unknowns, weights, steps=_WHOLE_STEPS)
+        if _is_finite(problem, again):
+            whole.append(again)
+    return sorted(whole, key=lambda minimum: minimum.cost)
+
+
+def _is_finite(problem: RigProblem, minimum: Minimum) -> bool:
+    """Whether the laws are finite along the whole motions."""
+    return bool(np.isfinite(problem.residuals(minimum.unknowns, minimum.paths)).all())
+
+
+def _not_finite(problem: RigProblem) -> str:
+    names = ", ".join(problem.structure.links[link].name for link in problem.links)
+    return (
+        f"no values were found with which the law of {names} and its derivatives are finite along the recorded motion; give "
+        "starting values with which they are, or bounds of its coefficients"
+    )
+
+
+def _levels(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[Floats, float]:
+    """Standard deviations (R,) in N of the residuals from noise, and that of what the laws leave beside it."""
+    deviations = np.hypot(cells, motion_deviations(problem, minimum))
+    residuals = problem.residuals(minimum.unknowns, minimum.paths)
+    return deviations, _model_force(residuals, deviations, problem.size)
+
+
+def refined(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[RigProblem, Minimum]:
+    """The problem with as many steps between samples as the residuals call for, and its minimum."""
+    while True:
+        residuals = problem.residuals(minimum.unknowns, minimum.paths)
+        size = float(np.sqrt(np.mean(residuals**2)))
+        level = np.hypot(cells, max(size - float(np.mean(cells)), 0.0))
+        minimum = minimise(problem, minimum.unknowns, 1.0 / level)
+        if not any(path.law.states for path in minimum.paths):
+            return problem, minimum
+        finer = problem.with_substeps(2 * problem.records[0].motion.substeps)
+        change = finer.residuals(minimum.unknowns, finer.paths(minimum.unknowns)) - problem.residuals(
+            minimum.unknowns, minimum.paths
+        )
+        if not np.isfinite(change).all():
+            return problem, minimum
+        if not np.sqrt(np.mean(change**2)) > _DISCRETISED * size / np.sqrt(len(residuals)):
+            return problem, minimum
+        if finer.records[0].motion.substeps > _MOST_SUBSTEPS:
+            return problem, minimum
+        problem = finer
+        minimum = replace(minimum, paths=problem.paths(minimum.unknowns))
+
+
+def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
+    """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
+    rng = np.random.default_rng(_SEED)
+    noises: list[PrescribedMotion] = [record.motion for record in problem.records]
+    changes = [motion.noise_draws(rng, _DRAWS) for motion in noises]
+    rows = []
+    for (record, link, _), path in zip(problem.states, minimum.paths, strict=True):
+        motion = noises[record]
+        moved = path.tangents(problem.free(link)).by_motion(*changes[record])[:: motion.substeps]
+        rows.append(np.sqrt(np.mean(moved**2, axis=1)))
+    return np.asarray(np.nan_to_num(np.concatenate(rows)))
+
+
+def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
+    """Standard deviation beside `deviations` with which the residuals have a chi-square of 1; 0 where noise explains them."""
+    is_measured = residuals != 0.0
+    count = max(int(is_measured.sum()) - unknowns, 1)
+    squares, variances = residuals[is_measured] ** 2, deviations[is_measured] ** 2
+    if np.sum(squares / variances) / count <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / count):
+        return 0.0
+    low, high = 0.0, float(np.sum(squares)) / count
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if np.sum(squares / (variances + middle)) > count:
+            low = middle
+        else:
+            high = middle
+    return float(np.sqrt(high))
+
+
+def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
+    low, high = bounds(problem)
+    size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
+    return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
+
+
+def _others(fit: RigFit, candidates: Sequence[Minimum]) -> tuple[Floats, ...]:
+    """Other minima as likely as the best, each searched again with its weights; those that are alike are reported once."""
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    p = len(fit.problem.parameters)
+    best = fit.minimum
+    distinct: list[Floats] = []
+    for candidate in candidates:
+        near = [best.unknowns, *distinct]
+        size = np.maximum(_ALIKE * errors, 0.01 * np.abs(best.unknowns))[:p]
+        if any(np.all(np.abs(candidate.unknowns - known)[:p] <= size) for known in near):
+            continue
+        if candidate.cost > _NEAR * candidates[0].cost:
+            continue
+        again = minimise(fit.problem, candidate.unknowns, fit.weights)
+        apart = all(np.any(np.abs(again.unknowns - known)[:p] > size) for known in near)
+        if again.converged and apart and abs(again.cost - best.cost) < _TIED:
+            distinct.append(again.unknowns)
+    return tuple(unknowns[:p] for unknowns in distinct)
+
+
+_LARGEST_ERROR = 0.1
+"""Of the forces: the largest model error that is trusted, as for structures with masses."""
+
+
+def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
+    """The verdict with its explanation, and the part of the forces that the laws leave beside noise."""
+    if not fit.minimum.converged:
+        return (
+            Verdict.NOT_CONVERGED,
+            "The search did not converge. The values are the best so far; give better starts, or a law whose force does not "
+            "jump.",
+            0.0,
+        )
+    share = _share(fit)
+    explained = "The laws explain the forces to within the noise of force and displacement"
+    if share > 0.0:
+        explained = f"The laws explain the forces to within {100.0 * share:.2g} %"
+    if not fit.determined:
+        return (
+            Verdict.HARDLY_DETERMINED,
+            f"{explained}, but the forces do not determine all unknowns, so no interval is given: hold some at known "
+            "values, or record another motion.",
+            share,
+        )
+    if share > _LARGEST_ERROR:
+        return (
+            Verdict.UNEXPLAINED_FORCES,
+            f"{explained}; that is too much for intervals: a term or a state is missing.",
+            share,
+        )
+    if causes and not causes[0].is_instrument:
+        return (
+            Verdict.SYSTEMATIC_MISFIT,
+            f"{explained}, but {causes[0].description} is missing: with it a coefficient would differ by "
+            f"{causes[0].shift:.2g} of its standard errors, so no interval is given. Offer the term, or a law with memory.",
+            share,
+        )
+    if causes:
+        return (
+            Verdict.MEASUREMENT_ERROR,
+            f"{explained}, but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients "
+            "would be wrong by more than their intervals say, so none is given: correct it, or estimate it with the other "
+            "unknowns.",
+            share,
+        )
+    if share > 0.0:
+        return (
+            Verdict.MODEL_ERROR_NEEDED,
+            f"{explained}, a model error that all intervals include; as it follows the motion, sums over periods of the "
+            "motion are compared for that.",
+            share,
+        )
+    return Verdict.CONVERGED, f"{explained}.", 0.0
+
+
+def _share(fit: RigFit) -> float:
+    """Model error over the root mean square of the forces about their mean."""
+    if fit.model_force == 0.0:
+        return 0.0
+    measured = np.concatenate([fit.problem.cell(number) for number in range(len(fit.problem.states))])
+    return fit.model_force / float(np.nanstd(measured))
+
+
+_GAIN = 25.0  # in -2 log likelihood: five standard deviations
+_OF_SHIFTS = 16.0 + 2.0 * np.log(
+    10.0
+)  # of what also moves a coefficient: four deviations, the largest of about ten causes
+_OFFSET_GAIN = 10.0  # of gain, by which an offset of the displacement must be the better explanation
+_SEPARATE = 1e-6  # of the power of a column: less beside the others, and they stand for it
+_SHIFT = 3.0  # standard errors by which a term or a delay must move a coefficient to count
+_TERMS = ("d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "d**2*v")
+_SATURATING = 0.1  # of the largest rate, at which the friction that is tested saturates
+
+
+@dataclass(frozen=True, eq=False)
+class _Tested:
+    """A cause of unit size, and the forces (R,) in N that it adds."""
+
+    cause: Cause
+    column: Floats
+
+
+def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
+    """What would explain a part of the residuals, the largest gain first.
+
+    Offsets of any significant size, and of terms and delays those that would move a coefficient by three standard errors.
+    """
+    tested = (*_offsets(fit), *_terms(fit), *_delays(fit))
+    follow, beside = _beside_unknowns(fit, np.stack([hypothesis.column for hypothesis in tested], axis=1))
+    scores = beside.T @ (fit.weights * fit.residuals)
+    powers = np.sum(beside**2, axis=0)
+    noise = _noise_of_scores(fit, beside)
+    of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
+    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free][of_laws]
+    determined = deviations > 0.0
+    causes = []
+    for number, hypothesis in enumerate(tested):
+        power = float(powers[number])
+        if not power > _SEPARATE * float(np.sum((fit.weights * hypothesis.column) ** 2)):
+            continue
+        size = float(scores[number]) / power
+        variance = float(noise[number])
+        if fit.model_force > 0.0:
+            variance = max(variance, power, _scatter(fit, beside[:, number], size))
+        gain = float(scores[number]) ** 2 / variance
+        shift = float(
+            np.max(np.abs(size * follow[of_laws, number][determined]) / deviations[determined], initial=0.0)
+        )
+        if gain > _GAIN if hypothesis.cause.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
+            unit = float(np.sqrt(np.mean(hypothesis.column**2))) if hypothesis.cause.kind == "term" else 1.0
+            error = float(np.sqrt(variance)) / power * unit
+            causes.append(
+                replace(hypothesis.cause, size=size * unit, gain=gain, standard_error=error, shift=shift)
+            )
+    return tuple(sorted(causes, key=lambda cause: (cause.where == BASE_CHANNEL) * _OFFSET_GAIN - cause.gain))
+
+
+def _beside_unknowns(fit: RigFit, columns: Floats) -> tuple[Floats, Floats]:
+    """By how much the free unknowns (f, q) follow causes of unit size, and the weighted forces (R, q) that these leave."""
+    weighted = fit.weights[:, None] * fit.problem.jacobian(fit.minimum.paths)[:, fit.free]
+    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", weighted, weighted)), 1e-300)
+    columns = fit.weights[:, None] * columns
+    follow = np.linalg.lstsq(weighted / size, columns, rcond=1e-10)[0]
+    return follow / size[:, None], columns - weighted / size @ follow
+
+
+def _noise_of_scores(fit: RigFit, beside: Floats) -> Floats:
+    """(q,) variances of scores by white noise of the load cells, and by that of the motion, which smoothing correlates."""
+    rows = fit.weights[:, None] * beside
+    moved = fit.problem.noise_of_motion(fit.minimum.paths, rows)
+    return np.asarray(np.sum((fit.cells[:, None] * rows) ** 2, axis=0) + np.sum(moved**2, axis=0))
+
+
+def _scatter(fit: RigFit, beside: Floats, size: float) -> float:
+    """Variance of a score by what is left with its cause, which follows the motion where laws are inexact."""
+    left = fit.weights * fit.residuals - size * beside
+    return float(newey_west(fit.problem, (beside * left)[:, None])[0, 0])
+
+
+def _offsets(fit: RigFit) -> Iterator[_Tested]:
+    """Offsets of load cells and of the displacement that are not among the unknowns."""
+    problem, p = fit.problem, len(fit.problem.parameters)
+    every = replace(problem, cell_offsets=problem.links, motion_offset=True).jacobian(fit.minimum.paths)
+    for number, link in enumerate(problem.links):
+        if link not in problem.cell_offsets:
+            cause = Cause("offset", cell_name(problem.structure, link), 1.0, "N", 0.0, 0.0)
+            yield _Tested(cause, every[:, p + number])
+    if not problem.motion_offset:
+        yield _Tested(Cause("offset", BASE_CHANNEL, 1.0, "m", 0.0, 0.0), every[:, p + len(problem.links)])
+
+
+def _terms(fit: RigFit) -> Iterator[_Tested]:
+    """Forms of force that the law of each link may lack."""
+    for link in fit.problem.links:
+        motions = _motions(fit, link)
+        fastest = max(float(np.abs(v).max()) for _, v in motions)
+        for text in (*_TERMS, f"tanh(v/{_SATURATING * fastest!r})" if fastest > 0.0 else "v"):
+            law = Law.parse(text)
+            with np.errstate(all="ignore"):
+                parts = [np.broadcast_to(law.force(d, v, {}), d.shape) for d, v in motions]
+            name = "tanh(v)" if text.startswith("tanh") else text
+            cause = Cause("term", fit.problem.structure.links[link].name, 1.0, "N", 0.0, 0.0, term=name)
+            yield _Tested(cause, _column(fit, link, parts))
+
+
+def _delays(fit: RigFit) -> Iterator[_Tested]:
+    """A delay of each load cell, to first order."""
+    for link in fit.problem.links:
+        parts = []
+        for (record, link_of_path, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True):
+            motion = fit.problem.records[record].motion
+            if link_of_path == link:
+                parts.append(-np.gradient(path.force())[:: motion.substeps] / motion.step)
+        cause = Cause("delay", cell_name(fit.problem.structure, link), 1.0, "s", 0.0, 0.0)
+        yield _Tested(cause, _column(fit, link, parts))
+
+
+def _motions(fit: RigFit, link: int) -> list[tuple[Floats, Floats]]:
+    """Elongation and rate of a link at the samples of each record."""
+    return [
+        (path.d[:: motion.substeps], path.v[:: motion.substeps])
+        for (record, link_of_path, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True)
+        for motion in (fit.problem.records[record].motion,)
+        if link_of_path == link
+    ]
+
+
+def _column(fit: RigFit, link: int, parts: list[Floats]) -> Floats:
+    """(R,) forces of one link in all records among those of all, 0 where a sample is missing."""
+    rows, left = [], list(parts)
+    for number, (_, link_of_cell, _) in enumerate(fit.problem.states):
+        cell = fit.problem.cell(number)
+        rows.append(
+            np.where(np.isfinite(cell), left.pop(0), 0.0) if link_of_cell == link else np.zeros(len(cell))
+        )
+    return np.asarray(np.nan_to_num(np.concatenate(rows)))
+
+
+def rig_estimate(
+    records: Sequence[Record],
+    structure: Structure,
+    *,
+    offsets: Sequence[str],
+    admitted: Sequence[str],
+    starts: Mapping[str, float],
+    progress: Progress,
+) -> Estimate:
+    """Estimate the unknowns of links between the base and the ground, whose forces load cells show.
+
+    `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
+    """
+    forces = tuple(rig_forces(record, structure) for record in records)
+    require_same_cells(forces, structure)
+    noise = cell_noise(records, structure)
+    offered = [BASE_CHANNEL, *(cell_name(structure, link) for link in forces[0].cells)]
+    for name in offsets:
+        if name not in offered:
+            raise IdentificationError(
+                f"no offset of {name} can be found{near_miss(name, offered)}; on a rig choose from {', '.join(offered)}"
+            )
+    with_offset = list(dict.fromkeys(offsets))
+    while True:
+        cells = tuple(link for link in forces[0].cells if cell_name(structure, link) in with_offset)
+        problem = RigProblem(structure, forces, cells, BASE_CHANNEL in with_offset)
+        fit = rig_fit(problem, noise, starts, progress)
+        causes = rig_causes(fit)
+        if (
+            not causes
+            or causes[0].kind not in admitted
+            or causes[0].kind != "offset"
+            or causes[0].where in with_offset
+        ):
+            return _estimate(fit, structure, records, noise, causes)
+        with_offset.append(causes[0].where)
+
+
+def _estimate(
+    fit: RigFit,
+    structure: Structure,
+    records: Sequence[Record],
+    noise: Mapping[int, float],
+    causes: tuple[Cause, ...],
+) -> Estimate:
+    parameters, unknowns = structure.parameters, fit.minimum.unknowns
+    p = len(parameters)
+    identified = structure.with_values(
+        {q.name: float(value) for q, value in zip(parameters, unknowns, strict=False)}
+    )
+    verdict, message, share = judged(fit, causes)
+    sigma = {BASE_CHANNEL: fit.problem.records[0].motion.sigma}
+    sigma |= {cell_name(structure, link): noise[link] for link in fit.problem.links}
+    return Estimate(
+        method="ml",
+        fit_verdicts=(verdict,),
+        message=message,
+        seconds=0.0,
+        given_structure=structure,
+        parameters=parameters,
+        values=unknowns[:p],
+        covariance=fit.covariance[:p, :p],
+        free=fit.free[:p],
+        noise={name: NoiseEstimate.of(records[0], name, value) for name, value in sigma.items()},
+        chi_square_per_sample=fit.chi_square,
+        samples=int(np.count_nonzero(fit.residuals)),
+        compute_motion=partial(_motion, fit, identified, tuple(records)),
+        record=records[0],
+        more_records=tuple(records[1:]),
+        remarks=_remarks(fit),
+        sensor_errors=_sensor_errors(fit),
+        model_error=share,
+        diagnosis=causes,
+    )
+
+
+def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
+    """Offsets of the load cells, and of the displacement of the base."""
+    problem, unknowns = fit.problem, fit.minimum.unknowns
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    channels = [cell_name(problem.structure, link) for link in problem.cell_offsets]
+    channels += [BASE_CHANNEL] if problem.motion_offset else []
+    found = slice(len(problem.parameters), len(problem.parameters) + len(channels))
+    return tuple(
+        SensorErrorEstimate(channel, "offset", value, error, channel.unit)
+        for channel, value, error in zip(
+            channels, unknowns[found].tolist(), errors[found].tolist(), strict=True
+        )
+    )
+
+
+def _remarks(fit: RigFit) -> tuple[str, ...]:
+    problem = fit.problem
+    names = [p.name for p in problem.parameters]
+    others = [
+        "Another set of values explains the records as well: "
+        f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
+        for values in fit.others
+    ]
+    return (*(error.description for error in _sensor_errors(fit)), *others)
+
+
+def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
+    """The links along the recorded motion, at the samples of all records."""
+    problem, links = fit.problem, len(identified.links)
+    counts = [len(record) for record in records]
+    shape = (sum(counts), links)
+    d, v, force, measured = np.zeros(shape), np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan)
+    firsts = np.cumsum([0, *counts[:-1]])
+    for number, (first, count) in enumerate(zip(firsts, counts, strict=True)):
+        motion = problem.records[number].motion
+        at = slice(int(first), int(first) + count)
+        d[at] = np.outer(motion.d[:: motion.substeps], identified.base_incidence)
+        v[at] = np.outer(motion.v[:: motion.substeps], identified.base_incidence)
+    for number, ((record, link, _), path) in enumerate(zip(problem.states, fit.minimum.paths, strict=True)):
+        at = slice(int(firsts[record]), int(firsts[record]) + counts[record])
+        every = problem.records[record].motion.substeps
+        d[at, link] = path.d[::every]
+        force[at, link] = path.force()[::every]
+        measured[at, link] = problem.cell(number) - problem.offset(link, fit.minimum.unknowns)
+    time = np.concatenate([record.time for record in records])
+    return LinkMotion(
+        structure=identified,
+        time=time,
+        d=d,
+        v=v,
+        d_range=extremes(d),
+        compute_residual=_nothing,
+        identified_force=force,
+        measured_force=measured,
+    )
+
+
+def _nothing() -> Floats | None:
+    """There is no mass whose equation leaves a residual."""
+    return None

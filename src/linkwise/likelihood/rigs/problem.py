@@ -1,0 +1,687 @@
+"""The recorded motion of a rig as a smoothing spline: values between samples, and what its noise does to them.
+
+States of a link along a motion that is known, by the trapezoidal rule, with their derivatives.
+
+All steps are solved together by Newton's method: the equations of neighbouring nodes form a banded matrix, which also gives
+the sensitivities of the states (one solve each) and, transposed, those to the motion.
+
+The forces of links along recorded motions: residuals of the load cells and their derivatives by the unknowns.
+
+What records of a rig must hold: the displacement of the base, and the force in each link that has unknowns.
+
+Least squares for the unknowns of links on a rig: many trials, of which the best are followed down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+import scipy
+from scipy.linalg import lapack
+
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError
+from linkwise.expression import Program, differentiate
+from linkwise.likelihood.starts.memory import trial_values, unit_sizes
+from linkwise.model.law import Law
+from linkwise.model.parameters import Parameter
+from linkwise.model.slider_corners import smooth_rates
+from linkwise.model.structure import BASE, Structure
+from linkwise.progress import Progress, ProgressReport
+from linkwise.records.channel import Channel, require_complete
+from linkwise.records.record import Record
+from linkwise.signals.noise import channel_noise, noise_sigma
+from linkwise.signals.smooth import SmoothingSpline, smoothing_spline
+
+
+def _weights(fraction: float, order: int) -> Floats:
+    """Weights (6,) of quintic B-splines at a fraction of the way from one knot to the next, from the leftmost one on."""
+    # truncated powers: B(t) = sum (-1)^k C(6, k) (t - k)_+^5 / 5!
+    places = 5.0 - np.arange(6) + fraction
+    knots, signs = np.arange(7.0), np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])
+    above = np.maximum(places[:, None] - knots, 0.0)
+    powers = {0: above**5 / 120.0, 1: above**4 / 24.0}[order]
+    return np.asarray(powers @ signs)
+
+
+@dataclass(frozen=True, eq=False)
+class PrescribedMotion:
+    """Displacement `d` and velocity `v` (J,) at the nodes: the samples, and `substeps` - 1 between each two.
+
+    `sigma` is the noise of the displacement sensor in m.
+    """
+
+    spline: SmoothingSpline
+    substeps: int
+    sigma: float
+    d: Floats
+    v: Floats
+
+    @classmethod
+    def of(cls, spline: SmoothingSpline, substeps: int, sigma: float) -> PrescribedMotion:
+        coefficients, samples = spline.coefficients[:, 0], len(spline.coefficients) - 4
+        rows = [np.empty((samples - 1) * substeps + 1) for _ in range(2)]
+        for order, row in enumerate(rows):
+            scale = spline.rate**order
+            for number in range(substeps):
+                weights = _weights(number / substeps, order) * scale
+                row[number::substeps][: samples - 1] = (
+                    sum(
+                        weight * coefficients[lag : lag + samples - 1]
+                        for lag, weight in enumerate(weights[:5])
+                    )
+                    + weights[5] * coefficients[5 : samples + 4]
+                )
+            row[-1] = _weights(0.0, order)[:5] @ coefficients[-5:] * scale
+        return cls(spline, substeps, sigma, rows[0], rows[1])
+
+    @property
+    def step(self) -> float:
+        """Time between nodes in s."""
+        return 1.0 / (self.spline.rate * self.substeps)
+
+    @property
+    def period(self) -> int:
+        """Samples in a period of the motion, by the ratio of displacement and velocity."""
+        speed = float(np.std(self.v)) or 1.0
+        return max(int(2.0 * np.pi * float(np.std(self.d)) / speed * self.spline.rate), 1)
+
+    def with_substeps(self, substeps: int) -> PrescribedMotion:
+        """The motion with other nodes between the samples."""
+        return PrescribedMotion.of(self.spline, substeps, self.sigma)
+
+    def part(self, first: int, count: int) -> PrescribedMotion:
+        """The motion at `count` samples from the `first` on."""
+        spline = replace(self.spline, coefficients=self.spline.coefficients[first : first + count + 4])
+        return PrescribedMotion.of(spline, self.substeps, self.sigma)
+
+    def liveliest(self, count: int) -> int:
+        """First of the `count` samples in a row that move most."""
+        power = np.concatenate([[0.0], np.cumsum(self.v[:: self.substeps] ** 2)])
+        return int(np.argmax(power[count:] - power[:-count]))
+
+    def noise_draws(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
+        """(J, count) what draws of the sensor's noise do to d and v at the nodes."""
+        samples = len(self.spline.coefficients) - 4
+        noise = self.sigma * rng.standard_normal((samples, count))
+        drawn = self.spline.smoothed(noise)
+        moved = [
+            PrescribedMotion.of(replace(drawn, coefficients=column[:, None]), self.substeps, 0.0)
+            for column in drawn.coefficients.T
+        ]
+        return np.stack([motion.d for motion in moved], axis=1), np.stack(
+            [motion.v for motion in moved], axis=1
+        )
+
+    def noise_of(self, by_d: Floats, by_v: Floats) -> Floats:
+        """(N, q) by how much sums with derivatives (J, q) by d and v at the nodes change with the noise of each sample."""
+        samples = len(self.spline.coefficients) - 4
+        by_coefficient = np.zeros((samples + 4, by_d.shape[1]))
+        for order, slopes in enumerate((by_d, by_v)):
+            scale = self.spline.rate**order
+            for number in range(self.substeps):
+                weights = _weights(number / self.substeps, order) * scale
+                part = slopes[number :: self.substeps][: samples - 1]
+                for lag, weight in enumerate(weights):
+                    if weight:
+                        by_coefficient[lag : lag + samples - 1] += weight * part
+            by_coefficient[-5:] += scale * _weights(0.0, order)[:5, None] * slopes[-1]
+        return self.spline.transposed(by_coefficient) * self.sigma
+
+
+_NEWTON = 40  # iterations, at most
+_TOLERANCE = 1e-9  # of the size of the states
+_LARGEST = 1e12  # a state that gets larger has run away
+
+
+@lru_cache(maxsize=256)
+def _programs(law: Law, free: tuple[str, ...]) -> tuple[Program, Program]:
+    """Rates and their derivatives by states; then the derivatives of force and rates by d, v, states and coefficients."""
+    rates = smooth_rates(law)
+    names = (*law.variables, *law.coefficients)
+    newton = [*rates, *(differentiate(rate, state) for rate in rates for state in law.states)]
+    by = ("d", "v", *law.states, *free)
+    slopes = [
+        law.expression,
+        *(differentiate(tree, name) for tree in (law.expression, *rates) for name in by),
+    ]
+    return Program(newton, names, wide=law.variables), Program(slopes, names, wide=law.variables)
+
+
+@dataclass(frozen=True, eq=False)
+class StateEquations:
+    """Factorised linearised equations of the states (S) at the nodes (J), the first of which is given."""
+
+    factors: Floats
+    pivots: Floats
+    count: int
+
+    @classmethod
+    def of(cls, slopes: Floats, step: float) -> StateEquations:
+        """Of the derivatives (J, S, S) of the rates by states."""
+        nodes, count, _ = slopes.shape
+        half = 0.5 * step * slopes
+        lower, upper = 2 * count - 1, count - 1
+        bands = np.zeros((2 * lower + upper + 1, (nodes - 1) * count))
+        unit = np.eye(count)
+        for row in range(count):
+            for column in range(count):
+                ahead = unit[row, column] - half[1:, row, column]
+                behind = -unit[row, column] - half[1:-1, row, column]
+                bands[lower + upper + row - column, column::count] = ahead
+                bands[lower + upper + row - column + count, column:-count:count] = behind
+        factors, pivots, _ = lapack.dgbtrf(bands, lower, upper, overwrite_ab=1)
+        return cls(factors, pivots, count)
+
+    def solve(self, right: Floats, *, transposed: bool = False) -> Floats:
+        """Solution for right-hand sides (J - 1, S, q)."""
+        lower, upper = 2 * self.count - 1, self.count - 1
+        flat = right.reshape(-1, right.shape[-1])
+        solved, _ = lapack.dgbtrs(self.factors, lower, upper, flat, self.pivots, trans=int(transposed))
+        return np.asarray(solved).reshape(right.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPath:
+    """A link along a motion: `states` (J, S), `converged` if they are found."""
+
+    law: Law
+    values: tuple[float, ...]
+    d: Floats
+    v: Floats
+    step: float
+    states: Floats
+    converged: bool
+
+    @classmethod
+    @np.errstate(all="ignore")  # states may run away; then the path has not converged
+    def of(
+        cls, law: Law, values: dict[str, float], d: Floats, v: Floats, step: float,
+        initial: Floats, guess: Floats | None = None,
+    ) -> LinkPath:  # fmt: skip
+        ordered = tuple(values[name] for name in law.coefficients)
+        if not law.states:
+            return cls(law, ordered, d, v, step, np.zeros((len(d), 0)), True)
+        program, _ = _programs(law, ())
+        count = len(law.states)
+        states = np.zeros((len(d), count)) if guess is None else guess.copy()
+        states[0] = initial
+        for _ in range(_NEWTON):
+            rates_and_slopes = program(d, v, *states.T, *ordered)
+            rates = np.stack(rates_and_slopes[:count], axis=1)
+            slopes = np.stack(rates_and_slopes[count:], axis=1).reshape(-1, count, count)
+            missed = np.diff(states, axis=0) - 0.5 * step * (rates[1:] + rates[:-1])
+            if not (np.isfinite(missed).all() and np.isfinite(slopes).all()):
+                return cls(law, ordered, d, v, step, states, False)
+            change = StateEquations.of(slopes, step).solve(missed[..., None])[..., 0]
+            states[1:] -= change
+            size = np.abs(states).max()
+            if not size < _LARGEST:
+                return cls(law, ordered, d, v, step, states, False)
+            if np.abs(change).max() <= _TOLERANCE * (size + 1e-300):
+                return cls(law, ordered, d, v, step, states, True)
+        return cls(law, ordered, d, v, step, states, False)
+
+    def force(self) -> Floats:
+        """Force (J,) in N at the nodes."""
+        named = dict(zip(self.law.coefficients, self.values, strict=True))
+        named |= dict(zip(self.law.states, self.states.T, strict=True))
+        return self.law.force(self.d, self.v, named)
+
+    def tangents(self, free: Sequence[str]) -> LinkTangents:
+        """Derivatives along the motion, by the coefficients `free`."""
+        _, program = _programs(self.law, tuple(free))
+        force, *slopes = program(self.d, self.v, *self.states.T, *self.values)
+        count, width = len(self.law.states), 2 + len(self.law.states) + len(free)
+        rows = np.stack(slopes, axis=1).reshape(len(self.d), 1 + count, width)
+        by_state = rows[:, 1:, 2 : 2 + count]
+        equations = StateEquations.of(by_state, self.step) if count else None
+        return LinkTangents(force, rows, self.step, count, equations)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkTangents:
+    """Force (J,) of a link along a motion, and derivatives (J, 1 + S, 2 + S + c) of the force and the rates of the states by
+    d, v, the states and c coefficients.
+    """
+
+    force: Floats
+    rows: Floats
+    step: float
+    count: int
+    equations: StateEquations | None
+
+    def by_unknowns(self) -> Floats:
+        """(J, c + S) by coefficients and initial states, and by d (one column more), held for the whole motion."""
+        count, rows = self.count, self.rows
+        ends = slice(2 + count, None)
+        direct = np.concatenate([rows[:, 0, ends], np.zeros((len(rows), count)), rows[:, 0, :1]], axis=1)
+        if self.equations is None:
+            return direct
+        half = 0.5 * self.step
+        moved = np.concatenate([rows[:, 1:, ends], rows[:, 1:, :1]], axis=2)
+        right = half * (moved[1:] + moved[:-1])
+        start = np.zeros((len(right), count, count))
+        start[0] = np.eye(count) + half * rows[0, 1:, 2 : 2 + count]
+        width = rows.shape[2] - 2 - count
+        right = np.concatenate([right[..., :width], start, right[..., width:]], axis=2)
+        first = np.concatenate([np.zeros((count, width)), np.eye(count), np.zeros((count, 1))], axis=1)
+        states = np.concatenate([first[None], self.equations.solve(right)])
+        return np.asarray(direct + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+
+    def by_motion(self, change_d: Floats, change_v: Floats) -> Floats:
+        """Changes (J, q) of the force with changes (J, q) of d and v along the motion."""
+        count, rows = self.count, self.rows
+        force = change_d * rows[:, 0, 0, None] + change_v * rows[:, 0, 1, None]
+        if self.equations is None:
+            return force
+        pushed = rows[:, 1:, 0, None] * change_d[:, None] + rows[:, 1:, 1, None] * change_v[:, None]
+        states = np.zeros((len(rows), count, change_d.shape[1]))
+        states[1:] = self.equations.solve(0.5 * self.step * (pushed[1:] + pushed[:-1]))
+        return np.asarray(force + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+
+    def to_motion(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Derivatives (J, q) of sums of forces, weighted with (J, q), by d and by v at every node."""
+        count, rows = self.count, self.rows
+        by_motion = [weights * rows[:, 0, column, None] for column in (0, 1)]
+        if self.equations is None:
+            return by_motion[0], by_motion[1]
+        sources = rows[:, 0, 2 : 2 + count, None] * weights[:, None, :]
+        pulled = self.equations.solve(sources[1:], transposed=True)
+        both = np.zeros((len(rows), *pulled.shape[1:]))
+        both[1:] += pulled
+        both[:-1] += pulled
+        for column in (0, 1):
+            by_motion[column] += 0.5 * self.step * np.einsum("js,jsq->jq", rows[:, 1:, column], both)
+        return by_motion[0], by_motion[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """A record of a rig: the motion of the base, and the forces (N,) in links by their number, NaN where samples miss."""
+
+    motion: PrescribedMotion
+    cells: Mapping[int, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class RigProblem:
+    """Unknowns: the p parameters, offsets of load cells (by number of the link) and of the displacement, initial states."""
+
+    structure: Structure
+    records: tuple[Forces, ...]
+    cell_offsets: tuple[int, ...] = ()
+    motion_offset: bool = False
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.structure.parameters
+
+    @cached_property
+    def certainty(self) -> Floats:
+        """(u,) one over the standard deviations to which unknowns are known beforehand."""
+        known = np.zeros(self.size)
+        known[: len(self.parameters)] = 1.0 / np.array([p.sigma for p in self.parameters])
+        return known
+
+    def with_substeps(self, substeps: int) -> RigProblem:
+        """The problem with other steps between samples."""
+        finer = (replace(record, motion=record.motion.with_substeps(substeps)) for record in self.records)
+        return replace(self, records=tuple(finer))
+
+    def shortened(self, most: int) -> RigProblem:
+        """The problem with the liveliest parts of its records, of so many samples at most."""
+        parts = []
+        for record in self.records:
+            count = min(most, len(next(iter(record.cells.values()))))
+            first = record.motion.liveliest(count)
+            cells = {link: force[first : first + count] for link, force in record.cells.items()}
+            parts.append(Forces(record.motion.part(first, count), cells))
+        return replace(self, records=tuple(parts))
+
+    @cached_property
+    def links(self) -> tuple[int, ...]:
+        """Numbers of the links with a load cell."""
+        return tuple(sorted(self.records[0].cells))
+
+    @cached_property
+    def states(self) -> tuple[tuple[int, int, slice], ...]:
+        """Number of the record, of the link, and places of its initial states among the unknowns."""
+        places, first = [], self.first_state
+        for record in range(len(self.records)):
+            for link in self.links:
+                count = len(self.structure.links[link].law.states)
+                places.append((record, link, slice(first, first + count)))
+                first += count
+        return tuple(places)
+
+    @property
+    def first_state(self) -> int:
+        """Number of unknowns before the initial states."""
+        return len(self.parameters) + len(self.cell_offsets) + self.motion_offset
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.states[-1][2].stop)
+
+    def values(self, link: int, unknowns: Floats) -> dict[str, float]:
+        """Values of the coefficients of a link."""
+        known = {k: c.value or 0.0 for k, c in self.structure.links[link].coefficients.items()}
+        for value, parameter in zip(unknowns, self.parameters, strict=False):
+            known |= {key: float(value) for index, key in parameter.members if index == link}
+        return known
+
+    def sign(self, link: int) -> float:
+        """Elongation of a link per displacement of the base."""
+        return float(self.structure.base_incidence[link])
+
+    def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
+        """The links along the motions; states are sought near those `before`."""
+        p = len(self.parameters)
+        shift = unknowns[p + len(self.cell_offsets)] if self.motion_offset else 0.0
+        return tuple(
+            LinkPath.of(
+                self.structure.links[link].law, self.values(link, unknowns),
+                self.sign(link) * (self.records[record].motion.d - shift),
+                self.sign(link) * self.records[record].motion.v,
+                self.records[record].motion.step, unknowns[places],
+                None if before is None or not before[number].converged else before[number].states,
+            )
+            for number, (record, link, places) in enumerate(self.states)
+        )  # fmt: skip
+
+    def free(self, link: int) -> tuple[str, ...]:
+        """Coefficients of a link that are unknown."""
+        unknown = {key for p in self.parameters for index, key in p.members if index == link}
+        return tuple(key for key in self.structure.links[link].law.coefficients if key in unknown)
+
+    def cell(self, number: int) -> Floats:
+        """Samples (N,) of the load cell of a path."""
+        record, link, _ = self.states[number]
+        return self.records[record].cells[link]
+
+    def offset(self, link: int, unknowns: Floats) -> float:
+        """Zero error in N of the load cell of a link, 0 where it is not unknown."""
+        if link not in self.cell_offsets:
+            return 0.0
+        return float(unknowns[len(self.parameters) + self.cell_offsets.index(link)])
+
+    def residuals(self, unknowns: Floats, paths: Sequence[LinkPath]) -> Floats:
+        """Measured less modelled forces (R,) in N, 0 where a sample is missing and NaN where a law is not finite."""
+        rows = []
+        for number, ((record, link, _), path) in enumerate(zip(self.states, paths, strict=True)):
+            every = self.records[record].motion.substeps
+            force = path.force()[::every]
+            measured = self.cell(number) - self.offset(link, unknowns)
+            left = np.where(np.isfinite(force), measured - force, np.nan)
+            rows.append(np.where(np.isfinite(measured), left, 0.0))
+        return np.concatenate(rows)
+
+    def jacobian(self, paths: Sequence[LinkPath]) -> Floats:
+        """(R, u) derivatives of the modelled forces by the unknowns."""
+        p, blocks = len(self.parameters), []
+        for number, ((record, link, places), path) in enumerate(zip(self.states, paths, strict=True)):
+            free, every = self.free(link), self.records[record].motion.substeps
+            slopes = path.tangents(free).by_unknowns()[::every]
+            block = np.zeros((len(slopes), self.size))
+            for column, parameter in enumerate(self.parameters):
+                for index, key in parameter.members:
+                    if index == link:
+                        block[:, column] += slopes[:, free.index(key)]
+            if link in self.cell_offsets:
+                block[:, p + self.cell_offsets.index(link)] = 1.0
+            if self.motion_offset:
+                block[:, p + len(self.cell_offsets)] = -self.sign(link) * slopes[:, -1]
+            block[:, places] = slopes[:, len(free) : -1]
+            block[~np.isfinite(self.cell(number))] = 0.0
+            blocks.append(block)
+        return np.concatenate(blocks)
+
+    def noise_of_motion(self, paths: Sequence[LinkPath], weights: Floats) -> Floats:
+        """(M, q) how sums of modelled forces with weights (R, q) change with the noise of each displacement sample."""
+        rows, first = [], 0
+        by_record: dict[int, Floats] = {}
+        for (record, link, _), path in zip(self.states, paths, strict=True):
+            motion = self.records[record].motion
+            count = len(path.d) // motion.substeps + 1
+            spread = np.zeros((len(path.d), weights.shape[1]))
+            spread[:: motion.substeps] = weights[first : first + count]
+            by_d, by_v = path.tangents(self.free(link)).to_motion(spread)
+            part = self.sign(link) * motion.noise_of(by_d, by_v)
+            by_record[record] = by_record.get(record, 0.0) + part
+            first += count
+        rows = [by_record[record] for record in sorted(by_record)]
+        return np.concatenate(rows)
+
+
+BASE_CHANNEL = Channel("x", BASE)
+_FEWEST = 32  # samples
+_FLOOR = 1e-12  # of the largest displacement: smaller noise is below rounding
+_SUBSTEPS = 2  # between samples, at first
+
+
+def cell_name(structure: Structure, link: int) -> Channel:
+    """The channel of the load cell of a link, by its number."""
+    return Channel("f", structure.links[link].name)
+
+
+def rig_forces(record: Record, structure: Structure) -> Forces:
+    """Motion and forces of a record; IdentificationError where it does not hold them."""
+    name = BASE_CHANNEL
+    if name not in record.channels:
+        raise IdentificationError(
+            f"a link alone on a rig is identified from the displacement of its base, {name}, but the record holds "
+            f"{', '.join(record.channels)}; where one end is fixed, call the other end the base"
+        )
+    values = record.channel(name)
+    require_complete(name, values, record.start, record.rate)
+    if len(values) < _FEWEST:
+        raise IdentificationError(
+            f"{len(values)} samples are too few for links on a rig, which need {_FEWEST}"
+        )
+    if not np.ptp(values) > 0.0:
+        raise IdentificationError(
+            f"{name} does not change: the force in a link that does not move says nothing about its law"
+        )
+    cells = {
+        number: record.channel(cell_name(structure, number))
+        for number in range(len(structure.links))
+        if cell_name(structure, number) in record.channels
+    }
+    for number, force in cells.items():
+        if not np.isfinite(force).any():
+            raise IdentificationError(
+                f"channel {cell_name(structure, number)} has no sample that is a number"
+            )
+    for parameter in structure.parameters:
+        unseen = [index for index, _ in parameter.members if index not in cells]
+        if len(unseen) == len(parameter.members):
+            raise IdentificationError(
+                f"{parameter.name} is unknown, but the record has no load cell of its link: give channel "
+                f"{cell_name(structure, unseen[0])}, the force in it"
+            )
+    return Forces(prescribed_motion(record), cells)
+
+
+def require_same_cells(records: Sequence[Forces], structure: Structure) -> None:
+    """Raise IdentificationError where a load cell is in one record and not in another."""
+    for number in range(len(structure.links)):
+        lacking = [index for index, forces in enumerate(records, start=1) if number not in forces.cells]
+        if 0 < len(lacking) < len(records):
+            raise IdentificationError(
+                f"records that are taken together must hold the same channels, and {cell_name(structure, number)} is not in "
+                f"record {lacking[0]} of {len(records)}"
+            )
+
+
+def prescribed_motion(record: Record) -> PrescribedMotion:
+    """The motion of the base of a record, smoothed at the level of its noise."""
+    values = record.channel(BASE_CHANNEL)
+    spline = smoothing_spline(values, record.rate)
+    return PrescribedMotion.of(spline, _SUBSTEPS, _sensor_noise(record, values, spline.value()[:, 0]))
+
+
+def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:
+    """Standard deviation in m of the noise of the displacement; that of a coarse resolution is what smoothing takes out."""
+    stated = record.noise.get(BASE_CHANNEL)
+    if stated is not None:
+        return float(stated)
+    estimated = float(np.nan_to_num(noise_sigma(values)[0]))
+    return max(estimated, float(np.std(values - smooth)), _FLOOR * float(np.abs(values).max()))
+
+
+def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, float]:
+    """Noise of load cells in N by the number of their link: of several records the largest."""
+    noise_by_record = [channel_noise(record) for record in records]
+    names = {number: cell_name(structure, number) for number in range(len(structure.links))}
+    return {
+        number: max(noise[name] for noise in noise_by_record)
+        for number, name in names.items()
+        if name in noise_by_record[0]
+    }
+
+
+_TRIALS = 60
+_REFINED = 6  # trials that are followed
+_STEPS = 60  # of a search from a trial
+_LAST_STEPS = 300
+# residual, relative to the forces, of a trial whose states run away or whose laws are not finite
+_RUNAWAY = 1e6
+_SEED = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Unknowns (u,) at a minimum, `cost` the sum of weighted squares there, the paths, and whether the search ended."""
+
+    unknowns: Floats
+    cost: float
+    paths: tuple[LinkPath, ...]
+    converged: bool
+
+
+class _Follower:
+    """The links along the motions at the unknowns asked for, sought near those asked for before."""
+
+    def __init__(self, problem: RigProblem) -> None:
+        self._problem = problem
+        self._at = np.full(problem.size, np.nan)
+        self._paths: tuple[LinkPath, ...] | None = None
+
+    def paths(self, unknowns: Floats) -> tuple[LinkPath, ...]:
+        if self._paths is None or not np.array_equal(unknowns, self._at):
+            paths = self._problem.paths(unknowns, self._paths)
+            if not all(path.converged for path in paths):
+                paths = self._problem.paths(unknowns)
+            self._at, self._paths = unknowns.copy(), paths
+        return self._paths
+
+
+def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> Minimum:
+    """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
+    low, high = bounds(problem)
+    follower = _Follower(problem)
+    prior = np.array([p.start or 0.0 for p in problem.parameters])
+    certainty = problem.certainty[: len(prior)]
+
+    def residuals(unknowns: Floats) -> Floats:
+        paths = follower.paths(unknowns)
+        if not all(path.converged for path in paths):
+            return np.full(len(weights) + len(prior), _RUNAWAY)
+        left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
+        if not np.isfinite(left).all():
+            return np.full(len(weights) + len(prior), _RUNAWAY)
+        rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
+        return np.concatenate([rows, certainty * (prior - unknowns[: len(prior)])])
+
+    def jacobian(unknowns: Floats) -> Floats:
+        own = np.zeros((len(prior), problem.size))
+        own[:, : len(prior)] = -np.diag(certainty)
+        slopes = -weights[:, None] * problem.jacobian(follower.paths(unknowns))
+        return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), own])
+
+    inside = np.clip(start, low, high)
+    with np.errstate(all="ignore"):
+        optimum = scipy.optimize.least_squares(
+            residuals,
+            inside,
+            jacobian,
+            bounds=(low, high),
+            x_scale="jac",
+            max_nfev=steps,
+            xtol=1e-9,
+            ftol=1e-9,
+        )
+        unknowns = np.asarray(optimum.x)
+        end = follower.paths(unknowns)
+    return Minimum(
+        unknowns, 2.0 * float(optimum.cost), end, bool(optimum.status > 0) and all(p.converged for p in end)
+    )
+
+
+def bounds(problem: RigProblem) -> tuple[Floats, Floats]:
+    """Bounds (u,) of the unknowns."""
+    low, high = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
+    low[: len(problem.parameters)] = [p.lower for p in problem.parameters]
+    high[: len(problem.parameters)] = [p.upper for p in problem.parameters]
+    return low, high
+
+
+def minima(
+    problem: RigProblem, given: Mapping[str, float], level: float, progress: Progress
+) -> list[Minimum]:
+    """Minima found from trials of the sizes that units imply, the lowest first; `given` starts by name are kept near.
+
+    Residuals are relative to a `level` in N.
+    """
+    linear = [p for p in problem.parameters if _is_linear(problem, p)]
+    curved = [p for p in problem.parameters if p not in linear]
+    motion = problem.records[0].motion
+    left = problem.residuals(np.zeros(problem.size), problem.paths(np.zeros(problem.size)))
+    force, weights = float(np.std(np.nan_to_num(left))), np.full(len(left), 1.0 / level)
+    sizes = unit_sizes(curved, motion.d, motion.v, force or 1.0)
+    rng = np.random.default_rng(_SEED)
+    trials = []
+    for number in range(_TRIALS if curved else 1):
+        start = np.zeros(problem.size)
+        chosen = trial_values(curved, given, sizes, rng, first=number == 0)
+        for value, parameter in zip(chosen, curved, strict=True):
+            start[problem.parameters.index(parameter)] = value
+        trials.append(regressed(problem, start, linear, weights))
+    trials.sort(key=lambda pair: pair[1])
+    local_minima = []
+    for number, (start, cost) in enumerate(trials[:_REFINED]):
+        if np.isfinite(cost):
+            local_minima.append(minimise(problem, start, weights, steps=_STEPS))
+        progress(ProgressReport((number + 1) / min(_REFINED, len(trials)), "searching from several starts"))
+    return sorted(local_minima, key=lambda minimum: minimum.cost)
+
+
+def _is_linear(problem: RigProblem, parameter: Parameter) -> bool:
+    return all(key in problem.structure.links[index].law.linear for index, key in parameter.members)
+
+
+@np.errstate(all="ignore")
+def regressed(
+    problem: RigProblem, start: Floats, linear: Sequence[Parameter], weights: Floats
+) -> tuple[Floats, float]:
+    """The unknowns with linear parameters and offsets by regression, and the cost; infinite where states run away."""
+    paths = problem.paths(start)
+    if not all(path.converged for path in paths):
+        return start, np.inf
+    low, high = bounds(problem)
+    columns = [problem.parameters.index(p) for p in linear]
+    columns += list(range(len(problem.parameters), problem.first_state))
+    rows = weights * problem.residuals(start, paths)
+    slopes = weights[:, None] * problem.jacobian(paths)[:, columns]
+    if not (np.isfinite(rows).all() and np.isfinite(slopes).all()):
+        return start, np.inf
+    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
+    values = np.linalg.lstsq(slopes / size, rows, rcond=1e-10)[0] / size
+    unknowns = start.copy()
+    unknowns[columns] = np.clip(values, low[columns], high[columns])
+    return unknowns, float(np.sum((rows - slopes @ unknowns[columns]) ** 2))

@@ -1,0 +1,1 @@
+"""Score tests: what a held term, a law, a sensor or an input would explain, at its null value."""

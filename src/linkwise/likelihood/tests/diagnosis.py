@@ -1,0 +1,694 @@
+"""What was tested of a fit: hypotheses of what it may lack, and the equations at its optimum with a column for each.
+
+Stated masses that may be off: where their scores make an answer doubtful, and what intervals hold of it.
+
+Coefficients make up for nearly all of an error of a mass: with them, it scales all forces on it, and no more than the reaction
+on its neighbours tells. Its score may then be too small to be significant among all that is tested, while coefficients are
+dozens of standard errors off. There are few masses, so that a smaller score than among all causes says something. Where it
+does not, the intervals hold what every mass to which it points would make of the coefficients, alone: masses look alike, as
+one that is too heavy and another that is too light.
+
+An optimum in longer segments, for what follows a search: the same motion at a part of the cost.
+
+What could explain what a fit leaves: score tests for errors of sensors, masses and applied forces, and for missing terms.
+
+Each cause is one more column in the linearised equations at the optimum, and its gain is what its best size would take off
+-2 log likelihood, all coefficients fitted anew to first order (Rao 1948). A gain follows chi-square with one degree of
+freedom where the cause is not there.
+
+By how much evidence is overstated where the error of a law is taken for white noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from linkwise.arrays import Bools, Floats
+from linkwise.estimates.causes import CAUSE_KINDS, Cause
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, block_scores
+from linkwise.likelihood.shooting.halved_samples import halved
+from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.minimise import AnnealingSchedule
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.normal_equations import block_ends
+from linkwise.likelihood.shooting.residuals import (
+    LongerSegments,
+    Misfit,
+    SensorErrors,
+    common_filter,
+    evaluate,
+    relative_to_gain,
+)
+from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.tests.columns import (
+    BASE_ERRORS,
+    BaseErrors,
+    DampingErrors,
+    ShapeErrors,
+    TestedColumns,
+    force_errors,
+)
+from linkwise.likelihood.tests.score_test import (
+    BETWEEN_MODES,
+    MEMORY_TERMS,
+    PRICE_OF_REACH,
+    CandidateForce,
+    Hypothesis,
+    SingleTests,
+    augmented_quadratic,
+    candidate_forces,
+    determinant_slopes,
+    finite_columns,
+    in_units_of,
+    linear_terms,
+    missing_forces,
+    missing_terms,
+    single_tests,
+    usual_terms,
+)
+from linkwise.model.names import MASS
+from linkwise.model.structure import Structure
+from linkwise.records.channel import BASE, Channel
+from linkwise.records.channel_units import unit_in
+from linkwise.runtime import one_blas_thread
+
+
+@dataclass(frozen=True, eq=False)
+class TestedCauses:
+    """What may explain what a fit leaves, and the equations at its optimum with a column for each.
+
+    `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
+    which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share. `model` is that of the
+    optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found beside these.
+    """
+
+    __test__ = False  # no test of pytest
+
+    hypotheses: tuple[Hypothesis, ...]
+    units: Floats
+    curvature: Floats
+    slope: Floats
+    scatter: Floats
+    errors: SensorErrors
+    filtered: SensorErrors
+    model: FactoredModel | None
+    longer: tuple[Optimum, Misfit]
+
+    @cached_property
+    def block_scores(self) -> BlockScores | None:
+        """Those of the optimum; None where its model is not in blocks, or its equations are singular."""
+        if self.model is None or not self.model.in_blocks:
+            return None
+        of_blocks = block_information(self.model, self.longer[0].q)
+        return None if of_blocks is None else BlockScores(*of_blocks)
+
+    @cached_property
+    @np.errstate(
+        over="ignore", invalid="ignore"
+    )  # a candidate may be infinite somewhere; it is then not tested
+    def tests(self) -> SingleTests:
+        """Of each hypothesis alone."""
+        return single_tests(self.curvature, self.slope, self.scatter, len(self.slope) - len(self.hypotheses))
+
+
+LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
+
+_MASS_CHANCE = 12.0  # with twice the logarithm of the number of masses: normal scores give one in 2000 fits
+_HINT = 6.25  # the same: one in 80, as of usual terms
+_AS_LIKELY = 0.5  # of the largest gain: another mass that gains more may be the one that is off
+_FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
+
+
+class TestedMasses(Protocol):
+    """Hypotheses, masses among them, the units of their sizes, and their tests."""
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]: ...
+
+    @property
+    def units(self) -> Floats: ...
+
+    @property
+    def tests(self) -> SingleTests: ...
+
+
+@dataclass(frozen=True, eq=False)
+class HintedMasses:
+    """Masses to which residuals point: their `names` and relative `errors` (m,), the likeliest first.
+
+    `moves` (p, m), in SI units, is what each of these errors alone makes of the coefficients.
+    """
+
+    names: tuple[str, ...]
+    errors: Floats
+    moves: Floats
+
+    @property
+    def covariance(self) -> Floats:
+        """(p, p) what they add to that of the coefficients."""
+        return np.asarray(self.moves @ self.moves.T)
+
+    @property
+    def hint(self) -> str:
+        """What the residuals show of them."""
+        return " or ".join(
+            f"a mass of {name} that is off by {100.0 * error:+.2g} %"
+            for name, error in zip(self.names, self.errors.tolist(), strict=True)
+        )
+
+
+def which_stated(hypotheses: Sequence[Hypothesis], unknowns: Sequence[str]) -> list[int]:
+    """The numbers of the errors of masses that are not among the `unknowns`, by the names of these."""
+    return [
+        number
+        for number, hypothesis in enumerate(hypotheses)
+        if hypothesis.kind == MASS and f"{hypothesis.where}.{MASS}" not in unknowns
+    ]
+
+
+def likely_masses(hypotheses: Sequence[Hypothesis], gains: Floats) -> Bools:
+    """Which of h hypotheses are errors of masses that chance hardly gives, where one of them gains more than all others.
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+        All that were tested.
+    gains : array of shape (h,)
+        What each would take off -2 log likelihood.
+
+    Returns
+    -------
+    array of shape (h,)
+        Those; whether they matter depends on what they would make of the coefficients.
+    """
+    are_masses = np.array([hypothesis.kind == MASS for hypothesis in hypotheses])
+    if not are_masses.any() or not are_masses[int(np.argmax(gains))]:
+        return np.zeros(len(are_masses), dtype=bool)
+    return np.asarray(are_masses & (gains > _MASS_CHANCE + 2.0 * np.log(np.count_nonzero(are_masses))))
+
+
+def hinted_masses(fit: LikelihoodFit, tested: TestedMasses) -> HintedMasses | None:
+    """The masses to which the residuals of laws that leave only noise point.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    tested : TestedMasses
+        What was tested at it.
+
+    Returns
+    -------
+    HintedMasses or None
+        Those that gain as much as chance gives to a mass of one fit in 80, and others nearly as likely, which would change a
+        coefficient by more than its standard error; None without any.
+    """
+    optimum = fit.optimum
+    stated = np.array(which_stated(tested.hypotheses, optimum.segments.system.parameters.names), dtype=int)
+    gains = np.nan_to_num(tested.tests.gains[stated]) / (optimum.noise * beyond_white(fit)) ** 2
+    largest = float(np.max(gains, initial=0.0))
+    if not largest > _HINT + 2.0 * np.log(max(len(stated), 1)):
+        return None
+    errors = tested.tests.sizes[stated] * tested.units[stated]
+    moves = tested.tests.changes[:, stated] * optimum.scales.theta[: len(fit.values), np.newaxis]
+    moves = np.where(fit.free[:, np.newaxis], moves, 0.0)
+    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
+    felt = np.max(np.abs(moves) / deviations[:, np.newaxis], axis=0) > _FELT
+    likely = np.flatnonzero(felt & (gains > _AS_LIKELY * largest) & (np.abs(errors) < LARGEST))
+    if not len(likely):
+        return None
+    order = likely[np.argsort(-gains[likely])]
+    names = tuple(tested.hypotheses[number].where for number in stated[order].tolist())
+    return HintedMasses(names, errors[order], moves[:, order])
+
+
+def beyond_white(fit: LikelihoodFit) -> float:
+    """By how much scores scatter more than white noise makes them, beside a model error that follows the motion."""
+    if fit.model_error == 0.0 or fit.error_ratios is None:
+        return 1.0
+    return max(1.0, float(np.max(fit.error_ratios)))
+
+
+_LINKS = 0.25  # of -2 log likelihood, of which a coefficient gains 1 by chance: what links cost at most, and gains change by
+_AMONG = 40  # masses that share this cost: of more of them it grows with their number, and of each it remains as small
+_LONGEST = (8, 7, 6, 5, 4)  # short segments in one of the longest, the first that leaves blocks as they are
+_LONGEST_OF_MANY = (4,)  # in longer ones an influence reaches too far
+_BLOCK_SHIFT = 1 / 30  # of a block, by which its ends are shifted at most
+
+
+def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Optimum, Misfit]:
+    """The optimum of a fit and its misfit, in longer segments where the motion is exactly that of the laws.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    longest : bool, optional
+        Whether they may be longer still, so that sensitivities of few masses may grow a thousandfold in one.
+
+    Returns
+    -------
+    tuple of (Optimum, Misfit)
+        Those in longer segments; the given ones where the links inside these, which they leave out, cost anything.
+    """
+    optimum, misfit = fit.optimum, fit.misfit
+    exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
+    most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
+    tried = (_most_joined(optimum.segments), None) if longest else (None,)
+    for joined in dict.fromkeys(tried if exact else ()):
+        longer = LongerSegments.of(optimum.segments, joined)
+        if longer is None:
+            break
+        of_longer = longer.misfit(misfit)
+        left_out = (misfit.continuity - of_longer.continuity) / optimum.q**2
+        if left_out < most * optimum.noise**2:
+            return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), of_longer
+    return optimum, misfit
+
+
+def in_half_the_samples(
+    optimum: Optimum, misfit: Misfit, filtered: SensorErrors
+) -> tuple[Optimum, Misfit, SensorErrors]:
+    """An optimum whose motion is continuous with every second sample, where what is tested is smooth; otherwise the given one.
+
+    `filtered` is the roughest of the errors that sensors may have.
+    """
+    half = halved(optimum.segments, misfit, optimum.scales, optimum.loss, filtered.values)
+    if half is None:
+        return optimum, misfit, filtered
+    every_second = replace(filtered, values=filtered.values[::2])
+    return replace(optimum, segments=half[0], loss=Gaussian()), half[1], every_second
+
+
+def blocks_in(longer: Segments, shorter: Segments) -> int:
+    """The number of blocks in which longer segments scatter as the shorter ones do; 1 where they have no such blocks.
+
+    Their ends are the same, or there are so many segments in each that one more or less hardly matters.
+    """
+    joined = len(longer.samples) // len(shorter.samples)
+    many = longer.count >= EQUAL * BLOCKS[0]
+    return BLOCKS[0] if many or _same_blocks(shorter.count, joined) else 1
+
+
+def _most_joined(segments: Segments) -> int | None:
+    """How many short segments are joined at most, so that blocks, where there are any, stay the same; None for as usual."""
+    most = _LONGEST if len(segments.system.incidence) < MANY else _LONGEST_OF_MANY
+    for joined in most:
+        if _same_blocks(segments.count, joined):
+            return joined
+    if segments.count > most[-1] * (EQUAL * BLOCKS[0] - 1):
+        return most[-1]
+    return most[0] if len(segments.system.incidence) < MANY else None
+
+
+def _same_blocks(count: int, joined: int) -> bool:
+    """Whether blocks of so many segments `joined` to one end where those of `count` short ones do."""
+    blocks, longer = BLOCKS[0], -(-count // joined)
+    if longer < FEWEST * blocks:
+        return False
+    before, after = (np.array(block_ends(size, blocks))[:-1] for size in (count, longer))
+    return bool(np.max(np.abs(joined * after - before)) <= _BLOCK_SHIFT * count / blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class Overdispersion:
+    """By what `factor` scores of blocks scatter more than their information says, at least 1, in the median of all.
+
+    `scatters`, of (p + f, p + f) each, are the covariances of the slope by the parameters and the amplitudes of the candidates
+    that they give, in the units of these.
+    """
+
+    factor: float
+    scatters: tuple[Floats, ...]
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere
+def overdispersion(optimum: Optimum, forces: Sequence[CandidateForce]) -> Overdispersion | None:
+    """How scores by the parameters of `optimum` and by candidate `forces` scatter; None for too few segments.
+
+    Log likelihoods are divided by the factor (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
+    """
+    segments = optimum.segments
+    if segments.count < FEWEST * BLOCKS[0]:
+        return None
+    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
+    candidates, units = candidate_forces(optimum, misfit, forces)
+    scores = block_scores(
+        segments, misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0], candidates=candidates
+    )
+    if scores is None:
+        return None
+    parameters = segments.system.parameters.size
+    own = parameters + len(forces)
+    in_blocks = [scores.merged(blocks) for blocks in BLOCKS]
+    ratios = [blocks.single_ratios(parameters)[:own] / optimum.noise**2 for blocks in in_blocks]
+    unit = np.concatenate([optimum.scales.theta[:parameters], units]) * optimum.noise**2
+    return Overdispersion(
+        factor=max(1.0, float(np.median(np.max(ratios, axis=0)))),
+        scatters=tuple(_scatter(blocks, own) / np.outer(unit, unit) for blocks in in_blocks),
+    )
+
+
+def _scatter(scores: BlockScores, own: int) -> Floats:
+    """(own, own) covariance of the sum of the scores by the first `own` unknowns, the others following them."""
+    whole, pull = scores.information.sum(axis=0), scores.scores
+    follow = np.linalg.lstsq(whole[own:, own:], whole[own:, :own], rcond=None)[0]
+    left = pull[:, :own] - pull[:, own:] @ follow
+    left -= left.mean(axis=0)
+    blocks = len(left)
+    return np.asarray(left.T @ left * blocks / (blocks - 1))
+
+
+_NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
+"""What the log determinant does not see: a jump, and forces with memory."""
+
+_GROWTH = 1e3  # of a state over a segment, beyond which single precision would lose products of sensitivities
+_HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
+# of a sample squared: what straight lines take off a motion is its second derivative times it
+_STRAIGHT = 1.0 / 12.0
+_NEAR = 0.2  # relative, by which a filter may differ from that and still look like it
+# with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
+_CHANCE = 16.0
+_CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
+_SHIFTED = 3.0  # standard errors that it, or a mass, changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
+_FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
+_LISTED = 3  # hypotheses in a sentence
+_NOTHING_TESTED = " Errors of sensors and missing terms were not tested: at these values the equations for them are singular."
+_CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
+
+
+def diagnose(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
+) -> Diagnosis:
+    """The causes that are significant, that with the largest gain first; `channels` are those of the record.
+
+    All missing terms and links are tested where `terms` is true, and where one of the others is significant, which may
+    stand for one of them.
+    """
+    causes: tuple[Cause, ...] = ()
+    tested, remark = None, ""
+    try:
+        with one_blas_thread():
+            if any(force.ambient for force in fit.random_forces):
+                causes = _missing_terms(fit, identified)
+            else:
+                tested = tested_causes(fit, identified, channels, terms=terms)
+                causes = _significant(tested, fit, identified)
+                if causes and not terms:
+                    tested = tested_causes(fit, identified, channels, terms=True)
+                    causes = _significant(tested, fit, identified)
+                remark = _not_tested(tested, len(fit.values))
+    except np.linalg.LinAlgError:
+        remark = _NOTHING_TESTED
+    conflicts = tuple(_prior_conflicts(fit, identified))
+    # which is the same error of a sensor, told as what it contradicts
+    stated = {conflict.where for conflict in conflicts}
+    others = [
+        cause for cause in causes if f"{cause.kind.removeprefix('force ')} of {cause.where}" not in stated
+    ]
+    return Diagnosis(tuple(sorted((*others, *conflicts), key=likeliest_first)), tested, remark)
+
+
+def likeliest_first(cause: Cause) -> float:
+    """By gain; a force with memory, whose reach is free beside its size, comes after what gains nearly as much."""
+    return (PRICE_OF_REACH if cause.term in MEMORY_TERMS else 0.0) - cause.gain
+
+
+def least_gain(causes: int) -> float:
+    """What the gain of one among so many `causes` exceeds where it is significant."""
+    return _CHANCE + 2.0 * float(np.log(max(causes, 1)))
+
+
+def _prior_conflicts(fit: LikelihoodFit, identified: Structure) -> Iterator[Cause]:
+    """What was known beforehand of a parameter, or of an error of a sensor, and the records contradict."""
+    segments, point = fit.segments, fit.optimum.point
+    if segments.prior is None:
+        return
+    names = [
+        *zip(segments.system.parameters.names, segments.system.parameters.units, strict=True),
+        *((f"offset of {name}", unit_in(identified, name)) for name in fit.offsets),
+        *[("", "")] * sum(disturbance.count for disturbance in fit.disturbances),  # of which nothing is known
+        *((f"gain of {name}", "1") for name in fit.gains),
+        *((f"delay of {name}", "s") for name in fit.delays),
+    ]
+    limit = _CONTRADICTED + 2.0 * np.log(max(segments.prior.count, 1))
+    for number in np.flatnonzero(fit.prior_conflicts > limit).tolist():
+        where, unit = names[number]
+        yield Cause(
+            kind="prior",
+            where=where,
+            size=float(point.border[number] - segments.prior.mean[number]),
+            unit=unit,
+            gain=float(fit.prior_conflicts[number]),
+            standard_error=float(segments.prior.deviation[number]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The significant `causes`, that with the largest gain first, and all that were `tested`.
+
+    The latter is None beside ambient forces, and where the equations are singular. `remark` says what could not be tested.
+    """
+
+    causes: tuple[Cause, ...]
+    tested: TestedCauses | None
+    remark: str = ""
+
+
+def _not_tested(tested: TestedCauses, parameters: int) -> str:
+    """A sentence on the hypotheses whose effect is not finite, which have no score; empty where all have one."""
+    finite = finite_columns(tested.curvature, tested.slope, tested.scatter, parameters)
+    names = [
+        f"{hypothesis.term or hypothesis.kind} in {hypothesis.where}"
+        for hypothesis, is_finite in zip(tested.hypotheses, finite, strict=True)
+        if not is_finite
+    ]
+    listed = (
+        f"{', '.join(names[:_LISTED])}{f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''}"
+    )
+    return f" Not tested, since the motion makes them infinite: {listed}." if names else ""
+
+
+def tested_causes(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
+) -> TestedCauses:
+    """Errors of sensors, masses and forces, and missing terms, all of these and missing links only where `terms` is true.
+
+    Raises numpy.linalg.LinAlgError where the equations are singular.
+    """
+    try:
+        tested, growth = _tested_in(in_longer_segments(fit, longest=True), fit, identified, channels, terms)
+        if growth <= _GROWTH:
+            return tested
+    except np.linalg.LinAlgError:
+        pass
+    return _tested_in(in_longer_segments(fit), fit, identified, channels, terms)[0]
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
+def _tested_in(
+    longer: tuple[Optimum, Misfit],
+    fit: LikelihoodFit,
+    identified: Structure,
+    channels: Sequence[Channel],
+    terms: bool,
+) -> tuple[TestedCauses, float]:
+    """The tests of a fit in segments of its own or longer ones, and by how much the states grow in these."""
+    optimum, misfit = longer
+    filtered = common_filter(optimum.segments, misfit)
+    if optimum is not fit.optimum:
+        optimum, misfit, filtered = in_half_the_samples(optimum, misfit, filtered)
+    hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
+    errors = SensorErrors.of(optimum.segments, misfit)
+    shown = [name for name in channels if not name.is_input]
+    hypotheses += [
+        Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
+        for kind, channel, source in zip(
+            errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True
+        )
+    ]
+    columns = TestedColumns.separate(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
+    cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.startswith("f:")}
+    measured = [
+        k for k, lacking in enumerate(hypotheses) if lacking.kind == "term" and lacking.where in cells
+    ]
+    if measured:
+        channels_of_cells = [cells[hypotheses[k].where] for k in measured]
+        columns = columns.with_load_cells(measured, channels_of_cells, optimum.segments.tangent_refine)
+    hypotheses.append(Hypothesis("filter", "all channels"))
+    columns = columns.with_sum(filtered)
+    of_base = BaseErrors.of(optimum, misfit)
+    if of_base is not None:
+        base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
+        hypotheses += [Hypothesis(kind, base) for kind in BASE_ERRORS]
+        columns = columns.with_base(of_base)
+    shapes = ShapeErrors.of(optimum, misfit, identified, channels) if identified.hosts else None
+    if shapes is not None:
+        hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
+        columns = columns.with_shapes(shapes)
+    damping = DampingErrors.of(optimum, misfit, identified) if identified.hosts else None
+    if damping is not None:
+        hypotheses += [Hypothesis(BETWEEN_MODES, link) for link in damping.links]
+        columns = columns.with_damping(damping)
+    blocks = blocks_in(longer[0].segments, fit.segments)
+    augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
+    curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
+    named = in_units_of(hypotheses, identified)
+    equations, of_sensors = (curvature, slope, scatter), (errors, filtered)
+    tested = TestedCauses(named, columns.units, *equations, *of_sensors, augmented.model, longer)
+    return tested, augmented.growth
+
+
+@np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
+def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
+    optimum, hypotheses, misfit, tests = fit.optimum, tested.hypotheses, fit.misfit, tested.tests
+    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
+    kinds = [hypothesis.kind for hypothesis in hypotheses]
+    relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
+    small = ~relative | (np.abs(sizes) < LARGEST)
+    at_filter = kinds.index("filter")
+    limit = least_gain(len(gains))
+    significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
+    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)
+    if significant[at_filter]:
+        attenuation = sizes[at_filter] * relative_to_gain(tested.filtered, tested.errors)
+        significant[at_filter] = 0.0 < attenuation < LARGEST
+    scaled = replace(
+        tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
+    )
+    forces = _force_of_links(optimum, misfit, identified) if significant.any() else {}
+    causes = (
+        replace(
+            _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
+            remark=_remark(hypotheses[number], sizes[number], optimum),
+        )
+        for number in np.flatnonzero(significant).tolist()
+    )
+    return tuple(cause for cause in causes if cause.gain > limit or cause.shift > _SHIFTED)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # as in `_significant`
+def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
+    """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
+    optimum, misfit = fit.optimum, fit.misfit
+    hypotheses, forces = missing_terms(identified)
+    candidates, norms = candidate_forces(optimum, misfit, forces)
+    augmented = augmented_quadratic(optimum, misfit, candidates)
+    curvature, slope = augmented.curvature, augmented.slope.copy()
+    parameters = optimum.segments.system.parameters.size
+    deviations = single_tests(curvature, slope, curvature, parameters).deviations
+    masses = [force.where.removeprefix("force:") for force in fit.random_forces]
+    smooth = [number for number, hypothesis in enumerate(hypotheses) if hypothesis.term not in _NO_SLOPE]
+    slopes = determinant_slopes(
+        optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
+    )
+    slope[parameters + np.array(smooth)] += slopes * norms[smooth]
+    tests = single_tests(curvature, slope, curvature, parameters)
+    powers = _force_of_links(optimum, misfit, identified)
+    present = {link.name: linear_terms(link) for link in identified.links}
+    return tuple(
+        _cause(hypotheses[number], tests, number, powers)
+        for number in sorted(smooth, key=lambda number: -tests.gains[number])
+        if tests.gains[number] > least_gain(len(smooth))
+        and hypotheses[number].term not in present[hypotheses[number].where]  # which rounding alone leaves
+    )
+
+
+def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
+    """The cause with its effect on the coefficients, by their `scaled` changes (p,); those at a bound stay."""
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    determined = np.flatnonzero(fit.free & (errors > 0.0))
+    if not len(determined):
+        return cause
+    errors, values = errors[determined], fit.values[determined]
+    changes = scaled[determined] * fit.optimum.scales.theta[determined]
+    shifts = np.abs(changes) / errors
+    before, after = values / errors, (values + changes) / errors
+    overturned = (
+        (np.abs(before) > _FROM_ZERO) & (np.sign(before) * after < _FROM_ZERO) & (shifts > _FROM_ZERO)
+    )
+    names = [fit.segments.system.parameters.names[number] for number in determined]
+    return replace(
+        cause,
+        shift=float(np.max(shifts)),
+        shifted=names[int(np.argmax(shifts))],
+        overturned=tuple(
+            name for name, is_overturned in zip(names, overturned, strict=True) if is_overturned
+        ),
+    )
+
+
+def _shows_noise(optimum: Optimum) -> bool:
+    """Whether sensors show noise of the base directly, which a filter would seem to take off."""
+    return optimum.segments.random is not None and optimum.segments.random.shown is not None
+
+
+def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> dict[str, float]:
+    """Root mean square of the force in each link, in N; random forces, which come last among the links, left out."""
+    sizes = link_forces(optimum, misfit)[: len(identified.links)]
+    return dict(zip((link.name for link in identified.links), sizes, strict=True))
+
+
+def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
+    sample = float(optimum.segments.step[0]) * optimum.segments.refine
+    if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
+        return "half a sample, as of a force that is held between its samples"
+    if hypothesis.kind == "filter" and abs(size / (_STRAIGHT * sample**2) - 1.0) < _NEAR:
+        inputs = optimum.segments.inputs
+        driven = any(part is not None for part in (inputs.force, inputs.base, inputs.frame, inputs.points))
+        return "as of an input that runs in straight lines between its samples" if driven else ""
+    if hypothesis.term in MEMORY_TERMS:
+        return f"which laws with memory have, such as {MEMORY_TERMS[hypothesis.term]}"
+    return ""
+
+
+def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:
+    force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
+    scale = (
+        0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
+    )  # stiffness follows its square
+    size = scale * float(tests.sizes[number])
+    return Cause(
+        kind=hypothesis.kind,
+        where=hypothesis.where,
+        size=size,
+        unit=hypothesis.unit,
+        gain=float(tests.gains[number]),
+        standard_error=scale * float(tests.deviations[number]),
+        term="" if hypothesis.kind == "frequency" else hypothesis.term,
+        source=hypothesis.source,
+        share=abs(size) / float(force) if force > 0.0 else 0.0,
+    )
+
+
+def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
+    """Root mean square of the force in each link along the fitted motion, in N, in the structure's order."""
+    mechanics, orbit = optimum.segments.system.at(optimum.point.theta), misfit.trajectories
+    d, v = orbit.links[:, 0], orbit.links[:, 1]
+    force, rates = np.empty(d.shape), np.empty(orbit.memory.shape)
+    mechanics.force(d, v, orbit.memory, force, rates)
+    power = np.mean(force**2, axis=(0, 2))
+    sizes = np.empty(len(power))
+    sizes[optimum.segments.system.order] = np.sqrt(power)
+    return list(sizes)
+
+
+def _forces(
+    optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
+) -> tuple[list[Hypothesis], CandidateForces, Floats]:
+    """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
+    estimated = optimum.segments.system.parameters.names
+    hypotheses, forces = (missing_forces if terms else usual_terms)(identified, estimated)
+    of_terms, _ = candidate_forces(optimum, misfit, forces)
+    of_errors, errors, units = force_errors(optimum, misfit, identified)
+    sizes = np.ones(len(forces))  # of a term: the root mean square of its force, which is its scale here
+    return hypotheses + of_errors, of_terms.joined(errors), np.concatenate([sizes, units])

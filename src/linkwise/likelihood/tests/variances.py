@@ -1,0 +1,569 @@
+"""The score of the variance of something random, from draws of what is there without it.
+
+Slopes of half the cost by what is random have a covariance under the rest of the noise. Their sum of squares has a mean and a
+scatter that draws of that noise give; its excess is the score of the variance. Variances that were found from the same
+residuals leave less of it: what their own scores explain of it is subtracted (the efficient score).
+
+References
+----------
+C. R. Rao, Proc. Camb. Phil. Soc. 44, 50 (1948), for score tests; X. Lin, Biometrika 84, 309 (1997), for those of variances.
+
+E. S. Pearson, Biometrika 46, 364 (1959), for a sum of squares as a chi-square of the same three first moments.
+
+Whether ambient forces are white and independent of each other, as they are taken to be.
+
+Laws take up what forces differ by from white ones: behind a wind that falls off with the frequency a damper comes out three
+times as large, and each stiffness by tens of its standard errors too small. The slopes of the cost by the forces have a
+spectrum that draws of white and independent forces give, with states and coefficients following. In the band in which the
+structure moves, the spectrum of the record must be the same multiple of it everywhere, and the forces on two masses must have
+no more in common than their draws. Beyond that band forces hardly matter to the laws, and are seldom white.
+
+References
+----------
+P. Whittle, Ark. Mat. 2, 423 (1953), for the likelihood of a spectrum: its ordinates are independent and exponential.
+
+Noise of the channels of inputs, which nobody stated: whether the residuals of exact laws show it.
+
+Noise of an input kicks the masses, and the structure rings where it resonates. There are few residuals in a band so narrow,
+and they hardly stand out among all, but they are the ones that a damping is judged by. The multiplier of each defect is the
+slope of the cost by a kick there. Under noise of sensors alone the sum of squares of these slopes has a mean and a scatter
+that draws of such noise give, with states and coefficients following; its excess is the score of the variance of the kicks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+import scipy
+from scipy.linalg import lapack
+
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.estimates.causes import Cause, RandomForceEstimate
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.linear_model import eliminated_rows
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.model.structure import Structure
+from linkwise.records.channel import BASE
+from linkwise.records.channel_units import unit_in
+from linkwise.runtime import one_blas_thread
+
+_APART = 0.02  # of a score that is left beside those of variances found: with less the record does not distinguish them
+
+
+@dataclass(frozen=True, eq=False)
+class SquareSum:
+    """A sum of squares of slopes, its `total`, and the `products` (d, d) of those of draws."""
+
+    total: float
+    products: Floats
+
+    @classmethod
+    def of(cls, slopes: Floats, draws: Floats) -> SquareSum:
+        """From slopes (K,), and those (K, d) of draws."""
+        return cls(float(slopes @ slopes), draws.T @ draws)
+
+    def plus(self, added: SquareSum, weight: float) -> SquareSum:
+        """The sum with another one times a weight."""
+        return SquareSum(self.total + weight * added.total, self.products + weight * added.products)
+
+    def with_other(self, second: SquareSum) -> float:
+        """Half the covariance of both, from products of different draws."""
+        count = len(self.products)
+        both = self.products * second.products
+        return float(both.sum() - np.trace(both)) / (count * (count - 1))
+
+
+@dataclass(frozen=True)
+class VarianceScore:
+    """Of a variance: its `normal` score, the standard `deviation` that follows from it, and the `error` of its square.
+
+    Attributes
+    ----------
+    excess : float
+        The score: the sum of squares less its mean.
+    gain : float
+        What the variance would take off -2 log likelihood.
+    """
+
+    normal: float
+    deviation: float
+    error: float
+    excess: float
+    gain: float
+
+    @classmethod
+    def of(cls, tested: SquareSum, estimated: Sequence[SquareSum] = ()) -> VarianceScore | None:
+        """From the sums of squares of what is tested, and of what has variances that were found.
+
+        None where kicks move nothing, or do what those found do. Products of different draws tell the traces of the square
+        and the cube of the covariance of the slopes.
+        """
+        alone = tested.with_other(tested)
+        if estimated:
+            among = np.array([[a.with_other(b) for b in estimated] for a in estimated])
+            weights = np.linalg.lstsq(
+                among, np.array([tested.with_other(square_sum) for square_sum in estimated])
+            )[0]
+            for square_sum, weight in zip(estimated, weights.tolist(), strict=True):
+                tested = tested.plus(square_sum, -weight)
+        products = tested.products.copy()
+        count = len(products)
+        excess = tested.total - float(np.trace(products)) / count
+        square = tested.with_other(tested)
+        np.fill_diagonal(products, 0.0)
+        cube = float(np.trace(products @ products @ products)) / (count * (count - 1) * (count - 2))
+        if square <= _APART * alone:
+            return None
+        return cls(
+            normal=normal_score(excess, square, cube),
+            deviation=float(np.sqrt(max(excess, 0.0) / square)),
+            error=float(np.sqrt(2.0 / square)),
+            excess=excess,
+            gain=_gain(excess, square, cube),
+        )
+
+
+def _gain(excess: float, square: float, cube: float) -> float:
+    """What a variance takes off -2 log likelihood, the sum of squares being a chi-square of the same moments."""
+    if cube <= 0.0:
+        return 0.5 * excess**2 / square
+    freedom = square**3 / cube**2
+    ratio = max(1.0 + excess / (cube / square * freedom), np.finfo(float).tiny)
+    return float(freedom * (ratio - 1.0 - np.log(ratio)))
+
+
+def normal_score(excess: float, square: float, cube: float) -> float:
+    """The normal score of the `excess` over its mean of a sum of squares, by traces of powers of their covariance.
+
+    Of many slopes draws may tell a `cube` that is not positive; their sum is then normal.
+    """
+    if cube <= 0.0:
+        return excess / float(np.sqrt(2.0 * square))
+    freedom, scale = square**3 / cube**2, cube / square
+    half, place = 0.5 * freedom, 0.5 * max(excess / scale + freedom, 0.0)
+    below, above = float(scipy.special.gammainc(half, place)), float(scipy.special.gammaincc(half, place))
+    if above > 0.0:
+        chance = float(np.log1p(-below) if below < 0.5 else np.log(above))
+    else:  # below the least number: the first term of the incomplete gamma function far out
+        chance = (half - 1.0) * float(np.log(place)) - place - float(scipy.special.gammaln(half))
+    return -float(scipy.special.ndtri_exp(chance))
+
+
+SPECTRAL_KINDS = ("coloured force", "correlated forces")
+"""Kinds of causes; what else a structure lacks makes forces seem so, too, and is told before them."""
+
+UNSTEADY = "unsteady force"
+"""The kind of cause of a force whose level changes with time: terms that follow the motion seem to be missing then."""
+
+BEHIND_FILTER = ", as behind a filter against aliasing"
+"""Ends the remark on a force of which accelerations show nothing near half the sampling rate."""
+
+_BANDS = 6  # of the same width, up to the end of the motion
+_FEWEST = 8  # frequencies in a band: of fewer the spectrum is too rough to be judged
+_MOTION = 0.99  # of the kinetic energy lies below the frequency where the motion ends ...
+_BEYOND = 1.5  # ... and dampers and stiffnesses are still told a little further
+_SIGNIFICANT = 4.0  # a normal score, as one force in 30 000 gives by chance, or one pair in 15 000
+_SIZEABLE = 0.1  # of the density, by root mean square, or of the correlation: less moves laws by a standard error or so
+_ROLLED_OFF = 0.5  # of the mean density: less in the last band is a filter's
+_FEWEST_PARTS, _MOST_PARTS = 5, 50  # of the records, in which the level of a force is compared
+_FREEDOM = 16.0  # degrees of freedom of the level in a part
+_UNSTEADY = 0.46  # of the square of the density, by root mean square: intervals are too narrow by a tenth
+
+
+def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
+    """Causes of what ambient forces that are not white, not independent, or not steady, leave.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit with random forces.
+    slopes : array of shape (r, K, 1 + d)
+        Slopes of the cost by the random forces in each segment, in their deviations; and those of d draws.
+
+    Returns
+    -------
+    tuple of Cause
+        Those of `SPECTRAL_KINDS`, and of the kind `UNSTEADY`, that are significant.
+    """
+    forces, random = fit.random_forces, fit.optimum.segments.random
+    assert random is not None
+    ambient = [
+        number
+        for number, force in enumerate(forces)
+        if force.ambient and random.present[number] and force.upper_limit is None  # else it may be chance
+    ]
+    parts = _Band.of_records(fit)
+    if not ambient or sum(band.count for band in parts) < _BANDS * _FEWEST:
+        return ()
+    spectra = [
+        np.concatenate([band.spectrum(slopes[number]) for band in parts], axis=0) for number in ambient
+    ]
+    places = np.concatenate([band.places() for band in parts])
+    highest = max(band.highest for band in parts)
+    named = [forces[number] for number in ambient]
+    shown = fit.optimum.segments.centred
+    coloured = _coloured(named, spectra, places, highest, of_accelerations=shown)
+    unsteady = _unsteady(named, [slopes[number] ** 2 for number in ambient])
+    return (*coloured, *_correlated(named, spectra), *unsteady)
+
+
+def _coloured(
+    forces: Sequence[RandomForceEstimate],
+    spectra: Sequence[Floats],
+    places: Indices,
+    highest: float,
+    *,
+    of_accelerations: bool,
+) -> Iterator[Cause]:
+    """Forces whose `spectra` (F, 1 + d), at the `places` (F,) in bands, are no multiples of those of white ones."""
+    count = np.bincount(places, minlength=_BANDS).astype(float)
+    if count.min() < _FEWEST:
+        return
+    for force, spectrum in zip(forces, spectra, strict=True):
+        powers = np.abs(spectrum) ** 2
+        expected = np.bincount(places, powers[:, 1:].mean(axis=1), _BANDS)
+        if not np.all(expected > 0.0):
+            continue
+        ratio = np.maximum(np.bincount(places, powers[:, 0], _BANDS) / expected, np.finfo(float).tiny)
+        ratio *= count.sum() / (count @ ratio)
+        gain = -2.0 * float(count @ np.log(ratio))
+        size = float(np.sqrt(count @ (ratio - 1.0) ** 2 / count.sum()))
+        freedom = _BANDS - 1.0
+        if normal_score(gain - freedom, freedom, freedom) > _SIGNIFICANT and size > _SIZEABLE:
+            remark = (
+                f"its density is {ratio.min():.2g} to {ratio.max():.2g} times its mean below {highest:.3g} Hz"
+            )
+            if of_accelerations and ratio[-1] < _ROLLED_OFF:
+                remark += BEHIND_FILTER
+            error = float(1.0 / np.sqrt(count.sum()))
+            yield Cause(SPECTRAL_KINDS[0], force.where, size, "1", gain, error, remark=remark)
+
+
+def _correlated(forces: Sequence[RandomForceEstimate], spectra: Sequence[Floats]) -> Iterator[Cause]:
+    """Pairs of forces whose `spectra` (F, 1 + d) have more in common than those of independent ones."""
+    powers = [float(np.sum(np.abs(spectrum[:, 0]) ** 2)) for spectrum in spectra]
+    for first, second in combinations(range(len(forces)), 2):
+        common = np.sum((spectra[first].conj() * spectra[second]).real, axis=0)
+        excess, scatter = common[0] - common[1:].mean(), common[1:].std()
+        whole = max(float(np.sqrt(powers[first] * powers[second])), np.finfo(float).tiny)
+        correlation = float(excess / whole)
+        if abs(excess) > _SIGNIFICANT * scatter and abs(correlation) > _SIZEABLE:
+            gain = -2.0 * len(spectra[first]) * float(np.log1p(-min(correlation**2, 1.0 - 1e-12)))
+            where, source, error = forces[first].where, forces[second].where, float(scatter / whole)
+            yield Cause(SPECTRAL_KINDS[1], where, correlation, "1", gain, error, source=source)
+
+
+def _unsteady(forces: Sequence[RandomForceEstimate], squares: Sequence[Floats]) -> Iterator[Cause]:
+    """Forces whose `squares` of slopes (K, 1 + d) are in some parts of the records another multiple of those of steady ones.
+
+    Intervals of laws are too narrow then by the root of 1 + size^2, as the strongest parts tell most.
+    """
+    for force, square in zip(forces, squares, strict=True):
+        drawn = _in_parts(square[:, 1:], _FEWEST_PARTS)
+        freedom = 2.0 * float(
+            np.sum(drawn.mean(axis=1) ** 2) / max(np.sum(drawn.var(axis=1)), np.finfo(float).tiny)
+        )
+        count = int(min(_FEWEST_PARTS * freedom / _FREEDOM, _MOST_PARTS, len(square)))
+        if count < _FEWEST_PARTS:
+            continue
+        freedom *= _FEWEST_PARTS / count
+        sums = _in_parts(square, count)
+        ratio = np.maximum(sums[:, 0] / sums[:, 1:].mean(axis=1), np.finfo(float).tiny)
+        ratio /= ratio.mean()
+        gain = -freedom * float(np.log(ratio).sum())
+        size = float(np.sqrt(max(np.mean((ratio - 1.0) ** 2) - 2.0 / freedom, 0.0)))
+        if normal_score(gain - (count - 1.0), count - 1.0, count - 1.0) > _SIGNIFICANT and size > _UNSTEADY:
+            low, high = np.sqrt([ratio.min(), ratio.max()])
+            remark = f"its density is {low:.2g} to {high:.2g} times its root mean square in {count} parts of the record"
+            yield Cause(
+                UNSTEADY, force.where, size, "1", gain, float(np.sqrt(2.0 / (freedom * count))), remark=remark
+            )
+
+
+def _in_parts(values: Floats, count: int) -> Floats:
+    """(count, ...) sums of values (K, ...) in parts of about equal length."""
+    return np.add.reduceat(values, np.arange(count) * len(values) // count)
+
+
+class _Band:
+    """The frequencies of one record, `start` to `stop` among its segments, in which its structure moves."""
+
+    def __init__(self, fit: LikelihoodFit, start: int, stop: int) -> None:
+        segments, point = fit.optimum.segments, fit.optimum.point
+        n = len(segments.system.incidence)
+        self._part = slice(start, stop)
+        velocities = np.fft.rfft(point.nodes[n : 2 * n, self._part], axis=1)
+        energy = np.cumsum(segments.system.at(point.theta).masses @ np.abs(velocities) ** 2)
+        end = int(np.searchsorted(energy, _MOTION * energy[-1]))
+        whole = len(energy) - 1
+        # accelerations show the forces themselves, and tell their level by all frequencies
+        self.count = whole if segments.centred else min(int(_BEYOND * end), whole)
+        step = float(segments.step[start] * segments.refine * len(segments.samples))
+        self.highest = self.count / ((stop - start) * step)
+
+    @classmethod
+    def of_records(cls, fit: LikelihoodFit) -> list[_Band]:
+        """Those of each record."""
+        ends = np.flatnonzero(~fit.optimum.segments.linked) + 1
+        edges = [0, *ends.tolist(), fit.optimum.segments.count]
+        return [cls(fit, start, stop) for start, stop in pairwise(edges)]
+
+    def spectrum(self, slopes: Floats) -> Floats:
+        """(F, 1 + d) the complex spectrum of slopes (K, 1 + d), but for their mean."""
+        series = np.moveaxis(slopes[self._part], 1, 0)
+        return np.stack([np.fft.rfft(drawn)[1 : self.count + 1] for drawn in series], axis=1)
+
+    def places(self) -> Indices:
+        """(F,) in which of the bands each frequency lies."""
+        return np.arange(self.count) * _BANDS // max(self.count, 1)
+
+
+# of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
+DRAWS = 64
+SEED = 20200
+_RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
+SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance
+_HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
+_MANY, _FEW = (
+    20_000,
+    16,
+)  # segments from which so few of the draws are followed at once, which takes a quarter of the memory
+_ENOUGH = 60_000  # segments in which such noise is looked for
+_AT_ONCE = 4_000_000  # numbers in the steps of the states, or the noise of sensors, of one part of the draws
+LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
+
+
+@dataclass(frozen=True, eq=False)
+class InputNoise:
+    """What residuals say of the noise of a `channel` of an input, whose root mean square is `rms`.
+
+    Attributes
+    ----------
+    pattern : array of shape (K - 1, n)
+        Kicks in m/s that noise of size one gives the masses at the nodes.
+    score : VarianceScore
+        That of its variance.
+    """
+
+    channel: str
+    rms: float
+    pattern: Floats
+    score: VarianceScore
+    unit: str
+
+    @property
+    def description(self) -> str:
+        """In words, with its size."""
+        return f"noise of {self.channel} of {self.score.deviation:.3g} {self.unit}"
+
+    @property
+    def cause(self) -> Cause | None:
+        """The noise as a cause of the residuals, where it is significant and small enough to be noise."""
+        score = self.score
+        if score.normal < SIGNIFICANT or score.deviation > LARGEST * self.rms:
+            return None
+        return Cause(
+            kind="input noise",
+            where=self.channel,
+            size=score.deviation,
+            unit=self.unit,
+            gain=score.gain,
+            standard_error=0.5 * score.error / score.deviation,
+        )
+
+
+def noise_of_inputs(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str]
+) -> tuple[InputNoise, ...]:
+    """What the residuals of exact laws say of the noise of each input among `channels`; nothing for other fits."""
+    optimum = fit.optimum
+    exact = fit.model_error == 0.0 and not fit.random_forces and isinstance(optimum.loss, Gaussian)
+    if not exact or identified.hosts or identified.size >= MANY:
+        return ()
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    inputs = list(input_kicks(optimum, misfit, identified, channels))
+    if not inputs:
+        return ()
+    try:
+        with one_blas_thread():
+            multipliers = _multipliers(*_beginning(optimum, misfit), free_of_bounds(fit))
+    except np.linalg.LinAlgError:
+        return ()
+    estimates = []
+    for channel, rms, pattern in inputs:
+        slopes = np.einsum("kn,knr->kr", pattern[: len(multipliers)], multipliers)
+        score = VarianceScore.of(SquareSum.of(slopes[:, 0], slopes[:, 1:]))
+        if score is not None:
+            estimates.append(InputNoise(channel, rms, pattern, score, unit_in(identified, channel)))
+    return tuple(estimates)
+
+
+def for_noise_of_inputs(
+    fit: LikelihoodFit, input_noises: Sequence[InputNoise]
+) -> tuple[InputNoise, Floats] | None:
+    """The input whose noise the residuals hint at, and the covariance (p, p) that it adds to the parameters.
+
+    Its variance is taken as one standard error above the value from the score. None where nothing hints at such noise.
+    """
+    hinted = [
+        candidate
+        for candidate in input_noises
+        if candidate.score.normal > _HINT and candidate.score.deviation < LARGEST * candidate.rms
+    ]
+    if not hinted:
+        return None
+    noise, optimum = max(hinted, key=lambda candidate: candidate.score.normal), fit.optimum
+    segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
+    misfit = evaluate(segments, optimum.point, scales, optimum.loss)
+    free, p = free_of_bounds(fit), len(fit.values)
+    with one_blas_thread():
+        factor = linearise(segments, misfit, scales, optimum.loss).equations(_RELAXED).factor()
+        rows = eliminated_rows(segments, misfit, scales, optimum.loss, _RELAXED)
+        if factor is None or rows is None:
+            return None
+        kicks = np.zeros((segments.count, n))
+        kicks[:-1] = noise.pattern / scales.state[n : 2 * n] / _RELAXED
+        pulls = np.concatenate(
+            [np.einsum("knp,kn->kp", chunk.defects[:, n : 2 * n], kicks[chunk.part]) for chunk in rows]
+        )
+    inverse = np.zeros((len(free), len(free)))
+    inverse[np.ix_(free, free)] = np.linalg.inv(factor.schur[np.ix_(free, free)])
+    moved = (pulls @ inverse)[:, :p] * scales.theta[:p]
+    return noise, np.asarray((noise.score.deviation**2 + noise.score.error) * (moved.T @ moved))
+
+
+def _beginning(optimum: Optimum, misfit: Misfit) -> tuple[Optimum, Misfit]:
+    """The optimum and its misfit in the beginning of a long record, whose residuals tell the noise of inputs well enough."""
+    if optimum.segments.count <= _ENOUGH or misfit.clipped is not None:
+        return optimum, misfit
+    segments, point = optimum.segments.chosen(np.arange(_ENOUGH)), optimum.point
+    point = replace(point, nodes=point.nodes[:, :_ENOUGH])
+    return replace(optimum, segments=segments, point=point), misfit.part(slice(0, _ENOUGH))
+
+
+def free_of_bounds(fit: LikelihoodFit) -> Bools:
+    """(P,) whether an unknown of the border is not at a bound."""
+    free = np.ones(fit.optimum.segments.parameters, dtype=bool)
+    free[: len(fit.free)] = fit.free
+    return free
+
+
+def input_kicks(
+    optimum: Optimum, misfit: Misfit, identified: Structure, channels: Sequence[str]
+) -> Iterator[tuple[str, float, Floats]]:
+    """Each input with its root mean square, and the kick (K - 1, n) in m/s that its noise of size one gives at the nodes."""
+    segments, inputs = optimum.segments, optimum.segments.inputs
+    mechanics = segments.system.at(optimum.point.theta)
+    length = (segments.step * segments.refine * np.sqrt(len(segments.samples)))[:-1, None]
+    if inputs.frame is not None and f"a:{BASE}" in channels:
+        size = float(np.sqrt(np.mean(inputs.frame[:, 0] ** 2)))
+        yield f"a:{BASE}", size, length * np.ones(identified.size)
+    if inputs.base is not None:
+        d, v = misfit.trajectories.links[0]
+        slopes = mechanics.partials(d, v, misfit.trajectories.memory[0])
+        pulls = mechanics.gain @ (segments.system.base[:, None] * slopes.by_d)
+        yield f"x:{BASE}", float(np.sqrt(np.mean(inputs.base[:, 0, 0] ** 2))), length * pulls.T[:-1]
+    for number, name in enumerate(identified.mass_names):
+        if f"force:{name}" not in channels or inputs.force is None:
+            continue
+        applied = inputs.applied(mechanics, slice(None))[:, 0, number]
+        if inputs.frame is not None:
+            applied = applied + mechanics.masses[number] * inputs.frame[:, 0]
+        pattern = np.eye(identified.size)[number] / mechanics.masses[number]
+        yield f"force:{name}", float(np.sqrt(np.mean(applied**2))), length * pattern
+
+
+def _multipliers(optimum: Optimum, misfit: Misfit, free: Bools) -> Floats:
+    """(K - 1, n, 1 + draws) slopes of half the cost by kicks of the masses at the nodes, in s/m.
+
+    Those of the residuals first, then those of draws of noise of the same size; unknowns of the border follow where `free`.
+    """
+    segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
+    linear = linearise(segments, misfit, scales, optimum.loss)
+    equations = linear.equations(_RELAXED)
+    factor = equations.factor()
+    if factor is None:
+        raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
+    kicked = np.empty((segments.count - 1, n, 1 + DRAWS))
+    draws = DRAWS if segments.count < _MANY else _FEW
+    rng = np.random.default_rng(SEED)
+    for first in range(0, DRAWS, draws):
+        nodes, border = _gradients(optimum, misfit, len(equations.corner), draws, rng)
+        for columns in at_once(1 + draws, nodes[..., 0].size):
+            steps = steps_of(factor, free, nodes[..., columns], border[:, columns])
+            places = np.arange(columns.start, columns.stop)
+            places[places > 0] += first
+            kicked[..., places] = changes_of_defects(linear, *steps)[:, n : 2 * n]
+    kicked /= _RELAXED**2
+    kicked /= scales.state[n : 2 * n, None]
+    return kicked
+
+
+def at_once(count: int, size: int) -> list[slice]:
+    """Parts of `count` things of `size` numbers each, that take little memory together."""
+    width = max(_AT_ONCE // max(size, 1), 1)
+    return [slice(first, min(first + width, count)) for first in range(0, count, width)]
+
+
+def _gradients(
+    optimum: Optimum, misfit: Misfit, unknowns: int, draws: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Slopes by the nodes (K, m, 1 + draws) and by the border (P, 1 + draws) of residuals and of draws of their noise."""
+    segments, m = optimum.segments, optimum.segments.system.dimension
+    nodes, border = np.zeros((segments.count, m, 1 + draws)), np.zeros((unknowns, 1 + draws))
+    drawn = _noise(optimum, misfit, draws, rng)
+    wide_parts = at_once(segments.count, segments.samples[..., 0].size * (1 + draws))
+    for part in min(chunks(segments, unknowns), wide_parts, key=lambda parts: parts[0].stop):
+        rows, _ = whitened_jacobian(segments, misfit, optimum.scales, optimum.loss, part)
+        wide = rows.astype(float)
+        observed = segments.observed[..., part].transpose(2, 0, 1).reshape(len(wide), -1, 1)
+        noise = np.concatenate([wide[..., -1:], observed * drawn(part)], axis=2)
+        nodes[part] = wide[..., :m].transpose(0, 2, 1) @ noise
+        border += np.einsum("krp,krd->pd", wide[..., m:-1], noise)
+    return nodes, border
+
+
+def _noise(
+    optimum: Optimum, misfit: Misfit, draws: int, rng: np.random.Generator
+) -> Callable[[slice], Floats]:
+    """Draws (k, M C, draws) of the noise of sensors in k segments: as large as the residuals, or as coloured as was found."""
+    segments = optimum.segments
+    M, C, K = segments.samples.shape
+    if optimum.coloured is None:
+        samples = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+        sizes = np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
+        return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, draws))).reshape(
+            -1, M * C, draws
+        )
+    whole = np.empty((K, M, C, draws), np.float32)
+    for channel in range(C):
+        series = optimum.coloured.drawn(rng.standard_normal((K * M, draws)), channel)
+        whole[:, :, channel] = series.reshape(K, M, draws)
+    return lambda part: whole[part].reshape(-1, M * C, draws).astype(float)
+
+
+def steps_of(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
+    """Solutions (K, m, d) and (P, d) of the equations for right-hand sides of the same shapes, zero where not `free`."""
+    P, d = border.shape
+    columns = factor.forward[..., :P].reshape(-1, P)
+    forward, _ = lapack.dtbtrs(factor.chol, nodes.reshape(-1, d), uplo="L")
+    solved = np.zeros_like(border)
+    if free.any():
+        right = border - columns.T @ forward
+        solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
+    back, _ = lapack.dtbtrs(factor.chol, forward - columns @ solved, uplo="L", trans="T")
+    return back.reshape(nodes.shape), solved
+
+
+def changes_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
+    """(K - 1, m, d) of the defects by steps of the nodes (K, m, d) and the border (P, d)."""
+    ends = np.einsum("kij,kjd->kid", linear.state_ends, nodes[:-1])
+    ends += linear.right_ends[..., : len(border)] @ border
+    return np.asarray(nodes[1:] * linear.joined[:, :, None] - ends)
