@@ -13,8 +13,7 @@ from linkwise.discovery import screen as module
 from linkwise.discovery.candidates import Candidates, candidates_for
 from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.screen import ScreenResult, screen
-from linkwise.weak.displacements import read_displacements
-from linkwise.weak.integrated_displacements import with_displacements
+from linkwise.weak.displacements import read_displacements, with_displacements
 
 #: The elastic terms of the chain of four masses under the names of the candidates.
 ELASTIC = {"m1-ground.k", "m3-m1.k", "m2-m1.k", "m2-m1.k3", "m4-m3.k", "m4-m3.k3"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from linkwise.weak.banded_triangle import BandedTriangle
+from linkwise.weak.likely_motion import BandedTriangle
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from linkwise.weak.efficient_scores import EfficientScores, efficient_scores
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.fit import WeakFit
-from linkwise.weak.score_tests import significant_score
+from linkwise.weak.tested_terms import significant_score
 
 LINEAR = oscillator("k*d + c*v", k=900.0, c=1.5)
 LAW = "k*d + c*v + F*tanh(v/s)"

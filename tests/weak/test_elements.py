@@ -10,8 +10,7 @@ from structures import harvester, hysteretic_oscillator, link, structure
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
-from linkwise.weak.equations import weak_equations
-from linkwise.weak.residual import weak_residual
+from linkwise.weak.equations import weak_equations, weak_residual
 
 UNKNOWN = lw.Coefficient.unknown
 TRUE = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}

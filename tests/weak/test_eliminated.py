@@ -13,8 +13,7 @@ from structures import harvester, host, hysteretic_oscillator, link, named, stru
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
-from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.residual import weak_residual
+from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 
 START = lw.Coefficient.unknown
 SPRING = {"k": 400.0, "k3": 4e4, "c": 0.5}

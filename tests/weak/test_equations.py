@@ -13,8 +13,7 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
-from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.residual import weak_residual
+from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 from linkwise.weak.window import Window
 
 RATE, SAMPLES = 1000.0, 1200

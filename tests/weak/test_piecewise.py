@@ -11,11 +11,11 @@ from present import some
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.weak import pieces
+from linkwise.weak import judgement
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.fit import assemble_blocks, normal_equations, residual_power, weak_fit
-from linkwise.weak.piecewise import PieceSums, piece_sums
+from linkwise.weak.judgement import PieceSums, piece_sums
 from linkwise.weak.scatter import SlopeStatistics, residual_excess, score_blocks
 
 CHAIN = lw.bnes_chain(4)
@@ -115,6 +115,6 @@ def test_a_bound_that_leaves_no_room_is_the_answer(
         sums = piece_sums(*arguments, least=least)
         return replace(sums, linear=share * sums.linear, quadratic=share * sums.quadratic) if least else sums
 
-    monkeypatch.setattr(pieces, "piece_sums", counted)
-    assert pieces.disagreement(record, ASKED, equations, fit) is None
+    monkeypatch.setattr(judgement, "piece_sums", counted)
+    assert judgement.disagreement(record, ASKED, equations, fit) is None
     assert asked == expected

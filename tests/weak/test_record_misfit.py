@@ -9,7 +9,7 @@ import pytest
 from structures import row_of_masses
 
 import linkwise as lw
-from linkwise.weak.record_misfit import record_misfit
+from linkwise.weak.estimate import record_misfit
 
 LAW = "k*d + c*v"
 ROW = row_of_masses([1.0, 0.5], low=(LAW, {"k": 2000.0, "c": 0.5}), high=(LAW, {"k": 900.0, "c": 0.3}))

@@ -8,8 +8,8 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.residual_noise import ResidualNoise
-from linkwise.weak.smoothed_motion import smoothed_motion
+from linkwise.weak.likely_motion import ResidualNoise
+from linkwise.weak.window import smoothed_motion
 
 SAMPLES = 90
 

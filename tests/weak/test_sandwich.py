@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
-from linkwise.weak.sandwich import sandwich
+from linkwise.weak.scatter import sandwich
 
 
 def symmetric(pairs: list[tuple[int, int]], count: int, seed: int) -> np.ndarray:

@@ -14,8 +14,7 @@ import linkwise as lw
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations
 from linkwise.weak.fit import SIGNIFICANT, weak_fit
-from linkwise.weak.score_tests import significant_score, with_terms
-from linkwise.weak.tested_terms import ScoreTests
+from linkwise.weak.tested_terms import ScoreTests, significant_score, with_terms
 from linkwise.weak.weak_form import WeakPart
 
 

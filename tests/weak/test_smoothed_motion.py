@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.weak.smoothed_motion import smoothed_motion
-from linkwise.weak.window import Window
+from linkwise.weak.window import Window, smoothed_motion
 
 
 @pytest.mark.parametrize("deviation", [1.8, 6.0])

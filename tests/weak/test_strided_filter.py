@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.weak.strided_filter import strided_filter
+from linkwise.weak.window import strided_filter
 
 
 @pytest.mark.parametrize(

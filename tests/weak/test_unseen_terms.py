@@ -10,7 +10,7 @@ import linkwise as lw
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.efficient_scores import efficient_scores
 from linkwise.weak.estimate import weak_search
-from linkwise.weak.priors import with_priors
+from linkwise.weak.fit import with_priors
 
 SINES = "12*sin(20*t) + 8*sin(33*t + 1) + 6*sin(47*t)"
 

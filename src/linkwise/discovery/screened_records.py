@@ -22,9 +22,8 @@ from linkwise.progress import Progress, silent
 from linkwise.records.joining import common_samples
 from linkwise.records.record import Record
 from linkwise.signals.gaps import short_gaps_bridged
-from linkwise.weak.displacements import MeasuredDisplacements, read_densely
+from linkwise.weak.displacements import MeasuredDisplacements, read_densely, with_displacements
 from linkwise.weak.estimate import weak_search
-from linkwise.weak.integrated_displacements import with_displacements
 
 
 @dataclass(frozen=True, eq=False)

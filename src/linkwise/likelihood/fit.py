@@ -38,8 +38,7 @@ from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed, framed_records
 from linkwise.signals.gaps import is_sparse
 from linkwise.weak.displacements import read_displacements
-from linkwise.weak.equations import weak_equations
-from linkwise.weak.residual import weak_residual
+from linkwise.weak.equations import weak_equations, weak_residual
 
 _LARGEST = 0.5  # relative standard error from which a gain is not told
 _COLLINEAR = 1e5

@@ -2,6 +2,8 @@
 
 `patch` defines the equations; this module selects the masses that have one, places their windows, and keeps the smoothed
 motion in the windows.
+
+Residuals of the weak equations of motion.
 """
 
 from __future__ import annotations
@@ -22,9 +24,8 @@ from linkwise.signals.base_frame import frame_acceleration
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
-from linkwise.weak.stretches import Stretches
 from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2, WeakPart, none_alone
-from linkwise.weak.window import Window
+from linkwise.weak.window import Stretches, Window
 
 MIN_WINDOWS = 8  # windows
 _PATCH = 12  # masses: their dense products are cheap, and the terms of most links are shared
@@ -310,3 +311,26 @@ def _require_whole_windows(valid: list[Floats], window: Window) -> None:
             f"too many samples are missing: no mass has {MIN_WINDOWS} complete windows of {window.length} samples; fill "
             "single gaps first, keep the samples that all sensors have, or record again"
         )
+
+
+def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
+    """Residuals of the weak equations as forces.
+
+    Parameters
+    ----------
+    equations : WeakEquations
+        The equations.
+    values : array of shape (p,)
+        The parameters.
+
+    Returns
+    -------
+    array of shape (R, n)
+        Residuals in N; NaN for masses without an equation and windows with missing samples.
+    """
+    residual = np.full(equations.acceleration.T.shape, np.nan)
+    area = np.abs(equations.window.kernels[PHI]).sum()
+    for patch in equations.patches:
+        total = np.where(patch.valid > 0.0, patch.residual(values) / area, np.nan)
+        residual[:, patch.masses] = total.T
+    return residual

@@ -1,10 +1,24 @@
-"""The weak form (METHODS section 4) as a method of identification: regression, search and verdict."""
+"""The weak form (METHODS section 4) as a method of identification: regression, search and verdict.
+
+What the smoothing of rates may have done to coefficients: they change in proportion as rates are smoothed more.
+
+A law that jumps by the rate, as friction, bends the motion within the window that smooths the rate, so that zeros of the rate
+move, by a part of the width of that window. A law that bends is biased by a higher power of it, for which the proportion is a
+bound. Intervals include what it says.
+
+How well a structure explains a record as it stands, to compare what may have been recorded in its place.
+
+A channel of the wrong sign, or in another unit, or in the place of another, leaves residuals that no change of coefficients
+explains. Records that differ by such an error are compared by the likelihood of the weak equations, each with its own
+coefficients and the noise that the channels show.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from math import sqrt
 from typing import ClassVar, final
 
 import numpy as np
@@ -14,6 +28,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import NoiseEstimate, unseen_remark
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.estimates.link_estimate import LinkMotion, extremes
+from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.channel_units import unit_in
@@ -22,14 +37,98 @@ from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements, source_names
-from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.fit import WeakFit, weak_fit
+from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
+from linkwise.weak.fit import WeakFit, normal_equations, residual_power, weak_fit, with_priors
 from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, WeakJudgement, judgement
 from linkwise.weak.layout import structure_layout
-from linkwise.weak.link_forces import link_force
-from linkwise.weak.priors import with_priors
-from linkwise.weak.residual import weak_residual
-from linkwise.weak.smoothed_rates import rated_links, with_smoothing
+from linkwise.weak.likely_motion import link_force
+from linkwise.weak.scatter import SlopeStatistics, noise_power
+from linkwise.weak.tested_terms import first_inertia
+from linkwise.weak.weak_form import weak_law
+from linkwise.weak.window import ORDER, Window
+
+_WIDER = 1.4  # rates are smoothed by test functions of so many times the width: twice the width flattens fast motion
+
+
+def rated_links(structure: Structure) -> list[str]:
+    """The links whose laws need a smoothed rate.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+
+    Returns
+    -------
+    list of str
+        Their names.
+    """
+    return [
+        link.name for link in structure.links if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
+    ]
+
+
+def with_smoothing(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> WeakFit:
+    """The fit with a covariance that includes what the smoothing of rates may have done to it.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure with its unknowns.
+    equations : WeakEquations
+        Its equations on the record.
+    fit : WeakFit
+        Their solution.
+
+    Returns
+    -------
+    WeakFit
+        The fit; as it was where no law needs a smoothed rate, and for structures so large that they have no covariance of
+        all their parameters.
+    """
+    if not (rated_links(structure) and isinstance(fit.covariance, np.ndarray) and fit.free.any()):
+        return fit
+    try:
+        bias = _change(record, structure, equations, fit) / (_WIDER - 1.0)
+    except (
+        IdentificationError
+    ):  # the wider window leaves too few of the samples, or the law is not finite by it
+        return fit
+    return replace(fit, covariance=fit.covariance + np.outer(bias, bias))
+
+
+def _change(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> Floats:
+    """(p,) change of the parameters as rates are smoothed more, to first order, in windows that both smoothings leave."""
+    window, count = equations.window, len(fit.values)
+    rate_window = equations.context.rate_window
+    wide = weak_equations(
+        record,
+        structure,
+        equations.motion,
+        window=window,
+        rate_window=Window.of_deviation(_WIDER * rate_window.half / sqrt(2 * ORDER + 3), window.step),
+        values=dict(zip(equations.parameters, map(float, fit.values), strict=True)),
+    )
+    valid = {mass: patch.valid for patch in wide.patches for mass in patch.masses.tolist()}
+    patches = [patch for patch in equations.patches if len(patch.layout.free_terms)]
+    weights = [1.0 / residual_power(patch, fit.values) for patch in patches]
+    left = []
+    for context in (equations.context, wide.context):
+        shared = [
+            context.patch(masses, np.min([patch.valid, *(valid[mass] for mass in masses)], axis=0))
+            for patch, masses in zip(patches, (patch.masses.tolist() for patch in patches), strict=True)
+        ]
+        normal, right = normal_equations(shared, weights, count)
+        left.append(right - normal @ fit.values)
+    whole, free = np.asarray(normal_equations(patches, weights, count)[0]), fit.free
+    scale = 1.0 / np.sqrt(whole.diagonal()[free])
+    inner = whole[np.ix_(free, free)] * np.outer(scale, scale)
+    change = np.zeros(count)
+    change[free] = scale * np.linalg.solve(inner, scale * (left[1] - left[0])[free])
+    return change
+
 
 _LINKS_AT_ONCE = 16  # whose samples are in memory at a time
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
@@ -280,3 +379,42 @@ def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[st
             "changes fast this biases the values. Intervals include what more smoothing would change, in proportion; method "
             '"ml" avoids it.'
         )
+
+
+_SHARED = 0.5  # neighbouring windows share their noise, so that two count as one
+
+
+def record_misfit(record: Record, structure: Structure) -> float:
+    """-2 log likelihood of the weak equations of a structure in a record, with the coefficients that fit it best.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure, with one unknown at least.
+
+    Returns
+    -------
+    float
+        The misfit, up to a constant that is the same for records that differ by a factor, a shift or the order of their
+        channels: the residuals are those of the accelerations, relative to what was recorded of these.
+
+    Raises
+    ------
+    IdentificationError
+        As `weak_search`.
+    """
+    refuse_memory(structure.links, "the comparison of channels", "their states have no acceleration")
+    equations, fit, _ = weak_search(record, structure, read_displacements(record, structure))
+    misfit = 0.0
+    for patch in equations.patches:
+        statistics = SlopeStatistics.along(patch, equations, fit.values)
+        windows = statistics.stretches.windows[statistics.stretches.inside]
+        power = noise_power(patch, statistics, equations)
+        first = first_inertia(patch.layout)
+        inertia = patch.rows[first : first + len(patch.layout.masses)] * statistics.masses[:, None]
+        recorded = np.maximum(np.mean(inertia**2, axis=1, keepdims=True), np.finfo(float).tiny)
+        terms = patch.residual(fit.values)[:, windows] ** 2 / power + np.log(power / recorded)
+        misfit += equations.thinning * float(np.sum(terms @ patch.valid[windows]))
+    return _SHARED * misfit

@@ -1,23 +1,41 @@
 """Layout of weak equations, from the structure alone: their terms, the parameters of these, and where they act.
 
 It is computed once per structure, so that a study of many records of one structure does not repeat it.
+
+Terms of the laws of links, evaluated on a record: functions of the noisy elongations.
+
+What a change of the a of an eliminated state adds to weak equations.
+
+Under psi = -phi' - a phi the balance B of a mass, without the state, is int psi B + int phi p g0 = 0 (`elements`). Its
+derivative with respect to a is - int phi B: minus the same terms under phi and its derivatives, with their present
+coefficients. These sums are rows like others, with the noise of what they are sums of, so that products of them and of others
+lose their bias by the same map.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.errors import IdentificationError
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
-from linkwise.weak.displacements import MeasuredDisplacements
-from linkwise.weak.elements import Element, Elimination, elements_of
-from linkwise.weak.patch_layout import GroupTerms, PatchLayout, TermCoefficients, WeakLawGroup
-from linkwise.weak.weak_form import INNER, PHI, PHI_2, WeakPart, weak_law
+from linkwise.weak.displacements import Element, Elimination, MeasuredDisplacements, elements_of
+from linkwise.weak.weak_form import (
+    INNER,
+    PHI,
+    PHI_2,
+    GroupTerms,
+    PatchLayout,
+    TermCoefficients,
+    WeakLawGroup,
+    WeakPart,
+    weak_law,
+)
 
 _KERNELS = 3  # phi and two derivatives, under which an equation without its state has the terms of the balance itself
 
@@ -398,3 +416,235 @@ def _multipliers(group: WeakLawGroup, part: WeakPart) -> TermCoefficients:
     if part.coefficient is None:
         return TermCoefficients(np.full(len(group.links), -1), np.ones(len(group.links)))
     return group.coefficients[part.coefficient]
+
+
+@dataclass(frozen=True, eq=False)
+class LawTerms:
+    """sign * int kernel h(d) of one part of a law, at m links.
+
+    Attributes
+    ----------
+    part : WeakPart
+        The part.
+    links : array of int, shape (m,)
+        Indices of the links.
+    terms : slice
+        The terms in the layout.
+    derivatives : tuple
+        h, h', h'', ... without their factors: arrays of shape (m, N) over all samples, numbers where constant.
+    factors : tuple of float
+        What these are to be multiplied by; 1 for numbers.
+    rate_slope : array of shape (m, N) or None
+        The mean slope of h with respect to a noisy v; None for parts that need no rate.
+    """
+
+    part: WeakPart
+    links: Indices
+    terms: slice
+    derivatives: tuple[Floats | float, ...]
+    factors: tuple[float, ...]
+    rate_slope: Floats | None = None
+
+    @property
+    def slope(self) -> Floats | float:
+        """First derivative h' without its factor."""
+        return self.derivatives[1] if len(self.derivatives) > 1 else 0.0
+
+    @property
+    def signed(self) -> tuple[float, ...]:
+        """The factors times the sign of the part."""
+        return tuple(self.part.sign * factor for factor in self.factors)
+
+
+def law_terms(
+    structure_layout: StructureLayout,
+    layout: PatchLayout,
+    values: Floats,
+    *,
+    elongations: Callable[[Indices], Floats],
+    rates: Callable[[Floats], Floats],
+    variance: Callable[[Indices], Floats],
+    rate_noise: float,
+) -> list[LawTerms]:
+    """Evaluate the laws of all links of a layout.
+
+    Parameters
+    ----------
+    structure_layout : StructureLayout
+        Layout of the structure.
+    layout : PatchLayout
+        The terms.
+    values : array of shape (p,)
+        The parameters; NaN where they have no value.
+    elongations : callable
+        Elongations (m, N) in m of m links; called only where a law needs them.
+    rates : callable
+        Smoothed rates (m, N) in m/s from elongations; called only where a law needs them.
+    variance : callable
+        Variances (m,) in m^2 of the elongations of m links.
+    rate_noise : float
+        Standard deviation in 1/s of smoothed rates over that of elongations.
+
+    Returns
+    -------
+    list of LawTerms
+        The terms, in the order of `layout.group_terms`.
+
+    Raises
+    ------
+    IdentificationError
+        If an unknown enters its law nonlinearly and has no start.
+    """
+    evaluated, rate_slopes, factors = [], [], []
+    for group in layout.groups:
+        inside = {name: group.coefficients[name].at(values)[:, None] for name in group.weak_law.inside}
+        _require_starts(structure_layout, group, inside)
+        d = elongations(group.links) if group.weak_law.curved else np.zeros((len(group.links), 1))
+        v = rates(d) if group.weak_law.needs_rate else np.zeros(())
+        noise = variance(group.links)[:, None]
+        evaluated.append(iter(group.weak_law.evaluate(d, v, noise, inside)))
+        factors.append(iter(group.weak_law.factors))
+        deviation = np.where(
+            noise > 0.0, rate_noise * np.sqrt(noise), 1.0
+        )  # without noise slopes do not count
+        by_rate = (
+            group.weak_law.rate_slopes(d, v, noise, deviation, inside) if group.weak_law.needs_rate else ()
+        )
+        rate_slopes.append(iter(by_rate))
+    return [
+        LawTerms(
+            terms.part,
+            layout.groups[terms.group].links,
+            terms.terms,
+            tuple(next(evaluated[terms.group])),
+            next(factors[terms.group]),
+            next(rate_slopes[terms.group], None),
+        )
+        for terms in layout.group_terms
+    ]
+
+
+def _require_starts(
+    structure_layout: StructureLayout, group: WeakLawGroup, inside: dict[str, Floats]
+) -> None:
+    law = group.weak_law.law
+    for name in (name for name in law.nonlinear if name in inside):
+        for row in np.flatnonzero(np.isnan(inside[name])):
+            link = structure_layout.structure.links[structure_layout.elements[group.links[row]].link]
+            raise IdentificationError(
+                f'link "{link.name}": {name} enters the law {law.text} '
+                f"nonlinearly and needs a start: write {name} = {{ start = ... }} among its coefficients"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceChange:
+    """The terms of a patch and those under phi of which the derivatives by a are sums.
+
+    Attributes
+    ----------
+    layout : PatchLayout
+        The q terms, and behind them t that are some of these once more, under phi and its derivatives.
+    twins : array of int, shape (t,)
+        The terms that these are.
+    sums : array of shape (e, t)
+        The e derivatives as sums of them.
+    """
+
+    layout: PatchLayout
+    twins: Indices
+    sums: Floats
+
+    @classmethod
+    def of(cls, layout: PatchLayout, numbers: Floats, slopes: dict[int, float]) -> BalanceChange:
+        """The change of the equations of a patch.
+
+        Parameters
+        ----------
+        layout : PatchLayout
+            Its q terms.
+        numbers : array of shape (q,)
+            Their present coefficients.
+        slopes : dict of int to float
+            The derivatives of a by number of the parameter.
+
+        Returns
+        -------
+        BalanceChange
+            The change.
+        """
+        own = np.arange(layout.eliminating.start, layout.eliminating.stop)
+        acting = layout.signs[:, own].T @ (layout.signs * np.nan_to_num(numbers))
+        acting *= layout.kernel + INNER == layout.kernel[own, None]
+        acting[:, own] = 0.0
+        twins = np.flatnonzero(acting.any(axis=0))
+        by_parameter = np.array([slopes[number] for number in layout.coefficients.parameter[own].tolist()])
+        wide = replace(
+            layout,
+            kernel=np.append(layout.kernel, layout.kernel[twins] + INNER),
+            incidence=np.concatenate([layout.incidence, layout.incidence[twins]]),
+        )
+        return cls(wide, twins, -by_parameter[:, None] * acting[:, twins])
+
+    def terms(self, evaluated: Sequence[LawTerms]) -> list[LawTerms]:
+        """The terms of laws among those under phi: each part of a law at the links that have one.
+
+        Parameters
+        ----------
+        evaluated : sequence of LawTerms
+            The terms of the equations.
+
+        Returns
+        -------
+        list of LawTerms
+            The terms.
+        """
+        first, chosen_terms = len(self.layout.kernel) - len(self.twins), []
+        for terms in evaluated:
+            start, stop = np.searchsorted(self.twins, [terms.terms.start, terms.terms.stop]).tolist()
+            if start < stop:
+                chosen = self.twins[start:stop] - terms.terms.start
+                chosen_terms.append(
+                    replace(
+                        terms,
+                        part=replace(terms.part, kernel=terms.part.kernel + INNER),
+                        links=terms.links[chosen],
+                        terms=slice(first + start, first + stop),
+                        derivatives=tuple(_chosen(part, chosen) for part in terms.derivatives),
+                        rate_slope=None if terms.rate_slope is None else terms.rate_slope[chosen],
+                    )
+                )
+        return chosen_terms
+
+    def joined(self, bias: Floats) -> Floats:
+        """(q, q) sums of the products (q + t, q + t) of all terms, of the terms of the equations."""
+        return np.asarray(self._map @ bias @ self._map.T)
+
+    @property
+    def _map(self) -> Floats:
+        """(q, q + t): the terms of the equations as sums of all."""
+        count = len(self.layout.kernel) - len(self.twins)
+        whole = np.eye(count, len(self.layout.kernel))
+        whole[self.layout.eliminating] = 0.0
+        whole[self.layout.eliminating, count:] = self.sums
+        return whole
+
+    def slopes(self, slopes: Floats) -> Floats:
+        """Slopes of the derivatives by the displacement of their own mass.
+
+        Parameters
+        ----------
+        slopes : array of shape (q, K)
+            Slopes of the terms.
+
+        Returns
+        -------
+        array of shape (e, K)
+            The slopes.
+        """
+        own = self.layout.incidence[self.layout.eliminating] @ self.layout.incidence[self.twins].T
+        return np.asarray((self.sums * own) @ slopes[self.twins])
+
+
+def _chosen(part: Floats | float, rows: Indices) -> Floats | float:
+    return part if isinstance(part, float) else part[rows]

@@ -8,6 +8,24 @@ window, is a sum of known functions of the record, each multiplied by one number
 The terms of the links (`LawTerms`) come first, those of inertia and applied forces follow. A term enters the equations of the
 masses at both ends of its link with opposite signs, and the bias of products of terms does not depend on the mass, so a patch
 of masses needs one set of products.
+
+Bias that noise adds to the products of terms, summed over all windows.
+
+Two terms of one equation contain the same noise, so their product is biased even where each of them is unbiased; this is the
+errors-in-variables bias of ordinary regression (Fuller, Measurement Error Models, 1987). For functions h, g of elongations
+d, d' whose noises have the covariance c, with unbiased h and g (`weak_form`), the bias of h(d) g(d') at one sample is
+
+    c h' g' - c^2/2 h'' g'' + c^3/6 h''' g''' - ...
+
+and in a window it is the sum of that over its samples, weighted by the product of both kernels. Summed over all windows it
+is the product of two signals, weighted by the sum of the windows at each sample (`Window.coverage`).
+
+Bias that noise adds to products of terms that act by a smoothed rate (`noise_bias` has that of all others).
+
+A smoothed rate contains the noise of its elongation under the odd filter that gives the rate. It is in common with that of a
+linear damper in the same window and with that of functions of the same rate, and hardly with terms under even test functions.
+To first order the bias of a product is the covariance of both noises times the slopes of both functions, which are taken as
+constant within a window.
 """
 
 from __future__ import annotations
@@ -20,14 +38,177 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.weak.displacements import MeasuredDisplacements
-from linkwise.weak.eliminated import BalanceChange
-from linkwise.weak.layout import StructureLayout
-from linkwise.weak.noise_bias import noise_bias
-from linkwise.weak.patch_layout import PatchLayout
-from linkwise.weak.rate_bias import rate_bias
-from linkwise.weak.terms import LawTerms, law_terms
-from linkwise.weak.weak_form import INNER, PHI_2, WeakPart, none_alone
+from linkwise.weak.layout import BalanceChange, LawTerms, StructureLayout, law_terms
+from linkwise.weak.weak_form import INNER, PHI_2, PatchLayout, WeakPart, none_alone
 from linkwise.weak.window import Window
+
+
+def noise_bias(
+    layout: PatchLayout,
+    curved: Sequence[LawTerms],
+    slope: Floats,
+    noise: Floats,
+    window: Window,
+    valid: Floats,
+    alone: Callable[[WeakPart], bool] = none_alone,
+) -> Floats:
+    """Bias of the products of all terms of a layout, summed over windows.
+
+    Parameters
+    ----------
+    layout : PatchLayout
+        The q terms.
+    curved : sequence of LawTerms
+        The terms that are nonlinear in d.
+    slope : array of shape (q,)
+        Slopes of the terms where they are constant; 0 for nonlinear terms.
+    noise : array of shape (c, c)
+        Covariance in m^2 of the displacements of the nodes.
+    window : Window
+        The test functions.
+    valid : array of shape (R,)
+        Weights of the windows.
+    alone : callable, optional
+        Whether the terms of a part are tested one at a time: products of those of two such parts are left out.
+
+    Returns
+    -------
+    array of shape (q, q)
+        The bias.
+    """
+    kernel = layout.kernel
+    covariance = layout.incidence @ noise @ layout.incidence.T
+    gram = window.kernels @ window.kernels.T
+    bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
+    coverage: dict[int, Floats] = {}
+    for number, first in enumerate(curved):
+        under, rows, samples = (
+            first.part.kernel,
+            first.terms,
+            np.shape(first.slope)[-1],
+        )
+        if under not in coverage:
+            coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
+        linear = covariance[rows] * (first.signed[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
+        bias[rows] += linear
+        bias[:, rows] += linear.T
+        weighted: dict[int, list[Floats]] = {}
+        for second in curved[number:]:
+            if second is not first and alone(first.part) and alone(second.part):
+                continue
+            under_second = second.part.kernel
+            if under_second not in weighted:
+                weighted[under_second] = [h * coverage[under][under_second] for h in first.derivatives[1:]]
+            mixed = _product_bias(first, second, covariance[rows, second.terms], weighted[under_second])
+            bias[rows, second.terms] += mixed
+            if second is not first:
+                bias[second.terms, rows] += mixed.T
+    return np.asarray(bias)
+
+
+def _product_bias(
+    first: LawTerms, second: LawTerms, covariance: Floats, weighted: Sequence[Floats]
+) -> Floats:
+    """(m, m'): the bias of the products of two sets of curved functions, summed over samples.
+
+    `weighted` are the derivatives of the first, without their factors, times the weights of the samples.
+    """
+    total, factor = np.zeros(covariance.shape), -1.0
+    pairs = zip(weighted, second.derivatives[1:], strict=False)
+    factors = zip(first.signed[1:], second.signed[1:], strict=False)
+    for order, ((h, g), (of_h, of_g)) in enumerate(zip(pairs, factors, strict=True), start=1):
+        factor /= -order
+        products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
+        total += factor * of_h * of_g * covariance**order * products
+    return total
+
+
+def rate_bias(
+    layout: PatchLayout,
+    evaluated: Sequence[LawTerms],
+    slope: Floats,
+    noise: Floats,
+    window: Window,
+    valid: Floats,
+    rate_filter: Floats,
+    alone: Callable[[WeakPart], bool] = none_alone,
+) -> Floats | float:
+    """Bias of the products of all terms with those that act by a smoothed rate, summed over windows.
+
+    Parameters
+    ----------
+    layout : PatchLayout
+        The q terms.
+    evaluated : sequence of LawTerms
+        The terms of laws.
+    slope : array of shape (q,)
+        Slopes of the terms by d where they are constant; 0 for others.
+    noise : array of shape (c, c)
+        Covariance in m^2 of the displacements of the nodes.
+    window : Window
+        The test functions.
+    valid : array of shape (R,)
+        Weights of the windows.
+    rate_filter : array of shape (T,)
+        The filter that gives rates.
+    alone : callable, optional
+        Whether the terms of a part are tested one at a time: products of those of two such parts are left out.
+
+    Returns
+    -------
+    array of shape (q, q) or float
+        The bias; 0 where no term acts by a rate.
+    """
+    rated = [(terms, terms.rate_slope) for terms in evaluated if terms.rate_slope is not None]
+    if not rated:
+        return 0.0
+    covariance = layout.incidence @ noise @ layout.incidence.T
+    bias = np.zeros_like(covariance)
+    samples, kernels = rated[0][1].shape[1], window.kernels
+    with_rate = np.stack([_correlated(kernel, rate_filter) for kernel in kernels])
+    with_both = np.stack([_correlated(kernel, -rate_filter) for kernel in with_rate])
+    under = sorted({terms.part.kernel for terms, _ in rated})
+    coverage = {
+        kernel: window.coverage(
+            kernels[kernel] * np.concatenate([with_rate, with_both[under]]), valid, samples
+        )
+        for kernel in under
+    }
+    for number, (first, by_rate) in enumerate(rated):
+        rows = first.terms
+        displaced = coverage[first.part.kernel][: len(kernels)]
+        rates = dict(zip(under, coverage[first.part.kernel][len(kernels) :], strict=True))
+        linear = covariance[rows] * (by_rate @ displaced.T)[:, layout.kernel] * slope
+        bias[rows] += linear
+        bias[:, rows] += linear.T
+        for second in evaluated:
+            if isinstance(second.slope, float) or _apart(first, second, alone):
+                continue
+            columns = second.terms
+            weighted = by_rate * displaced[second.part.kernel]
+            mixed = second.signed[1] * covariance[rows, columns] * (weighted @ second.slope.T)
+            bias[rows, columns] += mixed
+            bias[columns, rows] += mixed.T
+        for second, by_second in rated[number:]:
+            if _apart(first, second, alone):
+                continue
+            both = by_rate * rates[second.part.kernel]
+            mixed = covariance[rows, second.terms] * (both @ by_second.T)
+            bias[rows, second.terms] += mixed
+            if second is not first:
+                bias[second.terms, rows] += mixed.T
+    return bias
+
+
+def _apart(first: LawTerms, second: LawTerms, alone: Callable[[WeakPart], bool]) -> bool:
+    """Whether nobody asks for the products of two sets of terms."""
+    return second is not first and alone(first.part) and alone(second.part)
+
+
+def _correlated(kernel: Floats, taps: Floats) -> Floats:
+    """The sums of a kernel over the taps of a centred filter around each of its samples."""
+    half = len(taps) // 2
+    return np.correlate(kernel, taps, "full")[half : half + len(kernel)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,26 +3,271 @@
 The variance of a score is a sum of squares over time. A part of that of its own normal equation bounds the score from above,
 and costs a fraction of the whole; the whole of that equation costs more, and of few scores only; the variance beside the
 coefficients of the laws most. Scores that cannot be beyond chance are not computed.
+
+What regression on the columns of the laws leaves of the columns of other terms, and how large their scores can be by it.
+
+Variances due to noise of the normal equations of single terms: the diagonal of what `scatter` has, for less.
+
+To first order the noise of a channel enters the sum of a term by k(t)' u(t), k the sums of kernels over windows for the term,
+and u what the channel is weighted by, which is the same for all terms that act in the same equations with the same signs.
+Their variance is the sum over time of k' (sum of u u' over channels) k.
+
+Score tests of weak equations: terms that the laws lack, and forces on one mass alone that no link explains.
+
+A term of size zero is added to the equations. Its score is the sum over windows of the term times what the laws leave, without
+the bias due to noise and beside the coefficients of the laws (Rao 1948); its variance is that of the normal equations due to
+noise (`scatter`). Terms of a link act on both of its masses. One on a single mass stands for an error of a sensor, of a stated
+mass or of an applied force, which action and reaction do not excuse.
+
+The test functions of the fit are as short as the fastest motion. In the equation of a mass that moves more slowly most of what
+they leave is noise of its inertia, which falls with the fifth power of their width, so every term is tested under wider ones
+too. They see an error of a sensor or of a stated mass of a tenth the size.
+
+Friction and quadratic damping act by the rate as the test functions of the fit smooth it: what that takes from the terms makes
+their scores smaller, and what its noise adds is known (`rate_bias`).
+
+The equations of each patch of masses are tested alone, so that the cost grows with the structure and not with its square.
+
+References
+----------
+C. R. Rao, Math. Proc. Cambridge Philos. Soc. 44, 50 (1948), for the score test.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import combinations_with_replacement
 
 import numpy as np
+from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.weak.equations import WeakEquations
+from linkwise.errors import IdentificationError
+from linkwise.expression import to_text
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import SIGNIFICANT, assemble_blocks, normal_equations, residual_power, significance
 from linkwise.weak.layout import StructureLayout
 from linkwise.weak.patch import Patch
-from linkwise.weak.patch_layout import PatchLayout, TermCoefficients
-from linkwise.weak.remainders import Remainders, diagonal_beside, regression
-from linkwise.weak.scatter import SlopeStatistics, score_blocks, slopes_along
-from linkwise.weak.term_scatter import SingleTerms, linear_scatter, quadratic_scatter
+from linkwise.weak.scatter import (
+    SlopeStatistics,
+    channel_weights,
+    own_kernels,
+    own_noise,
+    score_blocks,
+    slopes_along,
+)
+from linkwise.weak.weak_form import INNER, PHI_2, PatchLayout, TermCoefficients
+from linkwise.weak.window import Window
+
+_SINGULAR = 1e-12  # part of the largest singular value that those of collinear columns do not exceed
+_WELL_POSED = 1e-8  # reciprocal condition far above that, so that no direction is left out
+
+
+@dataclass(frozen=True, eq=False)
+class Remainders:
+    """What is left of terms beside the coefficients of the laws, each in units of the root of its moment.
+
+    Attributes
+    ----------
+    score, bias : array of shape (t,)
+        Scores, and what noise would add to them.
+    left, diagonal : array of shape (t,)
+        Moments beside the coefficients of the laws and without these.
+    unit : array of shape (t,)
+        The units.
+    tested : array of bool, shape (t,)
+        False for terms that the laws have, and for those that do not stand above the noise.
+    """
+
+    score: Floats
+    bias: Floats
+    left: Floats
+    diagonal: Floats
+    unit: Floats
+    tested: Bools
+
+    def squares(self, excess: float, uncertain: float, scatter: Floats) -> Floats:
+        """What the squares of scores cannot exceed.
+
+        Parameters
+        ----------
+        excess : float
+            Power of the residuals over that expected from noise.
+        uncertain : float
+            Relative error of the power of the noise.
+        scatter : array of shape (t,)
+            What the variances of the normal equations of the terms due to noise are at least.
+
+        Returns
+        -------
+        array of shape (t,)
+            The squares; 0 for terms that are not tested.
+        """
+        scatter = self.unit**2 * np.maximum(scatter, 0.0)
+        white = np.where(self.tested, self.left * scatter / np.where(self.tested, self.diagonal, 1.0), 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            variance = max(excess, 1.0) * white + (uncertain * self.bias) ** 2
+            return np.where(self.tested, self.score**2 / variance, 0.0)
+
+
+def diagonal_beside(diagonal: Floats, coupled: Floats, normal: Floats, beside: Floats) -> Floats:
+    """The diagonal of the products of columns less multiples of others.
+
+    Parameters
+    ----------
+    diagonal : array of shape (t,)
+        That of the products of the columns.
+    coupled : array of shape (p, t)
+        Their products with the others.
+    normal : array of shape (p, p)
+        Products of these.
+    beside : array of shape (p, t)
+        The multiples.
+
+    Returns
+    -------
+    array of shape (t,)
+        The diagonal.
+    """
+    return np.asarray(diagonal + np.einsum("ij,ij->j", beside, normal @ beside - 2.0 * coupled))
+
+
+def regression(normal: Floats, coupled: Floats) -> Floats:
+    """What columns are of others in least squares, without directions in which these are collinear.
+
+    Parameters
+    ----------
+    normal : array of shape (p, p)
+        Products of these others, of order 1.
+    coupled : array of shape (p, t)
+        Products of them with the columns.
+
+    Returns
+    -------
+    array of shape (p, t)
+        The multiples.
+    """
+    factor, failed = dpotrf(normal)
+    if len(normal) and not failed and dpocon(factor, np.abs(normal).sum(axis=0).max())[0] > _WELL_POSED:
+        return np.asarray(dpotrs(factor, coupled)[0])
+    return np.asarray(np.linalg.lstsq(normal, coupled, rcond=_SINGULAR)[0], dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class SingleTerms:
+    """Terms of which each has a normal equation of its own.
+
+    Attributes
+    ----------
+    rows : array of int, shape (r,)
+        Different rows of the patch.
+    place : array of int, shape (s,)
+        Which of these each term is.
+    acting : array of shape (k, m)
+        Signs in the equations, of k kinds of terms.
+    kind : array of int, shape (s,)
+        The kind of each.
+    """
+
+    rows: Indices
+    place: Indices
+    acting: Floats
+    kind: Indices
+
+    @classmethod
+    def of(cls, rows: Indices, signs: Floats) -> SingleTerms:
+        """Terms that are the `rows` (s,) of a patch with some `signs` (m, s) in its equations."""
+        acting, kind = np.unique(signs.T, axis=0, return_inverse=True)
+        return cls(*np.unique(rows, return_inverse=True), acting, kind)
+
+    def chosen(self, numbers: Indices) -> SingleTerms:
+        """Some of the terms."""
+        kinds, kind = np.unique(self.kind[numbers], return_inverse=True)
+        rows, place = np.unique(self.place[numbers], return_inverse=True)
+        return SingleTerms(self.rows[rows], place, self.acting[kinds], kind)
+
+
+def linear_scatter(
+    patch: Patch,
+    system: WeakEquations,
+    masses: Floats,
+    weight: Floats,
+    terms: SingleTerms,
+    slopes: Floats,
+    sums: Floats,
+) -> Floats:
+    """Variances of first order: sums of squares over points of the record, of which some give less than all.
+
+    Parameters
+    ----------
+    patch : Patch
+        The equations.
+    system : WeakEquations
+        All equations of the record.
+    masses, weight : array of shape (m,)
+        The masses in kg, and the weights of their equations.
+    terms : SingleTerms
+        The terms.
+    slopes : array of shape (2, l, P)
+        Mean slopes of the links with respect to d (N/m) and v (N s/m) at the points.
+    sums : array of shape (K, r, P)
+        Sums of the kernels at the points for the different rows of the terms.
+
+    Returns
+    -------
+    array of shape (s,)
+        The variances.
+    """
+    weights, kind, _ = channel_weights(patch, system, masses, terms.acting * weight, slopes)
+    of_kind = (kind == np.arange(len(terms.acting))[:, None]).astype(float)
+    kernels = [kernel for kernel in range(len(sums)) if kernel != INNER + PHI_2]
+    total = np.zeros((sums.shape[1], len(terms.acting)))
+    for first, second in combinations_with_replacement(kernels, 2):
+        form = of_kind @ (weights[first] * weights[second])
+        total += (1.0 if first == second else 2.0) * ((sums[first] * sums[second]) @ form.T)
+    return total[terms.place, terms.kind]
+
+
+def quadratic_scatter(
+    patch: Patch, system: WeakEquations, masses: Floats, weight: Floats, terms: SingleTerms, slopes: Floats
+) -> Floats:
+    """What noise in the terms themselves adds: the diagonal of `scatter.quadratic_noise` over the whole record.
+
+    Parameters
+    ----------
+    patch, system, masses, weight, terms
+        As of `linear_scatter`.
+    slopes : array of shape (2, l, P)
+        Mean slopes of the links at every `WeakEquations.slope_stride`-th window.
+
+    Returns
+    -------
+    array of shape (s,)
+        What it adds to the variances.
+    """
+    window, layout = system.window, patch.layout
+    kernels = own_kernels(patch, system, slopes, masses)
+    flat = kernels.reshape(len(kernels), -1)
+    variance = system.motion.covariance(patch.masses, floored=True).diagonal()
+    amount = system.slope_stride * (weight * variance) ** 2
+    squares = np.empty((len(amount), len(terms.rows)))
+    for kernel in np.unique(layout.kernel[terms.rows]).tolist():
+        own = np.flatnonzero(layout.kernel[terms.rows] == kernel)
+        correlation = np.einsum("ij,ij->j", window.cross_correlations[kernel, kernel].T @ flat, flat)
+        squares[:, own] = correlation.reshape(kernels.shape[1:]) @ (patch.slopes[terms.rows[own]] ** 2).T
+    acting = own_noise(
+        patch, system, terms.acting.T[:, terms.kind], layout.incidence[terms.rows[terms.place]]
+    )
+    return np.asarray(amount @ (acting**2 * squares[:, terms.place]))
+
 
 _COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
 _CANCELLED = 0.1  # of what white noise would give: a smaller variance is the difference of large ones that are not exact
@@ -341,3 +586,184 @@ def _single_terms(layout: PatchLayout, own: Bools) -> Iterator[tuple[int, int]]:
 
 def _dense(matrix: Floats | csc_array) -> Floats:
     return matrix if isinstance(matrix, np.ndarray) else np.asarray(matrix.toarray())
+
+
+_TERMS = ("1", "d", "d**2", "d**3", "v", "v*d", "v*d**2")  # of which none needs a smoothed v
+_FIFTH = "d**5"
+_DAMPING = ("sign(v)", "v*abs(v)")  # under an input: where the motion decays, its pieces tell them from c*v
+# per period of the fastest motion that the fifth power needs: fewer alias it into the test functions
+_FIFTH_SAMPLES = 7.0
+_LARGEST = 48  # masses of a structure whose equations are tested
+_NOISE_POWER = 0.03  # relative error of the power of noise that is found; of stated noise, what its residuals say is added
+_CHANCE = 8.0  # with twice the logarithm of the number of scores: normal scores give one in 300 fits
+_WIDTHS = (1.0, 3.0)  # of the test functions of the fit: the wider ones hold a period of the fastest motion
+_FEWEST = 50  # windows, of which scores are about normal
+
+
+@dataclass(frozen=True)
+class SignificantScore:
+    """A term whose score is beyond chance.
+
+    Attributes
+    ----------
+    place : str
+        The link that lacks the term, or the mass on which it acts alone.
+    term : str
+        The term, as in a law; "acceleration" or "force" for that of a mass.
+    of : str
+        The link or the mass whose motion a force on a single mass follows; empty for a term of a link.
+    z : float
+        The score in standard errors.
+    """
+
+    place: str
+    term: str
+    of: str
+    z: float
+
+    @property
+    def description(self) -> str:
+        """In words."""
+        if not self.of:
+            return f"a force like {self.term} in {self.place}"
+        return f"a force like {self.term} of {self.of} on {self.place} alone"
+
+
+def significant_score(
+    record: Record, structure: Structure, equations: WeakEquations, values: Floats, excess: float
+) -> SignificantScore | None:
+    """The most significant term that the laws lack.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure with its unknowns.
+    equations : WeakEquations
+        Its equations on the record.
+    values : array of shape (p,)
+        The parameters found.
+    excess : float
+        Power of the residuals over that expected from noise; scores scatter as much more.
+
+    Returns
+    -------
+    SignificantScore or None
+        The term; None where chance explains all scores, or the structure has too many masses.
+    """
+    if structure.size > _LARGEST:
+        return None
+    known = dict(zip(equations.parameters, map(float, values), strict=True))
+    fine = record.rate > _FIFTH_SAMPLES * equations.motion.bandwidth
+    driven = equations.force is not None or equations.motion.base is not None
+    terms = (*_TERMS, *((_FIFTH,) if fine else ()), *(_DAMPING if driven else ()))
+    wide, prefix = with_terms(structure, terms)
+    uncertain = _NOISE_POWER + (abs(excess - 1.0) if record.noise else 0.0)
+    try:
+        for width in _WIDTHS:  # wider ones only where those of the fit see nothing
+            window = equations.window if width == 1.0 else equations.window.widened(width)
+            if width > 1.0 and window.rows(len(record)) < _FEWEST:
+                break
+            system = _with_tested_terms(record, wide, prefix, equations, known, window)
+            tests = [
+                ScoreTests.of(patch, system, known, equations.structure_layout) for patch in system.patches
+            ]
+            score = _largest_score(tests, excess, uncertain)
+            if score is not None:
+                return score
+    except (IdentificationError, np.linalg.LinAlgError):  # a term may not be finite along the motion
+        pass
+    return None
+
+
+def _largest_score(tests: Sequence[ScoreTests], excess: float, uncertain: float) -> SignificantScore | None:
+    """The largest score in all patches if it is beyond chance."""
+    count = len(_WIDTHS) * max(sum(len(test.rows) for test in tests), 1)
+    least = _CHANCE + 2.0 * float(np.log(count))
+    scored = [(test.largest(excess, uncertain, least), test) for test in tests]
+    beyond = [_named(test, *score) for score, test in scored if score is not None]
+    return max(beyond, key=lambda score: abs(score.z), default=None)
+
+
+def _with_tested_terms(
+    record: Record,
+    structure: Structure,
+    prefix: str,
+    equations: WeakEquations,
+    known: dict[str, float],
+    window: Window,
+) -> WeakEquations:
+    """The equations of a structure with terms whose coefficients begin with `prefix`, under some test functions.
+
+    Slopes of laws, which say what noise does, and rates that laws act by are those of the motion under those of the fit.
+    """
+    system = weak_equations(
+        record,
+        structure,
+        equations.motion,
+        window=window,
+        rate_window=equations.window,
+        values=known,
+        alone=lambda part: part.coefficient is not None and part.coefficient.startswith(prefix),
+    )
+    centres = window.half + window.stride * np.arange(system.windows)
+    nearest = np.rint((centres - equations.window.half) / equations.window.stride).astype(int)
+    nearest = np.minimum(nearest, equations.windows - 1)
+    return replace(system, d=equations.d[:, nearest], v=equations.v[:, nearest])
+
+
+@lru_cache(maxsize=32)
+def with_terms(structure: Structure, terms: tuple[str, ...]) -> tuple[Structure, str]:
+    """The structure with an unknown coefficient for each of some terms that a law does not have one for.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    terms : tuple of str
+        The terms, as in a law.
+
+    Returns
+    -------
+    wide : Structure
+        The structure with the terms.
+    prefix : str
+        What the names of their coefficients begin with, and no other coefficient.
+    """
+    prefix = "added"
+    while any(name.startswith(prefix) for link in structure.links for name in link.coefficients):
+        prefix += "_"
+    links = tuple(_with_link_terms(link, terms, prefix) for link in structure.links)
+    return replace(structure, links=links), prefix
+
+
+def _with_link_terms(link: Link, terms: Sequence[str], prefix: str) -> Link:
+    unknown = {
+        to_text(link.law.basis[name]).replace(" ", "")
+        for name in link.law.linear
+        if link.coefficients[name].value is None
+    }
+    added = {f"{prefix}{number}": term for number, term in enumerate(terms) if term not in unknown}
+    text = " + ".join([link.law.text, *(f"{name}*({term})" for name, term in added.items())])
+    coefficients = {**link.coefficients, **{name: Coefficient.unknown() for name in added}}
+    return replace(link, law=Law.parse(text, link.states), coefficients=coefficients)
+
+
+def _named(tests: ScoreTests, number: int, z: float) -> SignificantScore:
+    """The term of a test."""
+    layout, row, mass = tests.patch.layout, int(tests.rows[number]), int(tests.masses[number])
+    of_system = tests.system.structure_layout
+    structure = of_system.structure
+    names = [of_system.equation_names[index] for index in layout.masses.tolist()]
+    place = "" if mass < 0 else names[mass]
+    for terms in layout.group_terms:
+        if terms.terms.start <= row < terms.terms.stop:
+            element = of_system.elements[int(layout.groups[terms.group].links[row - terms.terms.start])]
+            link, law, name = structure.links[element.link], element.law, terms.part.coefficient or ""
+            term = to_text(law.basis[name]) if name in law.basis else law.text
+            return SignificantScore(place or link.name, term, link.name if place else "", z)
+    of_inertia = row - first_inertia(layout)
+    if of_inertia < len(names):
+        return SignificantScore(place, "acceleration", names[of_inertia], z)
+    return SignificantScore(place, "force", structure.mass_names[layout.forced[of_inertia - len(names)]], z)

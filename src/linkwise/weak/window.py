@@ -3,19 +3,78 @@
 phi(u) = (1 - u^2)^p on |u| < 1 vanishes with its derivatives at the edges of its window, so an integral by parts leaves no
 boundary term. Sums over samples approximate the integrals up to the aliasing of phi at the sampling rate; p = 8 keeps it
 below 1e-6 for windows with a standard deviation of 1.6 samples and more, where p = 4 needs windows three times as wide.
+
+Correlation of signals with kernels at every so many samples, by blocked matrix products.
+
+Smoothed displacements and rates at every sample, also at the ends of a record.
+
+Stretches of consecutive windows of a record, over each of which sums are formed: the whole record, or pieces of it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from math import ceil, pi, sqrt
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.weak.strided_filter import strided_filter
 from linkwise.weak.weak_form import INNER, PHI, PHI_2
+
+_AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
+_BLOCK = 8  # outputs in one row of the blocked product
+
+
+def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
+    """Correlate signals with kernels at every stride-th sample.
+
+    Each block of outputs is one product with a banded Toeplitz matrix.
+
+    Parameters
+    ----------
+    signals : array of shape (S, N)
+        The signals.
+    kernels : array of shape (Q, T)
+        The kernels.
+    stride : int
+        Distance of the outputs in samples.
+
+    Returns
+    -------
+    array of shape (Q, S, (N - T) // stride + 1)
+        The correlations.
+    """
+    (count, samples), (filters, length) = signals.shape, kernels.shape
+    rows = (samples - length) // stride + 1
+    per_block = max(1, min(rows, _BLOCK))
+    blocks, span = rows // per_block, (per_block - 1) * stride + length
+    toeplitz = np.zeros((filters, span, per_block))
+    for row in range(per_block):
+        toeplitz[:, row * stride : row * stride + length, row] = kernels
+    pieces = _windows(signals, blocks, span, per_block * stride)
+    result, last = np.empty((filters, count, rows)), blocks * per_block
+    group = max(1, _AT_ONCE // (blocks * span))
+    for first in range(0, count, group):
+        part = np.ascontiguousarray(pieces[first : first + group])
+        for kernel in range(filters):
+            target = result[kernel, first : first + group, :last]
+            np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
+    if last < rows:  # fewer than a block
+        ends = _windows(signals[:, last * stride :], rows - last, length, stride)
+        result[:, :, last:] = (ends @ kernels.T).transpose(2, 0, 1)
+    return result
+
+
+def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
+    """(S, count, length) pieces of signals at every stride-th sample, which must all be inside; as views."""
+    by_signal, by_sample = (
+        signals.strides
+    )  # as `sliding_window_view`, whose checks cost as much as a short filter
+    shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
+    return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)
+
 
 ORDER = 8
 _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower phi exceeds noise at 40 dB
@@ -386,3 +445,194 @@ def _taps(window: Window, thinning: int) -> Floats:
     inside = (at >= 0) & (at < window.length)
     taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
     return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(2 * len(taps), -1))
+
+
+_DEGREE = 6  # of the polynomials, as of `Window.slope`
+
+
+def smoothed_motion(displacements: Floats, window: Window) -> tuple[Floats, Floats]:
+    """Displacements and rates from polynomials of degree six that are fitted to the samples around each one.
+
+    Samples have the weight phi; at the ends, nearer than half a window, the polynomial of the first or last window is taken.
+
+    Parameters
+    ----------
+    displacements : array of shape (k, N)
+        Displacements in m, of at least one window.
+    window : Window
+        The window.
+
+    Returns
+    -------
+    displacements, rates : array of shape (k, N)
+        In m and m/s.
+    """
+    inner, edge = _filters(window)
+    length, half = window.length, window.half
+    every = Window(half, 1, window.step).filter(displacements, inner)
+    smooth = np.empty((2, *displacements.shape))
+    smooth[:, :, half : displacements.shape[1] - half] = every
+    smooth[:, :, :half] = displacements[:, :length] @ edge[:, :half].transpose(0, 2, 1)
+    smooth[:, :, -half:] = displacements[:, -length:] @ edge[:, -half:].transpose(0, 2, 1)
+    return smooth[0], smooth[1]
+
+
+@lru_cache(maxsize=64)
+def _filters(window: Window) -> tuple[Floats, Floats]:
+    """(2, T) taps of value and rate at the centre; (2, T, T) those at every sample of a window, with equal weights."""
+    u = np.arange(-window.half, window.half + 1) / window.half
+    powers = np.arange(_DEGREE + 1)
+    values = u[:, None] ** powers
+    rates = powers * u[:, None] ** np.maximum(powers - 1, 0) / (window.half * window.step)
+    weight = np.sqrt(np.maximum(window.kernels[window.smooth], 0.0))
+    weighted, equal = np.linalg.pinv(weight[:, None] * values) * weight, np.linalg.pinv(values)
+    centre = np.stack([values[window.half], rates[window.half]])
+    return centre @ weighted, np.stack([values @ equal, rates @ equal])
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """E stretches of the windows of a record, which may share windows.
+
+    Attributes
+    ----------
+    window : Window
+        The test functions.
+    thinning : int
+        Stride in windows of the points that represent all samples.
+    ranges : tuple of tuple of int
+        The first window of each stretch, and the one behind its last.
+    """
+
+    window: Window
+    thinning: int
+    ranges: tuple[tuple[int, int], ...]
+
+    @cached_property
+    def _sizes(self) -> list[int]:
+        """Numbers of points."""
+        return [len(self.window.adjoint_windows(last - first, self.thinning)) for first, last in self.ranges]
+
+    @cached_property
+    def windows(self) -> Indices:
+        """(P,) windows next to the points of all stretches, one stretch after the other, each as `Window.adjoint_windows`."""
+        own = [
+            first + self.window.adjoint_windows(last - first, self.thinning) for first, last in self.ranges
+        ]
+        return np.concatenate(own)
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Where the points of each stretch are."""
+        ends = np.cumsum([0, *self._sizes]).tolist()
+        return [slice(first, last) for first, last in pairwise(ends)]
+
+    @cached_property
+    def inside(self) -> Indices | slice:
+        """Where the points between the first and the last centre of their stretch are."""
+        edge = 2 * self.window.half
+        if len(self.ranges) == 1:
+            return slice(0, self._sizes[0] - edge)
+        return np.concatenate([np.arange(part.start, part.stop - edge) for part in self.parts])
+
+    @cached_property
+    def parts_inside(self) -> list[slice]:
+        """Where each stretch is among the points `inside`."""
+        ends = np.cumsum([0, *(size - 2 * self.window.half for size in self._sizes)]).tolist()
+        return [slice(first, last) for first, last in pairwise(ends)]
+
+    def adjoint(self, rows: Floats) -> Floats:
+        """Sums of kernels over the windows of each stretch, as of `Window.adjoint`.
+
+        Parameters
+        ----------
+        rows : array of shape (S, R)
+            Weights of the windows of the record.
+
+        Returns
+        -------
+        array of shape (K, S, P)
+            The sums.
+        """
+        own = [self.window.adjoint(rows[:, first:last], self.thinning) for first, last in self.ranges]
+        return own[0] if len(own) == 1 else np.concatenate(own, axis=2)
+
+    def products(self, sums: Floats) -> Floats:
+        """Products of sums over the points of each stretch.
+
+        Parameters
+        ----------
+        sums : array of shape (s, P)
+            The sums.
+
+        Returns
+        -------
+        array of shape (E, s, s)
+            The products.
+        """
+        return np.stack([sums[:, part] @ sums[:, part].T for part in self.parts])
+
+
+@dataclass(frozen=True, eq=False)
+class InnerStretches:
+    """The points of stretches but for those between centres whose sums would have windows outside, a few at each end.
+
+    The others between centres are shared where stretches overlap, so that they cost less than those of `Stretches`, and sums
+    of squares over them are hardly smaller.
+
+    Attributes
+    ----------
+    window, thinning, ranges
+        As of `Stretches`.
+    """
+
+    window: Window
+    thinning: int
+    ranges: tuple[tuple[int, int], ...]
+
+    @cached_property
+    def _whole(self) -> tuple[int, int]:
+        """The windows that hold all stretches, from a multiple of twice the distance of the points."""
+        first, spacing = min(first for first, _ in self.ranges), 2 * self.thinning
+        return first // spacing * spacing, max(last for _, last in self.ranges)
+
+    @cached_property
+    def _shared(self) -> tuple[Indices, Indices]:
+        """The windows next to the points between centres, of the two phases that `Window.adjoint` samples."""
+        thinned = np.arange(*self._whole, self.thinning)
+        return thinned[::2], thinned[1::2]
+
+    @cached_property
+    def inside(self) -> slice:
+        """Where the points between centres are."""
+        return slice(0, sum(map(len, self._shared)))
+
+    @cached_property
+    def windows(self) -> Indices:
+        """(P,) the windows next to points between centres, and then of each stretch `half` times the first and the last."""
+        ends = [(first, last - 1) for first, last in self.ranges]
+        return np.concatenate([*self._shared, np.repeat(np.ravel(ends), self.window.half)])
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Where the points of the first phase in each stretch are, also those whose sums would have windows outside."""
+        return [slice(*np.searchsorted(self._shared[0], ends).tolist()) for ends in self.ranges]
+
+    def adjoint(self, rows: Floats) -> Floats:
+        """Sums of kernels over windows at the points; arguments and shapes as of `Stretches.adjoint`."""
+        shared = self.window.adjoint(rows[:, slice(*self._whole)], self.thinning)[:, :, self.inside]
+        return np.concatenate(
+            [shared, *(self.window.edges(rows[:, first:last]) for first, last in self.ranges)], axis=2
+        )
+
+    def products(self, sums: Floats) -> Floats:
+        """(E, s, s) products of sums (s, P) over the points of each stretch."""
+        edges = sums[:, self.inside.stop :].reshape(len(sums), len(self.ranges), -1).transpose(1, 0, 2)
+        total, first, margin = edges @ edges.transpose(0, 2, 1), 0, self.window.neighbours + 1
+        for windows in self._shared:
+            for of_stretch, (low, high) in zip(total, self.ranges, strict=True):
+                ends = first + np.searchsorted(windows, (low + margin, max(high - margin, low + margin)))
+                part = sums[:, slice(*ends.tolist())]
+                of_stretch += part @ part.T
+            first += len(windows)
+        return total

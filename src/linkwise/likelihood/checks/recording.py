@@ -48,8 +48,7 @@ from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed_records
 from linkwise.signals.noise import noise_sigma
 from linkwise.verdict import Verdict
-from linkwise.weak.estimate import WeakForm
-from linkwise.weak.record_misfit import record_misfit
+from linkwise.weak.estimate import WeakForm, record_misfit
 
 _BEYOND = 4.0  # standard errors, of the mean or of the power, which noise exceeds once in 30 000 and in 2 000 channels
 

@@ -63,10 +63,9 @@ from linkwise.signals.base_frame import framed_records
 from linkwise.signals.gaps import short_gaps_bridged
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import highpass
-from linkwise.weak.displacements import read_densely
+from linkwise.weak.displacements import read_densely, with_displacements
 from linkwise.weak.estimate import weak_search
 from linkwise.weak.fit import WeakFit
-from linkwise.weak.integrated_displacements import with_displacements
 
 _PERIODS = 1.5  # length of a window: long enough to separate the coefficients
 _CUTOFFS = (2.0, 5.0, 10.0)  # Hz, below which a first guess treats motion as drift
