@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.selection import QuadraticModel
 
 
 @dataclass(frozen=True, eq=False)

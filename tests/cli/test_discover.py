@@ -17,7 +17,7 @@ from problems import chain_record, parsed
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.discovery.term_families import FAMILIES
+from linkwise.discovery.terms import FAMILIES
 from linkwise.likelihood.shooting import steps as stepping
 
 pytestmark = pytest.mark.usefixtures("unrendered")

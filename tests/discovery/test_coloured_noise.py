@@ -13,7 +13,7 @@ from problems import chain_record
 from scipy.signal import lfilter
 
 import linkwise as lw
-from linkwise.discovery.coloured_noise import select_coloured
+from linkwise.discovery.inexact import select_coloured
 
 
 def remembering(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
@@ -68,7 +68,7 @@ def test_where_laws_run_away_the_selection_of_white_noise_stays(monkeypatch: pyt
     def refused(*given: object, **keywords: object) -> object:
         raise lw.IdentificationError("the motion runs to infinity")
 
-    monkeypatch.setattr("linkwise.discovery.coloured_noise.likelihood_fit", refused)
+    monkeypatch.setattr("linkwise.discovery.inexact.likelihood_fit", refused)
     chain = lw.bnes_chain(2)
     discovery = lw.discover(noisy(chain_record(2, duration=3.0), remembering, 7), masses(chain))
     assert not discovery.trusted and discovery.structure.links

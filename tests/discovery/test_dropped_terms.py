@@ -15,9 +15,8 @@ from structures import link, structure
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark
-from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.evidence import DroppedTerms, dropped_terms_remark
+from linkwise.discovery.selection import Penalty, QuadraticModel
 
 NAMES = ("m1-ground.k", "m2-m1.k", "m1-ground.c", "m2-m1.c", "m2-ground.k")  # the first two are kept
 

@@ -12,11 +12,9 @@ from problems import bent_chain, chain_record
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
-from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.evidence import exchange_remarks, term_evidence
-from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.result import CERTAIN
-from linkwise.discovery.selection import Selection
+from linkwise.discovery.selection import Penalty, QuadraticModel, Selection
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 

@@ -10,7 +10,7 @@ from structures import row_of_masses
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
-from linkwise.discovery.force_tree import tree_of_forces
+from linkwise.discovery.screened_records import tree_of_forces
 
 RATE = 1000.0
 

@@ -12,7 +12,7 @@ from present import some
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.discovery import free_run_laws
+from linkwise.discovery import inexact
 
 RATE, FINER, DURATION = 600.0, 8, 40.0
 TERMS = "d, d**3, v, v*abs(v), v*d**2, v**3"
@@ -73,7 +73,7 @@ def test_what_filters_make_of_harmonics_is_no_damping(
     for coefficient, true in (("k", (2.0 * np.pi * 65.0) ** 2), ("c", 45.0)):
         low, high = held.estimate.coefficient(f"m1-ground.{coefficient}").interval or (np.nan, np.nan)
         assert low < true < high
-    monkeypatch.setattr(free_run_laws, "likelihood_fit", refused)
+    monkeypatch.setattr(inexact, "likelihood_fit", refused)
     loose = discovered()
     assert {term.term for term in loose.kept} > TRUE
     assert not [text for text in loose.remarks if "Held to the laws" in text]

@@ -23,7 +23,7 @@ from structures import (
 
 import linkwise as lw
 from linkwise.discovery.candidates import all_candidates
-from linkwise.discovery.host_screen import screen_links
+from linkwise.discovery.screen import screen_links
 from linkwise.discovery.selection import Selection, TermSearch, select_structure
 from linkwise.discovery.terms import parse_terms
 from linkwise.likelihood.options import LikelihoodOptions

@@ -10,7 +10,7 @@ from structures import link, structure
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
-from linkwise.discovery.data_checks import inactive_remark, inactive_terms
+from linkwise.discovery.screened_records import inactive_remark, inactive_terms
 from linkwise.weak.displacements import read_displacements
 
 TERMS = "v, d, contact(0.004), friction(0.01)"

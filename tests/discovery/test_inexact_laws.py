@@ -13,9 +13,8 @@ from random_force import random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw
-from linkwise.discovery import inexact_laws
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery import inexact
+from linkwise.discovery.selection import Penalty, QuadraticModel
 
 RATE, DURATION = 400.0, 10.0
 CHAIN = structure(
@@ -100,7 +99,7 @@ def test_a_search_that_takes_too_many_steps_is_given_up(monkeypatch: pytest.Monk
     force = wide_force(np.random.default_rng(7301))
     record = lw.simulate(stop, forces={"m1": force}, duration=6.0, rate=RATE).with_noise(40.0, seed=7301)
     settled = lw.discover(record, {"m1": 1.0})
-    monkeypatch.setattr(inexact_laws, "_MOST_STEPS", 0)
+    monkeypatch.setattr(inexact, "_MOST_STEPS", 0)
     cut = lw.discover(record, {"m1": 1.0})
     assert lw.Verdict.SEARCH_UNSETTLED not in settled.verdicts and cut.rounds < settled.rounds
     assert not cut.trusted and lw.Verdict.SEARCH_UNSETTLED in cut.verdicts
@@ -111,7 +110,7 @@ def test_a_term_that_few_blocks_want_is_dropped_but_not_a_link() -> None:
     penalty = Penalty(term=20.0, link=30.0, pair=np.array([0, 0, 1, -1]), stated=frozenset())
     quadratic = QuadraticModel(("a", "b", "c", "mass"), np.eye(4), np.full(4, 10.0))
     uneven = np.diag([1.0, 25.0, 25.0, 25.0])
-    assert inexact_laws._without_uneven(quadratic, penalty, [0, 1, 2, 3]) == [0, 1, 2, 3]
+    assert inexact._without_uneven(quadratic, penalty, [0, 1, 2, 3]) == [0, 1, 2, 3]
     by_blocks = replace(quadratic, by_blocks=(uneven,))
-    assert inexact_laws._without_uneven(by_blocks, penalty, [0, 1, 2, 3]) == [0, 2, 3]
-    assert inexact_laws._without_uneven(by_blocks, penalty, [0, 2, 3]) == [0, 2, 3]
+    assert inexact._without_uneven(by_blocks, penalty, [0, 1, 2, 3]) == [0, 2, 3]
+    assert inexact._without_uneven(by_blocks, penalty, [0, 2, 3]) == [0, 2, 3]

@@ -7,10 +7,8 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
-from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.selection import Selection
+from linkwise.discovery.rivals import link_exchange_remarks, link_exchanges
+from linkwise.discovery.selection import Penalty, QuadraticModel, Selection
 
 NAMES = ("m1-ground.k", "m2-m1.k", "m2-ground.k", "m2-ground.k3", "m2-m1.k3")
 POOL = candidates_for([chain_record(2, duration=0.1)], {"m1": 1.0, "m2": 0.01}, "d, d**3")

@@ -9,9 +9,8 @@ import pytest
 from structures import link, named, structure
 
 import linkwise as lw
-from linkwise.discovery.memory_laws import MemorySelection, select_memory
-from linkwise.discovery.memory_terms import link_with_memory, memory_laws, plain_terms
-from linkwise.discovery.terms import offered_memory
+from linkwise.discovery.memory import MemorySelection, select_memory
+from linkwise.discovery.terms import link_with_memory, memory_laws, offered_memory, plain_terms
 
 MASSES = {"m1": 1.0, "m2": 1.2}
 HYSTERETIC = {"k": 800.0, "c": 1.0, "F": 6.0, "x0": 0.004, "s": 0.6}

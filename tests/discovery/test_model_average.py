@@ -15,11 +15,8 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.model_average import model_average
-from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.selection import Selection
-from linkwise.discovery.stepwise import ranked_moves
+from linkwise.discovery.selection import Penalty, QuadraticModel, Selection, ranked_moves
 from linkwise.plot.discoveries import departures_figure
 from linkwise.plot.style import MEASURED
 

@@ -8,7 +8,7 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.discovery.options import DiscoveryKeywords
+from linkwise.discovery.candidates import DiscoveryKeywords
 
 MASSES = {"m1": 1.0, "m2": 0.01}
 

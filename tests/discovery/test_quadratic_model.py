@@ -11,8 +11,7 @@ from regressions import Regression
 from structures import bodies, link, structure
 
 from linkwise.discovery.candidates import all_candidates
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.selection import Penalty, QuadraticModel
 from linkwise.discovery.terms import parse_terms
 
 SAME = 1e-8  # the same sums in another order

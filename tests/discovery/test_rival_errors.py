@@ -10,7 +10,7 @@ from present import some
 from structures import row_of_masses
 
 import linkwise as lw
-from linkwise.discovery.rival_errors import RivalError
+from linkwise.discovery.rivals import RivalError
 
 FRAME = row_of_masses(
     [1.0, 0.5, 0.3],

@@ -9,7 +9,7 @@ from random_force import random_force
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.discovery.rival_forms import RivalForm, best_rivals
+from linkwise.discovery.rivals import RivalForm, best_rivals
 
 RATE, DURATION = 200.0, 10.0
 OFFERED = "d, d**3, v, v**3"

@@ -10,7 +10,7 @@ import pytest
 from structures import oscillator, row_of_masses
 
 import linkwise as lw
-from linkwise.discovery.rival_errors import RivalError
+from linkwise.discovery.rivals import RivalError
 
 FORCE = "3*sin(13*t) + 2*sin(24*t + 1) + 2*sin(37*t + 2) + sin(48*t + 3)"
 OFFSET = 1e-3  # m

@@ -11,8 +11,8 @@ from problems import chain_record, linear_chain
 import linkwise as lw
 from linkwise.discovery import screen as module
 from linkwise.discovery.candidates import Candidates, candidates_for
-from linkwise.discovery.quadratic_model import QuadraticModel
 from linkwise.discovery.screen import ScreenResult, screen
+from linkwise.discovery.selection import QuadraticModel
 from linkwise.weak.displacements import read_displacements, with_displacements
 
 #: The elastic terms of the chain of four masses under the names of the candidates.

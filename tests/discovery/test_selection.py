@@ -16,8 +16,7 @@ from problems import chain_record
 from structures import HARDENING, link, structure
 
 import linkwise as lw
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.selection import Selection, best_of
+from linkwise.discovery.selection import Penalty, Selection, best_of
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 
 RUNS_AWAY = "the motion that starts from the states in the record runs to infinity"

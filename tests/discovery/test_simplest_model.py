@@ -8,11 +8,10 @@ from random_force import random_force
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.discovery import inexact_laws
-from linkwise.discovery.criterion import Penalty
+from linkwise.discovery import inexact
+from linkwise.discovery.inexact import larger_model_remarks, simplest_model
 from linkwise.discovery.prediction import BlockParabolas
-from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.simplest_model import larger_model_remarks, simplest_model
+from linkwise.discovery.selection import Penalty, QuadraticModel
 
 BLOCKS = 10
 RATE, DURATION = 200.0, 8.0
@@ -102,7 +101,7 @@ def test_a_selection_stays_where_a_fit_without_the_term_asks_for_it(monkeypatch:
         return [k for k, name in enumerate(quadratic.names[:3]) if name != "m1-ground.k3"]
 
     record = friction_record(0.2)
-    monkeypatch.setattr(inexact_laws, "simplest_model", without_spring)
+    monkeypatch.setattr(inexact, "simplest_model", without_spring)
     discovery = lw.discover(record, {"m1": 1.0}, terms="d, d**3, v")
     assert {term.term for term in discovery.kept} == {"d", "d**3", "v"}
 
@@ -116,7 +115,7 @@ def test_exact_laws_are_left_to_the_criterion(monkeypatch: pytest.MonkeyPatch) -
         asked.append(inside)
         return simplest_model(quadratic, penalty, parabolas, inside)
 
-    monkeypatch.setattr(inexact_laws, "simplest_model", counted)
+    monkeypatch.setattr(inexact, "simplest_model", counted)
     discovery = lw.discover(friction_record(0.0), {"m1": 1.0}, terms=TERMS)
     assert discovery.trusted and discovery.estimate.model_error == 0.0
     assert not asked

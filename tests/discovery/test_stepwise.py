@@ -11,10 +11,10 @@ import pytest
 from present import some
 from regressions import Regression
 
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.stepwise import (
+from linkwise.discovery.selection import (
     MoveKind,
+    Penalty,
+    QuadraticModel,
     backward_elimination,
     best_subset,
     forward_selection,

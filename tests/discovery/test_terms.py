@@ -8,8 +8,7 @@ import pytest
 from present import some
 
 import linkwise as lw
-from linkwise.discovery.term_families import FAMILIES
-from linkwise.discovery.terms import DEFAULT, parse_terms
+from linkwise.discovery.terms import DEFAULT, FAMILIES, parse_terms
 from linkwise.model.law import Law
 
 

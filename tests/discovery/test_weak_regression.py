@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linkwise.discovery.weak_regression import _add
+from linkwise.discovery.screen import _add
 
 
 @pytest.mark.parametrize("which", [[4, 0, 2], [2, 0, 2, 1, 0]])

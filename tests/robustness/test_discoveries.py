@@ -9,7 +9,7 @@ from structures import link, structure
 
 import linkwise as lw
 from linkwise.discovery.evidence import _larger
-from linkwise.discovery.quadratic_model import QuadraticModel
+from linkwise.discovery.selection import QuadraticModel
 
 
 def random_chain(rng: np.random.Generator) -> tuple[lw.Structure, float]:

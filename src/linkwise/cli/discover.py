@@ -27,11 +27,11 @@ from linkwise.output import RESULT, to_json
 from linkwise.registry import lazy_module
 
 if TYPE_CHECKING:
-    from linkwise.discovery import term_families as families
+    from linkwise.discovery import terms as families
     from linkwise.model import link, rotations
     from linkwise.report import discovery as folders
 else:
-    families = lazy_module("linkwise.discovery.term_families")
+    families = lazy_module("linkwise.discovery.terms")
     link = lazy_module("linkwise.model.link")
     rotations = lazy_module("linkwise.model.rotations")
     folders = lazy_module("linkwise.report.discovery")  # figures are for those who want a folder

@@ -1,11 +1,11 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
+from linkwise.discovery.candidates import DiscoveryOptions as DiscoveryOptions
 from linkwise.discovery.discover import check_discovery as check_discovery
-from linkwise.discovery.memory_evidence import MemoryEvidence as MemoryEvidence
+from linkwise.discovery.model_average import MemoryEvidence as MemoryEvidence
 from linkwise.discovery.model_average import ModelAverage as ModelAverage
-from linkwise.discovery.options import DiscoveryOptions as DiscoveryOptions
-from linkwise.discovery.other_models import PathPoint as PathPoint
-from linkwise.discovery.other_models import RunnerUp as RunnerUp
+from linkwise.discovery.model_average import PathPoint as PathPoint
+from linkwise.discovery.model_average import RunnerUp as RunnerUp
 from linkwise.discovery.result import TermEvidence as TermEvidence
 from linkwise.discovery.scoring import TermScore as TermScore
 from linkwise.discovery.scoring import align_truth as align_truth

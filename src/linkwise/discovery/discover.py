@@ -10,22 +10,22 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from linkwise.discovery.candidates import Candidates, candidates_for
-from linkwise.discovery.coloured_noise import fit_beyond_white_noise, select_coloured
-from linkwise.discovery.data_checks import DataChecks, check_data, in_units
-from linkwise.discovery.free_run_laws import select_nearly_right
+from linkwise.discovery.candidates import Candidates, DiscoveryKeywords, DiscoveryOptions, candidates_for
+from linkwise.discovery.inexact import (
+    fit_beyond_white_noise,
+    select_coloured,
+    select_nearly_right,
+    select_with_random_forces,
+)
 from linkwise.discovery.judgement import judged_discovery
-from linkwise.discovery.memory_evidence import MemoryEvidence
-from linkwise.discovery.memory_laws import no_memory_remark, select_memory
-from linkwise.discovery.memory_terms import USUAL
-from linkwise.discovery.options import DiscoveryKeywords, DiscoveryOptions
-from linkwise.discovery.random_forces import select_with_random_forces
+from linkwise.discovery.memory import no_memory_remark, select_memory, suspected_memory
+from linkwise.discovery.model_average import MemoryEvidence
 from linkwise.discovery.result import Discovery
-from linkwise.discovery.rival_frequencies import rival_frequencies
-from linkwise.discovery.screened_records import ScreenedRecords, weak_values
+from linkwise.discovery.rivals import rival_frequencies
+from linkwise.discovery.screened_records import DataChecks, ScreenedRecords, check_data, in_units, weak_values
 from linkwise.discovery.selection import Selection, TermSearch
-from linkwise.discovery.suspected_memory import suspected_memory
 from linkwise.discovery.term_parameters import select_with_parameters
+from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.options import LikelihoodOptions, answer_with_sensors, errors_to_find, unknown_gains

@@ -1,28 +1,186 @@
-"""The evidence for a selection, from the local quadratic model: term by term, along a path, and against other models."""
+"""The evidence for a selection, from the local quadratic model: term by term, along a path, and against other models.
+
+What the terms that were dropped from the links found add to the errors of those kept.
+
+A selection calls a term absent where the record does not show it, and the other coefficients then stand for what it did: their
+errors beside the terms kept alone are too small. Here every candidate on a link that was found may still be there. With
+columns D of those dropped, the local quadratic model of the cost has the values c_D that they would have, with covariance
+C_D, and the coefficients kept move by -G c_D for G = H^-1 H_D. The second moment of the c_D about the zero that the selection
+gave them, c_D c_D' + C_D, is theirs without a prior: G (c_D c_D' + C_D) G' is added to the covariance.
+
+References
+----------
+R. Berk, L. Brown, A. Buja, K. Zhang and L. Zhao, "Valid post-selection inference", Ann. Statist. 41 (2013).
+
+What a record could not have shown: how large a term that was dropped may still be.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.other_models import PathPoint, RunnerUp
+from linkwise.discovery.model_average import PathPoint, RunnerUp
 from linkwise.discovery.prediction import BlockParabolas, PredictionExcess, block_parabolas
-from linkwise.discovery.quadratic_model import QuadraticModel, inverse_of
 from linkwise.discovery.result import CERTAIN, TermEvidence
-from linkwise.discovery.selection import Selection, link_motions
-from linkwise.discovery.stepwise import Move, MoveKind
+from linkwise.discovery.selection import (
+    Move,
+    MoveKind,
+    Penalty,
+    QuadraticModel,
+    Selection,
+    inverse_of,
+    link_motions,
+)
+from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.tests.diagnosis import link_forces
+from linkwise.likelihood.tests.score_test import CandidateForce, candidate_forces
 from linkwise.model.link import BASE, GROUND
+from linkwise.runtime import one_blas_thread
+
+# of a column's square: what the terms kept and the other ones dropped leave of it is rounding
+_DEPENDENT = 1e-9
+_MUCH_WIDER = 3.0  # times the error beside the terms kept alone, from which a coefficient is named
+_NAMED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class DroppedTerms:
+    """The terms dropped from the links found, by `names` (d,), and what they add to the errors of the p coefficients kept.
+
+    `covariance` (p, p) is to be added to that beside the terms kept alone; `shares` (p, d) are the parts of its diagonal that
+    each term has by itself.
+    """
+
+    names: tuple[str, ...]
+    covariance: Floats
+    shares: Floats
+
+    @classmethod
+    def of(cls, quadratic: QuadraticModel, penalty: Penalty, count: int) -> DroppedTerms:
+        """Those of a model whose first `count` coefficients are those of the selection.
+
+        Raises numpy.linalg.LinAlgError if the columns of the selection are linearly dependent.
+        """
+        linked = set(penalty.pair[:count].tolist()) | penalty.stated
+        others = range(count, len(quadratic.names))
+        dropped = np.array([number for number in others if penalty.pair[number] in linked], dtype=np.intp)
+        inside = np.arange(count)
+        covariance = inverse_of(quadratic.h[:count, :count])
+        follow = covariance @ quadratic.h[np.ix_(inside, dropped)]
+        square = quadratic.h[dropped, dropped]
+        scale = 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0))
+        left = quadratic.h[np.ix_(dropped, dropped)] - quadratic.h[np.ix_(dropped, inside)] @ follow
+        size, vectors = np.linalg.eigh(left * np.outer(scale, scale))
+        independent = size > _DEPENDENT
+        root = scale[:, None] * vectors[:, independent] / np.sqrt(size[independent])
+        values = root @ (root.T @ (quadratic.g[dropped] - follow.T @ quadratic.g[:count]))
+        moment = np.outer(values, values)
+        if quadratic.scatter is None:
+            moment += root @ root.T
+        else:
+            both = np.concatenate([inside, dropped])
+            influence = root @ (root.T @ np.hstack([-follow.T, np.eye(len(dropped))]))
+            moment += influence @ quadratic.scatter[np.ix_(both, both)] @ influence.T
+        of_selected = follow @ moment @ follow.T
+        return cls(
+            names=tuple(quadratic.names[number] for number in dropped),
+            covariance=0.5 * (of_selected + of_selected.T),
+            shares=follow**2 * moment.diagonal(),
+        )
+
+
+def widened(estimate: Estimate, covariance: Floats) -> Estimate:
+    """The estimate with a `covariance` (p, p) more for terms that it lacks, which a profile would not allow for."""
+    before = 0.0 if estimate.for_dropped_terms is None else estimate.for_dropped_terms
+    return replace(
+        estimate,
+        covariance=estimate.covariance + covariance,
+        for_dropped_terms=before + covariance,
+        profile=None,
+    )
+
+
+def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Floats) -> tuple[str, ...]:
+    """A sentence on the coefficients whose errors are mostly due to a term dropped; `alone` (p,) are those without them.
+
+    Those of links in doubt have no errors.
+    """
+    added = np.maximum(dropped.covariance.diagonal(), 0.0)
+    wider = np.sqrt(1.0 + np.where(alone > 0.0, added / np.where(alone > 0.0, alone, 1.0) ** 2, 0.0))
+    worst = [
+        number
+        for number in np.argsort(-wider).tolist()
+        if wider[number] > _MUCH_WIDER
+        and estimate.coefficient(estimate.parameters[number].name).standard_error is not None
+    ][:_NAMED]
+    if not worst:
+        return ()
+    effects = [
+        f"{estimate.parameters[number].name} ({wider[number]:.2g} times as wide, mostly by "
+        f"{dropped.names[int(np.argmax(dropped.shares[number]))]})"
+        for number in worst
+    ]
+    return (
+        "The intervals allow for terms that were dropped but could be there unseen; they are much wider for "
+        f"{', '.join(effects)}. Excite these links more, record for longer, or state links that are known.",
+    )
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a term may be infinite somewhere
+def unit_shares(selection: Selection, candidates: Candidates) -> dict[str, float]:
+    """The force of each candidate that was dropped from a link, per unit of its coefficient, over that of the link.
+
+    Both are root mean squares along the fitted motion. Candidates on other pairs of masses are left out.
+
+    Parameters
+    ----------
+    selection : Selection
+        The selection.
+    candidates : Candidates
+        All candidates.
+
+    Returns
+    -------
+    dict of str to float
+        The ratios by name of the candidate, in the reciprocal of the unit of its coefficient.
+    """
+    structure, optimum = selection.structure, selection.fit.optimum
+    index = structure.topology.index
+    places: dict[frozenset[str], list[int]] = {}
+    for number, link in enumerate(structure.links):
+        places.setdefault(frozenset(link.between), []).append(number)
+    tested = frozenset(selection.quadratic.names) - selection.chosen
+    dropped = [
+        (entry, candidates.pairs[entry.pair].between)
+        for entry in candidates.entries
+        if entry.name in tested and frozenset(candidates.pairs[entry.pair].between) in places
+    ]
+    with one_blas_thread():
+        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+        of_links = link_forces(optimum, misfit)
+        forces = [
+            CandidateForce(index[first], index[second], entry.term.law) for entry, (first, second) in dropped
+        ]
+        _, units = candidate_forces(optimum, misfit, forces)
+    shares = {}
+    for (entry, between), unit in zip(dropped, units, strict=True):
+        force = sum(of_links[number] for number in places[frozenset(between)])
+        shares[entry.name] = float(1.0 / (unit * force)) if force > 0.0 else np.inf
+    return shares
+
 
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
 _RUNNERS_UP = 10
-_NAMED = 6  # exchanges that remarks name
+_EXCHANGES = 6  # exchanges that remarks name
 _NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
 _ROUNDING = 1e-9  # of a force that is linear in the rate: friction grows less than that
 # that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
@@ -264,9 +422,9 @@ def exchange_remarks(selection: Selection) -> tuple[str, ...]:
     remarks = [
         f"This record hardly distinguishes {names[move.dropped or 0]} from {names[move.added or 0]}: with the other in its "
         f"place the criterion is {f'only {-move.gain:.1f} higher' if move.gain <= 0.0 else 'no higher, to first order'}."
-        for move in exchanges[:_NAMED]
+        for move in exchanges[:_EXCHANGES]
     ]
-    if len(exchanges) > _NAMED:
+    if len(exchanges) > _EXCHANGES:
         remarks.append(
             f"{len(exchanges) - _NAMED} more terms could be exchanged for others at as small a cost."
         )

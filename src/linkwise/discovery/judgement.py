@@ -10,32 +10,39 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.data_checks import DataChecks
-from linkwise.discovery.dropped_terms import DroppedTerms, dropped_terms_remark, widened
 from linkwise.discovery.evidence import (
+    DroppedTerms,
+    dropped_terms_remark,
     exchange_remarks,
     opposed_damping,
     path_parabolas,
     runners_up,
     selection_path,
     term_evidence,
+    unit_shares,
+    widened,
 )
-from linkwise.discovery.free_run_laws import free_run_remarks
-from linkwise.discovery.link_exchanges import link_exchange_remarks, link_exchanges
-from linkwise.discovery.memory_evidence import MemoryEvidence
-from linkwise.discovery.model_average import model_average
-from linkwise.discovery.other_models import PathPoint
-from linkwise.discovery.power import unit_shares
+from linkwise.discovery.inexact import free_run_remarks, larger_model_remarks, simplest_model_remarks
+from linkwise.discovery.model_average import MemoryEvidence, PathPoint, model_average
 from linkwise.discovery.prediction import terms_without_gain
 from linkwise.discovery.result import Discovery, TermEvidence
-from linkwise.discovery.rival_errors import RivalError, rival_errors, rival_remarks
-from linkwise.discovery.rival_forms import RivalForm, allowing_for, rival_form_remarks, rival_forms
-from linkwise.discovery.rival_offsets import rival_offsets
-from linkwise.discovery.screened_records import ScreenedRecords
+from linkwise.discovery.rivals import (
+    RivalError,
+    RivalForm,
+    allowing_for,
+    link_exchange_remarks,
+    link_exchanges,
+    origin_remarks,
+    rival_errors,
+    rival_form_remarks,
+    rival_forms,
+    rival_offsets,
+    rival_remarks,
+    unknown_origins,
+)
+from linkwise.discovery.screened_records import DataChecks, ScreenedRecords
 from linkwise.discovery.selection import Selection
-from linkwise.discovery.simplest_model import larger_model_remarks, simplest_model_remarks
 from linkwise.discovery.term_parameters import without_values
-from linkwise.discovery.unmeasured_origins import origin_remarks, unknown_origins
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.estimate import estimate_of

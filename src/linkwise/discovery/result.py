@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.discovery.memory_evidence import MemoryEvidence
-from linkwise.discovery.model_average import ModelAverage
-from linkwise.discovery.other_models import PathPoint, RunnerUp
+from linkwise.discovery.model_average import MemoryEvidence, ModelAverage, PathPoint, RunnerUp
 from linkwise.discovery.terms import Term
 from linkwise.display import (
     JudgedView,

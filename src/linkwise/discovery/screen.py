@@ -3,26 +3,279 @@
 The equations of all masses are regressed together, with one set of coefficients for each link. For many masses a first screen
 regresses the equation of each mass by itself on all links that may end there, so that the work grows with the number of pairs;
 what is significant at either end of a link is regressed again: mass by mass for what the likelihood should test, and together.
+
+Weak equations of several masses in several records as one quadratic model of their coefficients.
+
+Which candidate links of a structure with hosts exert forces, before anything is known of their laws.
+
+The modes and the stated links with known linear laws are a linear system. A candidate link is a random force between its ends
+(`likelihood.starts.hosts`), and a Kalman filter gives the likelihood of the samples with it. Links are added one at a time,
+the likeliest first, as long as the likelihood rises by more than the penalty on a link.
+
+The spanning tree of the most significant links, for searches that start without displacements, and for links with memory.
+
+Integrals of velocities and accelerations lack their constants, and suggest false links beside true ones. On a tree,
+accelerations determine the force of every link, and with it a start that does not need the constants
+(`likelihood.starts.coefficients`). `force_tree` finds it from these forces themselves, where all masses are known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.stepwise import backward_elimination, best_subset, forward_selection
-from linkwise.discovery.weak_regression import WeakRegression
+from linkwise.discovery.selection import (
+    Penalty,
+    QuadraticModel,
+    backward_elimination,
+    best_subset,
+    forward_selection,
+)
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.starts.kalman import log_likelihood, tuned_modes
+from linkwise.likelihood.starts.linear_part import LinearModel, LinearPart, inputs_of, samples_of
+from linkwise.likelihood.starts.values import require_supported
+from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
+from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.equations import WeakEquations, weak_equations
+from linkwise.weak.fit import normal_blocks, residual_power
+from linkwise.weak.patch import Patch
+from linkwise.weak.scatter import SlopeStatistics, score_blocks
+
+#: For each record, the patches to regress and the equations that they belong to.
+RecordPatches = Sequence[tuple[Sequence[Patch], WeakEquations]]
+Weights = tuple[tuple[Floats, ...], ...]
+
+_REWEIGHTINGS = 2  # rounds of weighting the masses by their residuals
+_RIDGE = 1e-10  # of the unit diagonal: just above rounding
+_OVERLAP = 2.0  # windows overlap, so that sums of squares count every sample about twice
+
+
+@dataclass(frozen=True, eq=False)
+class WeakRegression:
+    """The equations in `patches`, in which each mass is weighted by `weights`.
+
+    `names` (p,) are the coefficients in the equations and `numbers` (p,) their numbers in the structure; `scatter` (p, p) is
+    the covariance of the right-hand side of the normal equations due to noise.
+    """
+
+    patches: RecordPatches
+    weights: Weights
+    names: tuple[str, ...]
+    numbers: Indices
+    scatter: Floats
+
+    @classmethod
+    def of(cls, patches: RecordPatches) -> WeakRegression:
+        """The equations weighted by the residuals of a fit of all coefficients.
+
+        That fit leaves the noise bias in, so that its normal matrix is always positive definite.
+        """
+        parameters = patches[0][1].parameters
+        numbers = np.unique(
+            np.concatenate([patch.layout.free_parameters for some, _ in patches for patch in some])
+        )
+        weights: Weights = tuple(tuple(1.0 / patch.largest() for patch in some) for some, _ in patches)
+        for _ in range(_REWEIGHTINGS):
+            values = np.zeros(len(parameters))
+            values[numbers] = _solve_with_ridge(*_normal_equations(patches, weights, numbers, 1.0))
+            weights = tuple(
+                tuple(1.0 / residual_power(patch, values) for patch in some) for some, _ in patches
+            )
+        names = tuple(parameters[number] for number in numbers)
+        return cls(patches, weights, names, numbers, _scatter(patches, weights, numbers, values))
+
+    def quadratic(self, bias: float) -> QuadraticModel:
+        """The normal equations with the part `bias` of the noise bias left in; z scores by the noise."""
+        h, g = _normal_equations(self.patches, self.weights, self.numbers, bias)
+        return QuadraticModel(self.names, h, g, self.scatter)
+
+    def squares(self) -> QuadraticModel:
+        """The sum of squared residuals on about the scale of -2 log likelihood, to compare subsets."""
+        h, g = _normal_equations(self.patches, self.weights, self.numbers, 0.0)
+        overlap = _OVERLAP * max(equations.motion.density for _, equations in self.patches)
+        return QuadraticModel(self.names, h / overlap, g / overlap)
+
+    @property
+    def rows(self) -> int:
+        """The number of equations."""
+        return int(sum(len(patch.masses) * patch.windows for some, _ in self.patches for patch in some))
+
+
+def _normal_equations(
+    patches: RecordPatches, weights: Sequence[Sequence[Floats]], numbers: Indices, bias: float
+) -> tuple[Floats, Floats]:
+    h, g = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
+    for (some, equations), weight in zip(patches, weights, strict=True):
+        blocks, right = normal_blocks(some, weight, len(equations.parameters), bias=bias)
+        for which, block in blocks:
+            _add(h, np.searchsorted(numbers, which), block)
+        g += right[numbers]
+    return h, g
+
+
+def _scatter(
+    patches: RecordPatches, weights: Sequence[Sequence[Floats]], numbers: Indices, values: Floats
+) -> Floats:
+    total = np.zeros((len(numbers), len(numbers)))
+    for (some, equations), weight in zip(patches, weights, strict=True):
+        slopes = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in some]
+        for which, block in score_blocks(slopes, weight, equations):
+            _add(total, np.searchsorted(numbers, which), equations.motion.density * block[0])
+    return total
+
+
+def _add(total: Floats, which: Indices, block: Floats) -> None:
+    """Add a block to the rows and columns `which` of a matrix, of which some may be repeated."""
+    order = np.argsort(which, kind="stable")
+    rows, starts = np.unique(which[order], return_index=True)
+    if len(rows) < len(which):
+        block = np.add.reduceat(block[order], starts, axis=0)
+        block = np.add.reduceat(block[:, order], starts, axis=1)
+        which = rows
+    total[np.ix_(which, which)] += block
+
+
+def _solve_with_ridge(h: Floats, g: Floats) -> Floats:
+    """The solution of normal equations, scaled to unit diagonal, with the smallest ridge that rounding requires."""
+    scale = 1.0 / np.sqrt(np.maximum(h.diagonal(), np.finfo(float).tiny))
+    scaled = h * np.outer(scale, scale)
+    return np.asarray(scale * np.linalg.solve(scaled + _RIDGE * np.eye(len(g)), scale * g))
+
+
+_TRIED = 2000  # samples that decide which links there are
+_CHANGES = 10.0 ** np.arange(
+    -3.0, 2.0
+)  # of a force over a sample, relative to its size: tried one after the other
+_ALLOWED = 1e-3  # of the size of accelerations: white forces on the modes, which keep the filter steady
+_MOST = 12  # links that are added
+
+
+def screen_links(record: Record, candidates: Candidates) -> frozenset[str]:
+    """The names of all candidates on the links whose forces a record shows; those of stated links are among them.
+
+    Raises IdentificationError if the record determines the modes too poorly.
+    """
+    structure = candidates.full_structure
+    require_supported(record, structure)
+    noise = channel_noise(record)
+    try:
+        chosen = _added_links(_Filter.of(record, structure, noise), structure, candidates)
+        free = [
+            p.name
+            for p in structure.parameters
+            if p.name.owner in structure.mass_names and not p.name.is_shape
+        ]
+        if free:  # stated as they are known beforehand, which links may make up for
+            names = _candidates_on(chosen, structure, candidates)
+            tuned = tuned_modes(record, candidates.structure(names), noise)
+            changed = structure.with_values({name: tuned[name] for name in free})
+            chosen = _added_links(_Filter.of(record, changed, noise), structure, candidates)
+    except np.linalg.LinAlgError:
+        raise IdentificationError(
+            "no links can be found: the record is too short, has too few samples, or its sensors do not show the modes of the "
+            "host; give a longer record, or more sensors"
+        ) from None
+    return _candidates_on(chosen, structure, candidates)
+
+
+def _candidates_on(links: Collection[int], structure: Structure, candidates: Candidates) -> frozenset[str]:
+    """The names of the candidates on some `links` of the structure of all, and on stated ones."""
+    names = {structure.links[number].name for number in links}
+    return frozenset(
+        entry.name
+        for entry in candidates.entries
+        if candidates.pairs[entry.pair].name in names or candidates.pairs[entry.pair].stated
+    )
+
+
+def _added_links(tried: _Filter, structure: Structure, candidates: Candidates) -> list[int]:
+    """The links, by number, that raise the likelihood by more than their penalty, and one at least for every mass."""
+    stated = {link.name for pair in candidates.pairs for link in pair.stated}
+    chosen = [number for number in tried.linear.open if structure.links[number].name in stated]
+    others = [number for number in tried.linear.open if number not in chosen]
+    samples = int(np.isfinite(tried.samples).sum())
+    least = 0.5 * Penalty.of(candidates, (), samples).link
+    current = tried.evidence(chosen)
+    while others and len(chosen) < _MOST:
+        loose = _loose(chosen, structure, candidates)
+        evidence_with = {number: tried.evidence((*chosen, number)) for number in others}
+        best = max(evidence_with, key=lambda number: evidence_with[number])
+        if evidence_with[best] < current + least:
+            around = [number for number in others if not loose.isdisjoint(structure.links[number].between)]
+            if not around:
+                break
+            best = max(around, key=lambda number: evidence_with[number])
+        chosen.append(best)
+        others.remove(best)
+        current = evidence_with[best]
+    return chosen
+
+
+def _loose(chosen: Collection[int], structure: Structure, candidates: Candidates) -> set[str]:
+    """The masses to which none of the `chosen` links goes, nor one whose law is known."""
+    open_links = {pair.name for pair in candidates.pairs if not pair.stated}
+    linked = {
+        end
+        for number, link in enumerate(structure.links)
+        if number in chosen or link.name not in open_links
+        for end in link.between
+    }
+    return {mass.name for mass in candidates.masses} - linked
+
+
+@dataclass(frozen=True, eq=False)
+class _Filter:
+    """The linear system of all candidates with the forces of some as random inputs, and what it has to explain."""
+
+    linear: LinearPart
+    record: Record
+    noise: Mapping[str, float]
+
+    @classmethod
+    def of(cls, record: Record, structure: Structure, noise: Mapping[str, float]) -> _Filter:
+        """That of the first samples of a record."""
+        return cls(LinearPart.of(structure), record[: min(_TRIED, len(record))], noise)
+
+    @property
+    def samples(self) -> Floats:
+        """(N, C) samples of the record."""
+        return samples_of(self.record, replace(self.linear, open=()))
+
+    def evidence(self, links: Sequence[int]) -> float:
+        """Log likelihood of the samples with random forces in `links` alone, of the likeliest rate of their change."""
+        part = replace(self.linear, open=tuple(links))
+        samples, inputs = samples_of(self.record, part), inputs_of(self.record)
+        best = -np.inf
+        for change in _CHANGES if links else _CHANGES[:1]:
+            model = part.model(self.record, self.noise, float(change))
+            model = _with_random_modes(model, self.linear.structure.size, self.record.step)
+            bounds = model.noise[len(model.noise) - len(links) :]  # of elongations, which are no samples
+            with np.errstate(all="ignore"):
+                log_evidence = log_likelihood(model, samples, inputs) + 0.5 * len(samples) * float(
+                    np.log(bounds).sum()
+                )
+            best = max(best, log_evidence) if np.isfinite(log_evidence) else best
+        return best
+
+
+def _with_random_modes(model: LinearModel, size: int, step: float) -> LinearModel:
+    """A model with a small white random force on each of its `size` modes and masses, for what is wrong with the host."""
+    x, v = np.sqrt(model.first.diagonal()[[0, size]])
+    process = model.process.copy()
+    rows = np.arange(size, 2 * size)
+    process[rows, rows] += (_ALLOWED * v**2 / x * step) ** 2
+    return replace(model, process=process)
+
 
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
 _ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
@@ -281,3 +534,53 @@ def _connected(regression: WeakRegression, candidates: Candidates, significant: 
 def _term(regression: WeakRegression, candidates: Candidates, number: int) -> str:
     """The text of the term that a coefficient of the regression multiplies."""
     return candidates.by_name[regression.names[number]].term.text
+
+
+_STATED = 1e12  # in place of |z| of a stated link: larger than any
+
+
+def most_significant_tree(
+    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
+) -> frozenset[str]:
+    """All candidates on the links of the tree that joins every mass to the ground with the largest |z|.
+
+    The |z| of a link is that of its most significant elastic term. Empty if the significant links do not reach every mass.
+    """
+    chosen = _tree(records, motions, candidates, {})
+    return frozenset(entry.name for entry in candidates.entries if entry.pair in chosen)
+
+
+def skeleton(
+    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
+) -> frozenset[int]:
+    """The numbers of the pairs with stated links, and of those of the tree of the most significant links beside them.
+
+    Only the former if the significant links do not reach every mass.
+    """
+    stated = {number: _STATED for number, pair in enumerate(candidates.pairs) if pair.stated}
+    return frozenset(stated) | _tree(records, motions, candidates, stated)
+
+
+def _tree(
+    records: Sequence[Record],
+    motions: Sequence[MeasuredDisplacements],
+    candidates: Candidates,
+    stated: Mapping[int, float],
+) -> frozenset[int]:
+    """The numbers of the pairs of the tree with the largest |z|; those of the `stated` are given by number."""
+    z = dict(stated)
+    for name, score in z_scores(records, motions, candidates).items():
+        entry = candidates.by_name.get(name)
+        if entry is not None and entry.term.elastic:
+            z[entry.pair] = max(score, z.get(entry.pair, 0.0))
+    node = {mass.name: number for number, mass in enumerate(candidates.masses)}
+    node |= {GROUND: len(node), BASE: len(node)}
+    distance, pairs = np.zeros((len(candidates.masses) + 1,) * 2), {}
+    for pair, score in z.items():
+        ends = tuple(sorted(node[end] for end in candidates.pairs[pair].between))
+        if distance[ends] == 0.0 or 1.0 / score < distance[ends]:
+            distance[ends], pairs[ends] = 1.0 / score, pair
+    tree = minimum_spanning_tree(distance).tocoo()
+    if tree.nnz < len(candidates.masses):
+        return frozenset()
+    return frozenset(pairs[int(first), int(second)] for first, second in zip(tree.row, tree.col, strict=True))

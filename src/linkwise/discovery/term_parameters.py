@@ -14,8 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, CandidateTerm
-from linkwise.discovery.quadratic_model import QuadraticModel
-from linkwise.discovery.selection import Selection, TermSearch, best_of, select_structure
+from linkwise.discovery.selection import QuadraticModel, Selection, TermSearch, best_of, select_structure
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.likelihood.shooting.minimise import AnnealingStatus

@@ -1,19 +1,213 @@
-"""The terms that any link may have: functions of d and v, written out or named by family."""
+"""The terms that any link may have: functions of d and v, written out or named by family.
+
+Families of terms by name, "cubic" and "friction(0.01)": a new one is an entry here.
+
+Laws with memory in a list of terms: a name such as "bouc-wen" offers its states to every link.
+
+Of a named law the summands that contain a state are the part with memory. The others are terms like any other: they join the
+list of terms, and are selected one by one.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.memory_terms import memory_laws, names_memory, plain_terms
-from linkwise.discovery.term_families import FAMILIES, family_terms
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, Number, symbols
+from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.named_laws import NAMED_LAWS, NamedLaw, is_law_name, named_law
+from linkwise.registry import Registry
+
+
+@dataclass(frozen=True)
+class TermFamily:
+    """What a name in a list of terms stands for.
+
+    `terms` is the list; {} in it is the number given in brackets. `argument` says what that number is, and `symbol` stands for
+    it in a list of all families. `opened` is the list without a number: a name stands for a value that the discovery finds.
+    `meaning` is for those who do not read it in the terms.
+    """
+
+    terms: str
+    meaning: str = ""
+    argument: str = ""
+    symbol: str = ""
+    opened: str = ""
+
+
+FAMILIES: Registry[TermFamily] = Registry(
+    "family",
+    {
+        "linear": TermFamily("v, d"),
+        "cubic": TermFamily("v, d, d**2, d**3"),
+        "bistable": TermFamily("v, d, d**3"),
+        "quintic": TermFamily("v, d, d**2, d**3, d**4, d**5"),
+        "quadratic-damping": TermFamily("v*abs(v)"),
+        "friction": TermFamily(
+            "tanh(v/{})",
+            "dry friction that saturates at S m/s",
+            argument="the rate in m/s at which it saturates",
+            symbol="S",
+            opened="tanh(v/v_f)",
+        ),
+        "stribeck": TermFamily(
+            "exp(-(v/{})**2)*sign(v)",
+            "friction that falls with the rate over S m/s",
+            argument="the rate in m/s beyond which the added friction vanishes",
+            symbol="S",
+            opened="exp(-(v/v_s)**2)*sign(v)",
+        ),
+        "contact": TermFamily(  # both signs, since the user does not choose which end comes first
+            "max(d - {}, 0), min(d + {}, 0)",
+            "one-sided stops at G m, either way",
+            argument="the elongation in m, of either sign, at which it closes",
+            symbol="G",
+            opened="max(d - d_c, 0), min(d + d_t, 0)",
+        ),
+        "gap": TermFamily(
+            "max(d - {}, 0) + min(d + {}, 0)",
+            "a stop at G m on either side",
+            argument="the elongation in m at which either side closes",
+            symbol="G",
+            opened="max(d - d_g, 0) + min(d + d_g, 0)",
+        ),
+    },
+    IdentificationError,
+)
+"""What a list of terms may name beside functions of d and v."""
+
+
+def listed_families() -> list[str]:
+    """A line for each family: its name, its terms and what they mean."""
+    heads = [f"{name}({family.symbol})" if family.symbol else name for name, family in FAMILIES.items()]
+    width = max(map(len, heads))
+    return [
+        f"{head:{width}s}  {family.terms.replace('{}', family.symbol)}{family.meaning and f', {family.meaning}'}"
+        for head, family in zip(heads, FAMILIES.values(), strict=True)
+    ]
+
+
+def family_terms(text: str) -> str | None:
+    """The list of terms that `text`, such as "friction(0.01)", stands for; None where it names no family.
+
+    Raises IdentificationError if the family takes no number, or needs another one.
+    """
+    name, bracket, rest = text.partition("(")
+    name, number = name.strip(), rest.removesuffix(")")
+    if name not in FAMILIES:
+        return None
+    family = FAMILIES[name]
+    if family.opened and not bracket:
+        return family.opened
+    if not family.argument:
+        if bracket:
+            raise IdentificationError(f"the family {name} takes no argument; got {text!r}")
+        return family.terms
+    if not rest.endswith(")") or not _is_positive(number):
+        raise IdentificationError(
+            f"the family {name} takes {family.argument}, a positive number in brackets, as in {name}(0.01); got {text!r}"
+        )
+    return family.terms.format(*[number] * family.terms.count("{}"))
+
+
+def _is_positive(text: str) -> bool:
+    try:
+        return 0.0 < float(text) < float("inf")
+    except ValueError:
+        return False
+
+
+#: Tried where no selection of terms leaves only noise, and none was named: slip that yields smoothly, friction, relaxation.
+USUAL = ("bouc-wen", "dahl", "zener")
+
+_TERM = re.compile(r"\w+\*(.+)")
+
+
+def memory_laws() -> tuple[str, ...]:
+    """The names of the laws with memory that a list of terms may contain."""
+    return tuple(name for name in NAMED_LAWS if _is_offered(NAMED_LAWS.lookup(name)))
+
+
+def _is_offered(law: NamedLaw) -> bool:
+    """Whether a law has states, none of which is electrical: only a channel of such a state determines its scale."""
+    return bool(law.states) and not any(state.unit for state in law.states.values())
+
+
+def names_memory(text: str) -> bool:
+    """Whether an entry of a list of terms names a law with memory.
+
+    Raises IdentificationError where the law has an electrical state.
+    """
+    if text.partition("(")[0].strip() in FAMILIES or not is_law_name(text):
+        return False
+    law = named_law(text)
+    if law.states and not _is_offered(law):
+        raise IdentificationError(
+            f"{text} has an electrical state, whose scale the motion does not determine; identify a structure "
+            f"with that law, and with the channel of the state. Laws with memory that can be offered are "
+            f"{', '.join(memory_laws())}"
+        )
+    return bool(law.states)
+
+
+def plain_terms(name: str) -> list[str]:
+    """The functions of d and v beside the states in a named law: "d" and "v" of "bouc-wen"."""
+    law = named_law(name)
+    matches = (_TERM.fullmatch(summand) for summand in _summands(law.law) if not _remembers(summand, law))
+    return [match[1] for match in matches if match is not None]
+
+
+def link_with_memory(name: str, between: tuple[str, str], law: str, reserved: Collection[str]) -> Link:
+    """A link with the part of a named law that contains its states.
+
+    Coefficients are unknown, and have other names where theirs are `reserved`.
+    """
+    named = named_law(law)
+    text = " + ".join(summand for summand in _summands(named.law) if _remembers(summand, named))
+    state = next(iter(named.states))
+    coefficients = Law.parse(text, named.states).coefficients
+    renamed = {old: f"{old}_{state}" for old in coefficients if old in reserved}
+    states = {
+        key: replace(value, rate=_with_names(value.rate, renamed)) for key, value in named.states.items()
+    }
+    return Link(
+        name,
+        between,
+        Law.parse(_with_names(text, renamed), states),
+        {renamed.get(old, old): named.within_bounds(old, Coefficient.unknown()) for old in coefficients},
+        states,
+    )
+
+
+def _with_names(text: str, names: dict[str, str]) -> str:
+    return _NAME.sub(lambda match: names.get(match[0], match[0]), text)
+
+
+def _remembers(summand: str, law: NamedLaw) -> bool:
+    return not set(symbols(Law.parse(summand).expression)).isdisjoint(law.states)
+
+
+def _summands(text: str) -> Sequence[str]:
+    """The summands of a law, without the brackets of others."""
+    return tuple(_split_sum(text))
+
+
+def _split_sum(text: str) -> Iterator[str]:
+    depth = begin = 0
+    for place, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0 and text.startswith(" + ", place):
+            yield text[begin:place]
+            begin = place + 3
+    yield text[begin:]
+
 
 DEFAULT = "v, d, d**2, d**3"
 

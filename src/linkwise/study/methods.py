@@ -16,9 +16,8 @@ import msgspec
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.candidates import candidates_for
+from linkwise.discovery.candidates import DiscoveryOptions, candidates_for
 from linkwise.discovery.discover import discover
-from linkwise.discovery.options import DiscoveryOptions
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError

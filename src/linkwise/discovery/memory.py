@@ -1,4 +1,6 @@
-"""Memory as a term: which link, if any, has states of its own, and by which named law.
+"""Memory that residuals show: in which link, and starting values for laws that have it, from the size of the force.
+
+Memory as a term: which link, if any, has states of its own, and by which named law.
 
 Where no selection of functions of d and v leaves only noise, or laws with memory were offered, the links of a skeleton are
 offered these laws one at a time: stated links, and the tree of the most significant others. Rough starting values on a piece
@@ -10,31 +12,97 @@ without memory.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.memory_evidence import MemoryEvidence
-from linkwise.discovery.rival_forms import link_rates
+from linkwise.discovery.model_average import MemoryEvidence
+from linkwise.discovery.rivals import link_rates
+from linkwise.discovery.screen import skeleton
 from linkwise.discovery.screened_records import ScreenedRecords
-from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_only_noise, select_structure
-from linkwise.discovery.spanning_tree import skeleton
-from linkwise.discovery.suspected_memory import SuspectedMemory
+from linkwise.discovery.selection import (
+    Penalty,
+    Selection,
+    TermSearch,
+    cost_of,
+    leaves_only_noise,
+    link_motions,
+    select_structure,
+)
 from linkwise.errors import IdentificationError
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.optima.restarts import fit_from_valleys
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.memory import Valley, host_memory_starts, memory_starts, rough_memory_start
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
+
+_YIELDS = 0.3  # of the deviation of the elongation, where a slider yields
+_OF_SLIDER, _OF_RELAXING = (
+    0.8,
+    0.7,
+)  # root mean square of a state over that of a sign, and over that of the elongation
+
+
+@dataclass(frozen=True)
+class SuspectedMemory:
+    """The memory in a `link` that would explain most of what a fit leaves, and how far the link moves.
+
+    `size` is the root mean square of its force in N, with a sign; `elongation` in m and `rate` in m/s are those of the link.
+    """
+
+    link: str
+    size: float
+    elongation: float
+    rate: float
+
+    def start(self, law: str) -> Mapping[str, float]:
+        """Values of the coefficients of the part with memory of a named law; none where they are not known."""
+        return _STARTS[law](self) if law in _STARTS else {}
+
+    @property
+    def slip(self) -> float:
+        """The force in N at which a slider yields."""
+        return abs(self.size) / _OF_SLIDER
+
+    @property
+    def reach(self) -> float:
+        """The elongation in m over which it does."""
+        return _YIELDS * self.elongation
+
+    @property
+    def branch(self) -> float:
+        """The stiffness in N/m of a spring that relaxes."""
+        return abs(self.size) / (_OF_RELAXING * self.elongation)
+
+
+_STARTS: Mapping[str, Callable[[SuspectedMemory], Mapping[str, float]]] = {
+    "bouc-wen": lambda own: {"F": own.slip, "x0": own.reach, "s": 0.5},
+    "dahl": lambda own: {"Fc": own.slip, "sigma": own.slip / own.reach},
+    "zener": lambda own: {"k1": own.branch, "c1": own.branch * own.elongation / own.rate},
+}
+
+
+def suspected_memory(selection: Selection, cause: Cause | None) -> SuspectedMemory | None:
+    """What a cause says of memory in a link of a selection; None where it says nothing of it."""
+    motions = link_motions(selection)
+    if cause is None or cause.term not in MEMORY_TERMS or cause.where not in motions:
+        return None
+    d, v = motions[cause.where]
+    elongation, rate = float(np.std(d)), float(np.std(v))
+    if not min(elongation, rate) > 0.0:
+        return None
+    return SuspectedMemory(cause.where, cause.size, elongation, rate)
+
 
 _LINKS = 4  # of the ranked ones that are fitted
 _CEILING, _STEPS = (
