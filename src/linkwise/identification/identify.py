@@ -9,7 +9,8 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from linkwise.errors import IdentificationError, expect
+from linkwise.display import near_miss
+from linkwise.errors import ArgumentTypeError, IdentificationError, expect
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.identification.methods import METHODS
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
@@ -77,6 +78,9 @@ def identify(
     >>> low < -100.0 < high
     True
     """
+    for name in options.keys() - LikelihoodKeywords.__annotations__:
+        known = near_miss(name, LikelihoodKeywords.__annotations__)
+        raise ArgumentTypeError(f"identify() got an unexpected keyword argument {name!r}{known}")
     estimator = _estimator(method, {name: value for name, value in options.items() if value})
     records = record_list(record, "identify(record, structure): record")
     expect("identify(record, structure): structure", structure, Structure)
