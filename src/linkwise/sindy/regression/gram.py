@@ -373,7 +373,7 @@ class Solution:
         The columns, without those that are zero throughout; dependent ones get a ridge of 1e-14.
     change : array of shape (p,)
         Difference of the scaled coefficients from the anchor.
-    eliminated : _Eliminated or None
+    _eliminated : _Eliminated or None
         The other columns, where these are fewer and were eliminated from the inverse.
     known_squares : float or None
         Sum of squared residuals, where it came with the solution.
@@ -383,7 +383,7 @@ class Solution:
     target: int
     support: Bools
     change: Floats
-    eliminated: _Eliminated | None
+    _eliminated: _Eliminated | None
     known_squares: float | None = None
 
     @cached_property
@@ -403,8 +403,8 @@ class Solution:
         dropped, retained = np.flatnonzero(self.support & ~support), np.flatnonzero(support)
         if not dropped.size:
             return self
-        if self.eliminated and np.count_nonzero(gram.alive) < 2 * retained.size:
-            return self._without(support, self.eliminated.with_(dropped, gram.inverse))
+        if self._eliminated and np.count_nonzero(gram.alive) < 2 * retained.size:
+            return self._without(support, self._eliminated.with_(dropped, gram.inverse))
         if 0 < retained.size < len(support) / _SMALL:
             direct = self._directly(support, retained)
             if direct.squares > (_CANCELLING * gram.norms[self.target]) ** 2:
@@ -454,8 +454,8 @@ class Solution:
         """
         gram, retained = self.gram, np.flatnonzero(self.support)
         diagonal = np.zeros(len(gram.names))
-        if self.eliminated:
-            taken = dtrsm(1.0, self.eliminated.factor, self.eliminated.rows.T, side=1, lower=1, trans_a=1)
+        if self._eliminated:
+            taken = dtrsm(1.0, self._eliminated.factor, self._eliminated.rows.T, side=1, lower=1, trans_a=1)
             inverse = np.diagonal(gram.inverse) - np.einsum("ij,ij->i", taken, taken)
             least = 1.0 / np.diagonal(gram.matrix)  # of a column that is orthogonal to all others
             diagonal[retained] = np.maximum(inverse, least)[retained]
