@@ -29,9 +29,9 @@ from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import AllowedErrors, ExplainedFit, explained_fit, searched
 from linkwise.likelihood.shooting.loss import Loss, with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
-from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Disturbance, Iterate, Scales, Segments
+from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
