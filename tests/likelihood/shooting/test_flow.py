@@ -11,7 +11,6 @@ from problems import rubbing_trio, truth
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.shooting.acting_forces import ActingForces
 from linkwise.likelihood.shooting.flow import (
     CLOSING,
     POINTS,
@@ -25,7 +24,6 @@ from linkwise.likelihood.shooting.flow import (
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents
-from linkwise.likelihood.shooting.transitions import carried
 from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
@@ -263,18 +261,8 @@ def candidates_along(orbit: Trajectories) -> CandidateForces:
     return CandidateForces(*ENDS, 100.0 * orbit.links[:, 0, :2], 100.0 * orbit.middle_links[:, 0, :2])
 
 
-def ends_by_transitions(without_inputs: tuple[System, Floats, Floats], steps: int) -> Floats:
-    """(2 n, P, K) of x and v at the ends, in so many whole steps a sample."""
-    (system, theta, _), (fine, half) = without_inputs, orbit_in(without_inputs, 2 * steps)
-    orbit, step = fine.thinned(2), 2.0 * half
-    candidates, mechanics = candidates_along(orbit), system.at(theta)
-    acting = ActingForces.along(mechanics, fine, step, theta, candidates, inputs=NOTHING)
-    *_, last = carried(mechanics, step, SCALE, acting, len(SCALE) + len(theta) + len(ENDS[0]))
-    return in_their_units(last.transpose(1, 2, 0).reshape(2, 3, -1, len(step)), step)
-
-
 def ends_by_march(without_inputs: tuple[System, Floats, Floats], steps: int) -> Floats:
-    """The same, marched."""
+    """(2 n, P, K) of x and v at the ends, in so many steps a sample."""
     (system, theta, _), (orbit, step) = without_inputs, orbit_in(without_inputs, steps)
     candidates = candidates_along(orbit)
     *_, last = tangents(system.at(theta), orbit, step, SCALE, theta, candidates, inputs=NOTHING)
@@ -285,23 +273,12 @@ def in_their_units(state: Single, step: Floats) -> Floats:
     return np.asarray(np.concatenate([state[0], state[1] / step]) / SCALE[:, None, None], dtype=float)
 
 
-def test_columns_of_states_are_those_that_are_marched_in_half_steps(
-    without_inputs: tuple[System, Floats, Floats],
-) -> None:
-    """The same numerics, in single precision."""
-    ours, marched = (
-        ends[:, : len(SCALE)]
-        for ends in (ends_by_transitions(without_inputs, 1), ends_by_march(without_inputs, 2))
-    )
-    assert np.abs(ours - marched).max() < 1e-5 * np.abs(marched).max()
-
-
 def test_all_columns_have_their_declared_order(without_inputs: tuple[System, Floats, Floats]) -> None:
     """Those of parameters and of candidates as well, of order 4 by Simpson's rule; one that is wrong keeps its error."""
     exact = ends_by_march(without_inputs, 16)
     size = np.sqrt(np.mean(exact**2, axis=(0, 2)))
     errors = [
-        np.sqrt(np.mean((ends_by_transitions(without_inputs, steps) - exact) ** 2, axis=(0, 2))) / size
+        np.sqrt(np.mean((ends_by_march(without_inputs, steps) - exact) ** 2, axis=(0, 2))) / size
         for steps in (1, 2)
     ]
     assert exact.shape[1] == len(SCALE) + len(without_inputs[1]) + 2

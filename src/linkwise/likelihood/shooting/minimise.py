@@ -114,8 +114,6 @@ def gradient(
     system, p = segments.system, segments.system.parameters.size
     mechanics, K = system.at(misfit.point.theta), segments.count
     pulled = loss.weight(misfit.residuals) * misfit.residuals / scales.sigma[:, None]
-    if segments.counts is not None:
-        pulled = pulled * segments.counts
     if segments.relative_noise is not None:
         pulled = pulled / segments.relative_noise
     defects = pulls.T

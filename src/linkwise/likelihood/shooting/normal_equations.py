@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.acting_forces import ActingForces
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
 from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles, late_motion
 from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
@@ -45,7 +44,6 @@ from linkwise.likelihood.shooting.segments import (
     add_starts,
 )
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single, shown_tangents, tangents
-from linkwise.likelihood.shooting.transitions import carried
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,8 +281,6 @@ def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
     """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
     m, K = segments.system.dimension, segments.count
     p = segments.parameters if parameters is None else parameters
-    if segments.by_transitions:  # with two arrays of them in place of a dozen
-        return [slice(*pair) for pair in pairwise(block_ends(K, -(-K * m * (m + p) // (2 * CHUNK))))]
     size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
@@ -475,8 +471,7 @@ def whitened_jacobian(
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * misfit.pulling[..., part]).transpose(2, 0, 1)
     columns = (moving, (width + columns_of_forces(segments)).tolist())
-    put = _put_carried if segments.by_transitions else _put_marched
-    ends = put(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
+    ends = _put_marched(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
     if segments.random is not None and segments.random.shown is not None:
         add_shown_forces(jacobian, segments.random, scales, whiten)
     if errors is not None:
@@ -527,38 +522,6 @@ def _put_marched(
     moved = (tangent.state[0], tangent.state[1] * rates[V], tangent.memory)
     for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
         _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
-    return ends
-
-
-def _put_carried(
-    jacobian: NDArray[Any],
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    part: slice,
-    whiten: Single,
-    candidates: CandidateForces | None,
-    columns: tuple[int, list[int]],
-) -> Floats:
-    """As `_put_marched`, by transitions over half steps; all that sensors show are displacements of masses."""
-    stride = segments.flow_steps_per_tangent
-    step = segments.step[part] * stride
-    mechanics, sensors = segments.system.at(misfit.point.theta), segments.sensors
-    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    rate, moving = (1.0 / step)[:, None, None].astype(np.float32), columns[0]
-    orbit = misfit.trajectories.part(part)
-    unit, inputs = scales.theta[:p], segments.inputs.part(part)
-    orbit = orbit.thinned(stride // 2)
-    acting = ActingForces.along(
-        mechanics, orbit, step, unit, candidates and candidates.part(part), inputs=inputs
-    )
-    shown, factors = as_slice(sensors.mass), whiten.transpose(0, 2, 1)[..., None]
-    for number, motion in enumerate(carried(mechanics, step, scales.state, acting, moving)):
-        sample, between = divmod(number, segments.tangent_refine)
-        if sample < len(factors) and not between:
-            np.multiply(motion[:, shown], factors[sample], out=jacobian[:, sample, :, :moving])
-    ends = np.zeros((len(jacobian), 2 * n, jacobian.shape[-1] - 1))
-    ends[:, :n, :moving], ends[:, n:, :moving] = motion[:, :n], motion[:, n:] * rate
     return ends
 
 

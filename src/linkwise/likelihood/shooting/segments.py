@@ -328,10 +328,9 @@ class Segments:
     None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
     `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `waveforms` what
-    sensors add over time, None without any; `counts` (M, C, K) is how many samples of the record each stands for, None for 1;
-    `by_transitions` says whether tangents follow from transitions over half steps; `clipped` are readings at the ends of the
-    ranges of sensors, which are missing in `samples`, None without any; `centred` says whether samples are in the middle of
-    their steps, of which there are two or more, and not at the start.
+    sensors add over time, None without any; `clipped` are readings at the ends of the ranges of sensors, which are missing in
+    `samples`, None without any; `centred` says whether samples are in the middle of their steps, of which there are two or
+    more, and not at the start.
     """
 
     system: System
@@ -349,8 +348,6 @@ class Segments:
     late_base: LateBase | None = None
     random: RandomStates | None = None
     waveforms: Waveforms | None = None
-    counts: Floats | None = None
-    by_transitions: bool = False
     clipped: ClippedReadings | None = None
     centred: bool = False
 
@@ -412,14 +409,11 @@ class Segments:
             late_base=None if self.late_base is None else self.late_base.chosen(which),
             random=None if self.random is None else self.random.chosen(which),
             waveforms=None if self.waveforms is None else self.waveforms.chosen(which),
-            counts=None if self.counts is None else self.counts[..., which],
             clipped=None if self.clipped is None else self.clipped.chosen(which),
         )
 
     def roots(self, weight: Floats, part: slice) -> Floats:
         """(M, C, k) square roots of what samples of some segments count for beside a `weight`; 0 where one is missing."""
-        if self.counts is not None:
-            weight = weight * self.counts[..., part]
         return np.asarray(np.sqrt(weight) * self.observed[..., part])
 
     @cached_property

@@ -32,9 +32,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.estimates.causes import CAUSE_KINDS, Cause
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, block_scores
-from linkwise.likelihood.shooting.halved_samples import halved
 from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
-from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import block_ends
@@ -274,20 +272,6 @@ def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Op
     return optimum, misfit
 
 
-def in_half_the_samples(
-    optimum: Optimum, misfit: Misfit, filtered: SensorErrors
-) -> tuple[Optimum, Misfit, SensorErrors]:
-    """An optimum whose motion is continuous with every second sample, where what is tested is smooth; otherwise the given one.
-
-    `filtered` is the roughest of the errors that sensors may have.
-    """
-    half = halved(optimum.segments, misfit, optimum.scales, optimum.loss, filtered.values)
-    if half is None:
-        return optimum, misfit, filtered
-    every_second = replace(filtered, values=filtered.values[::2])
-    return replace(optimum, segments=half[0], loss=Gaussian()), half[1], every_second
-
-
 def blocks_in(longer: Segments, shorter: Segments) -> int:
     """The number of blocks in which longer segments scatter as the shorter ones do; 1 where they have no such blocks.
 
@@ -505,8 +489,6 @@ def _tested_in(
     """The tests of a fit in segments of its own or longer ones, and by how much the states grow in these."""
     optimum, misfit = longer
     filtered = common_filter(optimum.segments, misfit)
-    if optimum is not fit.optimum:
-        optimum, misfit, filtered = in_half_the_samples(optimum, misfit, filtered)
     hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
     errors = SensorErrors.of(optimum.segments, misfit)
     shown = [name for name in channels if not name.is_input]
