@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -56,23 +58,18 @@ def test_every_parameter_can_be_replaced_for_all_cells_or_one_by_one() -> None:
         assert (cells.coefficient(first).value, cells.coefficient(full).value) == (5.0, 6.0)
 
 
-@pytest.mark.parametrize("n", [3, 0, -2, 1])
-def test_odd_and_too_few_masses_are_refused(n: int) -> None:
-    with pytest.raises(
-        StructureError, match=rf"the number of masses must be even and at least 2, .* got {n}"
-    ):
-        bnes_chain(n)
-
-
-def test_what_is_no_number_of_masses_or_cells_is_refused() -> None:
-    with pytest.raises(StructureError, match=r"the number of masses must be an integer, got 4.0"):
-        bnes_chain(4.0)  # type: ignore[arg-type]
-    with pytest.raises(
-        StructureError,
-        match=r"alpha: expected one number, or one for each of 2 cells, got 3 numbers",
-    ):
-        bnes_chain(4, alpha=[1.0, 2.0, 3.0])
-    with pytest.raises(StructureError, match=r"k: expected a number or a sequence of numbers, got 'stiff'"):
-        bnes_chain(4, k="stiff")  # type: ignore[arg-type]
-    with pytest.raises(StructureError, match=r'mass "m4": the mass must be positive, got 0.0 kg'):
-        bnes_chain(4, sink_mass=[0.01, 0.0])
+@pytest.mark.parametrize(
+    ("masses", "given", "message"),
+    [
+        (3, {}, r"the number of masses must be even and at least 2, .* got 3"),
+        (0, {}, r"the number of masses must be even and at least 2, .* got 0"),
+        (-2, {}, r"the number of masses must be even and at least 2, .* got -2"),
+        (4.0, {}, r"the number of masses must be an integer, got 4.0"),
+        (4, {"alpha": [1.0, 2.0, 3.0]}, r"alpha: expected one number, or one for each of 2 cells, got 3 numbers"),
+        (4, {"k": "stiff"}, r"k: expected a number or a sequence of numbers, got 'stiff'"),
+        (4, {"sink_mass": [0.01, 0.0]}, r'mass "m4": the mass must be positive, got 0.0 kg'),
+    ],
+)  # fmt: skip
+def test_what_is_no_chain_is_refused(masses: int, given: dict[str, Any], message: str) -> None:
+    with pytest.raises(StructureError, match=message):
+        bnes_chain(masses, **given)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -34,18 +35,14 @@ def damping_matrix(structure: lw.Structure) -> Floats:
     return np.asarray(incidence * slopes @ incidence.T)
 
 
-def test_entries_are_those_of_the_damping_matrix() -> None:
+def test_entries_are_those_of_the_damping_matrix_and_a_run_is_that_of_the_matrices() -> None:
     structure = lw.Structure("wing", (), (), (host(BETWEEN),))
+    assert structure.contents == "1 host, 3 modes, 0 masses, 0 links"
+    assert pickle.loads(pickle.dumps(structure)) == structure
     expected = np.diag([4.0 * np.pi * f * z for f, z in zip(FREQUENCIES, RATIOS, strict=True)])
     expected[0, 1] = expected[1, 0] = 0.4
     expected[1, 2] = expected[2, 1] = -0.3
     np.testing.assert_allclose(damping_matrix(structure), expected, rtol=1e-12, atol=1e-12)  # rounding
-    assert structure.contents == "1 host, 3 modes, 0 masses, 0 links"
-    assert pickle.loads(pickle.dumps(structure)) == structure
-
-
-def test_a_run_is_that_of_the_matrices() -> None:
-    structure = lw.Structure("wing", (), (), (host(BETWEEN),))
     record = lw.simulate(
         structure,
         forces={"wing.tip": "5*exp(-((t - 0.1)/0.02)**2)"},
@@ -74,6 +71,11 @@ def test_known_and_unknown_entries_stand_in_a_file() -> None:
     changed = again.with_values({"wing.mode1+mode2.damping": 0.2})
     assert damping_matrix(changed)[0, 1] == pytest.approx(0.2)
     assert "modes = [1, 2], damping = 0.2" in lw.model.format_structure(changed)
+    identified = structure.with_values({p.name: p.start or 0.0 for p in structure.parameters})
+    identified = identified.with_values({"wing.mode1+mode2.damping": 0.2})
+    np.testing.assert_allclose(damping_matrix(identified)[0, :2], [4.0 * np.pi * 5.0 * 0.01, 0.2], rtol=1e-9)
+    [parameter] = identified.unknown("wing.mode1+mode2.damping").parameters
+    assert len(parameter.members) == 2  # an entry keeps its two dampers together
 
 
 MATRIX = """
@@ -87,10 +89,15 @@ modes = [
 """
 
 
-def test_a_whole_matrix_gives_ratios_and_entries() -> None:
+def test_a_whole_matrix_gives_ratios_and_entries_and_a_rigid_motion_is_damped_by_an_entry() -> None:
     structure = lw.parse_structure(MATRIX)
     np.testing.assert_allclose(damping_matrix(structure), [[0.65, 0.3], [0.3, 0.9]], rtol=1e-12)  # rounding
     assert set(structure.hosts[0].damping) == {(1, 2)}
+    body = (lw.model.HostMode(0.0, 0.0, {"tip": 0.5}), lw.model.HostMode(8.0, 0.01, {"tip": 1.0}))
+    rigid = lw.Host("body", body, damping={(1, 1): 0.2})
+    assert damping_matrix(lw.Structure("body", (), (), (rigid,)))[0, 0] == pytest.approx(0.2)
+    with pytest.raises(lw.StructureError, match="given by a ratio and by an entry"):
+        lw.Host("body", body, damping={(2, 2): 0.2})
 
 
 @pytest.mark.parametrize(
@@ -113,17 +120,6 @@ def test_wrong_damping_is_refused(old: str, new: str, message: str) -> None:
     with pytest.raises(lw.StructureError, match=message) as error:
         lw.parse_structure(MATRIX.replace(old, new), "wing.toml")
     assert "wing.toml" in str(error.value)
-
-
-def test_a_rigid_motion_is_damped_by_an_entry() -> None:
-    rigid = lw.Host(
-        "body",
-        (lw.model.HostMode(0.0, 0.0, {"tip": 0.5}), lw.model.HostMode(8.0, 0.01, {"tip": 1.0})),
-        damping={(1, 1): 0.2},
-    )
-    assert damping_matrix(lw.Structure("body", (), (), (rigid,)))[0, 0] == pytest.approx(0.2)
-    with pytest.raises(lw.StructureError, match="given by a ratio and by an entry"):
-        lw.Host("body", rigid.modes, damping={(2, 2): 0.2})
 
 
 def test_a_dashpot_of_matrices_damps_between_modes() -> None:
@@ -154,16 +150,6 @@ def test_a_dashpot_of_matrices_damps_between_modes() -> None:
     assert max(errors) < 2e-3  # pairs below 0.1 % are left out
 
 
-def test_an_identified_entry_keeps_its_two_dampers_together() -> None:
-    structure = lw.Structure("wing", (), (), (host(BETWEEN).known_to_within(damping=0.1),))
-    values = {p.name: p.start or 0.0 for p in structure.parameters}
-    identified = structure.with_values(values).with_values({"wing.mode1+mode2.damping": 0.2})
-    assert damping_matrix(identified)[0, 1] == pytest.approx(0.2)
-    assert damping_matrix(identified)[0, 0] == pytest.approx(4.0 * np.pi * 5.0 * 0.01)
-    [again] = identified.unknown("wing.mode1+mode2.damping").parameters
-    assert len(again.members) == 2
-
-
 def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
     """Two bodies joined by a spring, free to move and turn: their damping matrix is kept as a whole."""
     mass = np.diag([2.0, 1.0, 3.0])
@@ -176,26 +162,17 @@ def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
     structure = lw.Structure("bodies", (), (), (reduced.host,))
     shapes = np.array([structure.topology.row(f"bodies.{point}") for point in points])
     found = damping_matrix(structure)
-    np.testing.assert_allclose(
-        found[:2, :2], (shapes.T @ dashpots @ shapes)[:2, :2], rtol=1e-9, atol=1e-12
-    )  # rounding
+    expected = shapes.T @ dashpots @ shapes
+    np.testing.assert_allclose(found[:2, :2], expected[:2, :2], rtol=1e-9, atol=1e-12)  # rounding
     assert np.abs(found[0, 1]) > 1e-3
 
 
 def test_dampers_between_modes_do_not_crowd_out_what_a_diagnosis_tests() -> None:
     """Nothing is offered for them: with 45 pairs each, no frequency of a second host was tested."""
     modes = 10
-    between = {
-        (first, second): 0.01 for first in range(1, modes + 1) for second in range(first + 1, modes + 1)
-    }
-    hosts = [
-        lw.Host(
-            name,
-            tuple(lw.model.HostMode(5.0 + number, 0.01, {"tip": 1.0}) for number in range(modes)),
-            damping=between,
-        )
-        for name in ("left", "right")
-    ]
+    between = dict.fromkeys(combinations(range(1, modes + 1), 2), 0.01)
+    body = tuple(lw.model.HostMode(5.0 + number, 0.01, {"tip": 1.0}) for number in range(modes))
+    hosts = [lw.Host(name, body, damping=between) for name in ("left", "right")]
     hypotheses, _ = missing_terms(structure({}, hosts=hosts))
     tested = {hypothesis.where for hypothesis in hypotheses if hypothesis.kind == "frequency"}
     assert tested == {f"{name}.mode{number}" for name in ("left", "right") for number in range(1, modes + 1)}
@@ -204,7 +181,6 @@ def test_dampers_between_modes_do_not_crowd_out_what_a_diagnosis_tests() -> None
 def test_an_export_says_what_ends_of_dampers_between_modes_are(tmp_path: Path) -> None:
     for damping, says in ((BETWEEN, True), ({}, False)):
         for suffix in ("py", "m"):
-            path = lw.export_answer(
-                structure({}, hosts=[host(damping)]), tmp_path / f"wing_{len(damping)}.{suffix}"
-            )
+            wing = structure({}, hosts=[host(damping)])
+            path = lw.export_answer(wing, tmp_path / f"wing_{len(damping)}.{suffix}")
             assert ("-modeN moves as minus mode N" in path.read_text(encoding="utf-8")) == says

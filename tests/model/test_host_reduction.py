@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -51,82 +52,56 @@ def receptance(host: lw.Host, frequency: float) -> float:
     )
 
 
-def test_frequencies_are_those_of_a_cantilever() -> None:
-    """The first two of an Euler-Bernoulli beam are (1.8751, 4.6941)^2 sqrt(EI/m)/(2 pi L^2)."""
-    host = lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host
-    expected = np.array([1.8751041, 4.6940911]) ** 2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
-    frequencies = [mode.frequency.value or 0.0 for mode in host.modes[:2]]
-    np.testing.assert_allclose(frequencies, expected, rtol=1e-6)  # 40 cubic elements are off by less
-
-
 def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
     mass, stiffness = beam()
     unit = np.zeros(80)
     unit[78] = 1.0
-    for frequency, limit in (
-        (0.0, 1e-6),
-        (30.0, 1e-4),
-    ):  # at rest but for rounding, with matrices of condition 1e9
+    # at rest but for rounding, with matrices of condition 1e9
+    for frequency, limit in ((0.0, 1e-6), (30.0, 1e-4)):
         matrix = stiffness - (2.0 * np.pi * frequency) ** 2 * mass
         exact = scipy.sparse.linalg.spsolve(scipy.sparse.csc_array(matrix), unit)[78]
         with_residual = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3)
         without = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3, residual=False)
         assert receptance(with_residual.host, frequency) == pytest.approx(exact, rel=limit)
         # under a force at its tip the modes of a cantilever take 12 / root^4 of the static deflection L^3 / (3 EI)
-        parts = (
-            12.0 / ROOTS[3:] ** 4 / (1.0 - (2.0 * np.pi * frequency) ** 2 / (11.2 / 0.324 * ROOTS[3:] ** 4))
-        )
+        fourth = ROOTS[3:] ** 4
+        parts = 12.0 / fourth / (1.0 - (2.0 * np.pi * frequency) ** 2 / (11.2 / 0.324 * fourth))
         missing = exact - receptance(without.host, frequency)
         assert missing * 3.0 * 11.2 == pytest.approx(parts.sum(), rel=LEFT_OUT)
         # at half the frequency of the first mode that was left out a quarter of its part and less is not static
         assert without.error >= 4.0 * with_residual.error
 
 
-def test_a_large_sparse_model_has_the_modes_of_a_small_one() -> None:
-    """400 elements are past the size up to which matrices are dense; the rows of the same points agree."""
-    small = lw.modal.reduce_host("beam", *beam(40), {"tip": 79, "mid": 39}, keep=3).host
-    large = lw.modal.reduce_host("beam", *beam(400), {"tip": 799, "mid": 399}, keep=3).host
-    for coarse, fine in zip(small.modes[:3], large.modes[:3], strict=True):
-        assert coarse.frequency.value == pytest.approx(fine.frequency.value, rel=1e-5)
-        assert abs(coarse.shape["mid"] / coarse.shape["tip"]) == pytest.approx(
-            abs(fine.shape["mid"] / fine.shape["tip"]), rel=1e-3
-        )
-
-
-@pytest.mark.parametrize("form", ["csr_array", "coo_array", "csr_matrix"])
-def test_matrices_in_any_sparse_format_make_the_same_host(form: str) -> None:
-    mass, stiffness = (getattr(scipy.sparse, form)(matrix) for matrix in beam())
+def test_a_model_is_the_same_large_in_any_sparse_format_and_in_single_precision() -> None:
+    """Its frequencies are (root)^2 sqrt(EI/m)/(2 pi L^2); 400 elements are past the size of dense matrices."""
     points = {"tip": 79, "mid": 39}
-    host = lw.modal.reduce_host("beam", mass, stiffness, points, keep=3).host
-    assert host == lw.modal.reduce_host("beam", *beam(), points=points, keep=3).host
-
-
-def test_matrices_in_single_precision_are_reduced() -> None:
+    host = lw.modal.reduce_host("beam", *beam(), points, keep=3).host
+    frequencies = [mode.frequency.value or 0.0 for mode in host.modes[:2]]
+    expected = ROOTS[:2] ** 2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-6)  # 40 cubic elements are off by less
+    large = lw.modal.reduce_host("beam", *beam(400), {"tip": 799, "mid": 399}, keep=3).host
+    for coarse, fine in zip(host.modes[:3], large.modes[:3], strict=True):
+        assert coarse.frequency.value == pytest.approx(fine.frequency.value, rel=1e-5)
+        ratios = [abs(mode.shape["mid"] / mode.shape["tip"]) for mode in (coarse, fine)]
+        assert ratios[0] == pytest.approx(ratios[1], rel=1e-3)
+    for form in ("csr_array", "coo_array", "csr_matrix"):
+        mass, stiffness = (getattr(scipy.sparse, form)(matrix) for matrix in beam())
+        assert host == lw.modal.reduce_host("beam", mass, stiffness, points, keep=3).host
     mass, stiffness = (scipy.sparse.csr_array(matrix, dtype=np.float32) for matrix in beam())
-    mode = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3).host.modes[2]
-    exact = lw.modal.reduce_host("beam", *beam(), points={"tip": 79}, keep=3).host.modes[2]
-    assert mode.frequency.value == pytest.approx(exact.frequency.value, rel=1e-3)
+    single = lw.modal.reduce_host("beam", mass, stiffness, points, keep=3).host
+    assert single.modes[2].frequency.value == pytest.approx(host.modes[2].frequency.value, rel=1e-3)
 
 
-def test_a_free_beam_has_rigid_modes() -> None:
-    reduced = lw.modal.reduce_host("beam", *beam(clamped=False), {"tip": 81, "root": 1}, keep=4)
+@pytest.mark.parametrize(("elements", "rel"), [(40, 1e-6), (130, 1e-3), (170, 1e-3), (600, 1e-3)])
+def test_a_free_beam_has_rigid_modes(elements: int, rel: float) -> None:
+    """Of a long one the largest eigenvalue is 1e11 to 1e14 times the first elastic one, that of a free beam."""
+    reduced = lw.modal.reduce_host("beam", *beam(elements, clamped=False), {"tip": 2 * elements + 1}, keep=4)
     frequencies = [mode.frequency.value for mode in reduced.host.modes]
     assert frequencies[:2] == [0.0, 0.0]
-    # of a free beam the first root is 4.7300407
-    assert frequencies[2] == pytest.approx(4.7300407**2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi), rel=1e-6)
+    assert frequencies[2] == pytest.approx(4.7300407**2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi), rel=rel)
     # the rigid motion under a unit force at the tip of a free rod of mass m: (1 + 3)/m of its end
     rigid = sum(mode.shape["tip"] ** 2 for mode in reduced.host.modes[:2])
-    assert rigid == pytest.approx(4.0 / 0.324, rel=1e-6)
-
-
-@pytest.mark.parametrize("elements", [130, 170, 600])
-def test_rigid_modes_of_long_free_beams_are_told_from_rounding(elements: int) -> None:
-    """The largest eigenvalue is 1e11 to 1e14 times the first elastic one, which is that of a free beam."""
-    reduced = lw.modal.reduce_host("beam", *beam(elements, clamped=False), {"tip": 2 * elements + 1}, keep=4)
-    frequencies = [mode.frequency.value or 0.0 for mode in reduced.host.modes]
-    assert frequencies[:2] == [0.0, 0.0]
-    first = 4.7300407**2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
-    assert frequencies[2] == pytest.approx(first, rel=1e-3)
+    assert rigid == pytest.approx(4.0 / 0.324, rel=rel)
 
 
 def test_rayleigh_damping_follows_the_frequencies() -> None:
@@ -162,16 +137,19 @@ def test_matrices_that_are_no_host_are_refused(change: dict[str, object], messag
     assert message in str(error.value)
 
 
-def test_matrices_are_read_from_each_format(tmp_path: Path) -> None:
+def test_matrices_are_read_from_each_format_and_of_different_models_are_refused(tmp_path: Path) -> None:
     mass, stiffness = beam(5)
     scipy.io.savemat(tmp_path / "beam.mat", {"M": mass.tocsc(), "K": stiffness.toarray(), "title": "beam"})
-    np.savez(tmp_path / "beam.npz", M=mass.toarray(), K=stiffness.toarray())
+    np.savez(tmp_path / "beam.npz", M=mass.toarray(), K=np.eye(2))
     scipy.sparse.save_npz(tmp_path / "sparse.npz", mass)
     scipy.io.mmwrite(tmp_path / "mass.mtx", mass)
     for named in ("beam.mat:M", "beam.npz:M", "sparse.npz", "mass.mtx"):
-        np.testing.assert_allclose(
-            lw.modal.read_matrix(named, tmp_path).toarray(), mass.toarray(), rtol=1e-12
-        )
+        read = lw.modal.read_matrix(named, tmp_path).toarray()
+        np.testing.assert_allclose(read, mass.toarray(), rtol=1e-12)
+    np.savez(tmp_path / "other.npz", K=np.eye(4))
+    for named in ("beam.npz:K", "other.npz"):
+        with pytest.raises(lw.StructureError, match=f"beam.npz:M and {named}: the mass matrix has 10 rows"):
+            lw.modal.read_host_matrices("beam.npz:M", named, folder=tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -202,29 +180,26 @@ def test_a_wrong_matrix_file_is_told(tmp_path: Path, named: str, message: str) -
     assert message in str(error.value)
 
 
-def test_matrices_of_different_models_are_named(tmp_path: Path) -> None:
-    np.savez(tmp_path / "beam.npz", M=np.eye(3), K=np.eye(2))
-    np.savez(tmp_path / "other.npz", K=np.eye(4))
-    for stiffness, message in (
-        ("beam.npz:K", "beam.npz:M and beam.npz:K"),
-        ("other.npz", "beam.npz:M and other.npz"),
-    ):
-        with pytest.raises(lw.StructureError, match=f"{message}: the mass matrix has 3 rows"):
-            lw.modal.read_host_matrices("beam.npz:M", stiffness, folder=tmp_path)
-
-
-def test_a_structure_file_names_matrices(tmp_path: Path) -> None:
-    mass, stiffness = beam(10)
+def test_a_structure_file_names_matrices_and_tells_what_their_reduction_leaves_out(tmp_path: Path) -> None:
+    mass, stiffness = beam()
     np.savez(tmp_path / "beam.npz", M=mass.toarray(), K=stiffness.toarray())
-    (tmp_path / "fe.toml").write_text(
-        '[[host]]\nname = "beam"\nmatrices = { mass = "beam.npz:M", stiffness = "beam.npz:K" }\n'
-        "points = { tip = 19 }\nkeep = 3\nmodal_damping = 0.01\n"
+    text = (
+        '[[host]]\nname = "beam"\npoints = { tip = "79", rotated = "-1*80" }\nkeep = 3\nmodal_damping = 0.01\n'
+        'matrices = { mass = "beam.npz:M", stiffness = "beam.npz:K" }\n'
     )
-    host = lw.read_structure(tmp_path / "fe.toml").hosts[0]
-    assert host == lw.modal.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, modal_damping=0.01).host
-    (tmp_path / "fe.toml").write_text('[[host]]\nname = "beam"\npoints = { tip = 19 }\n')
+    path, points = tmp_path / "beam.toml", {"tip": "79", "rotated": "-1*80"}
+    matrices = lw.modal.HostMatrices(mass, stiffness, None, tuple(map(str, range(1, 81))))
+    path.write_text(text)
+    host = lw.read_structure(path).hosts[0]
+    reduced = matrices.reduce("beam", points, keep=3, modal_damping=0.01)
+    assert host == reduced.host and host.notes == reduced.notes
+    assert f"{100.0 * reduced.error:.2g} %" in host.notes[0] and len(host.notes) == 1
+    path.write_text(text.replace("keep = 3", "keep = 1"))
+    coarse = matrices.reduce("beam", points, keep=1)
+    assert lw.read_structure(path).hosts[0].notes == coarse.notes != reduced.notes
+    path.write_text(text[: text.index("matrices")])
     with pytest.raises(lw.StructureError, match="either modes or matrices"):
-        lw.read_structure(tmp_path / "fe.toml")
+        lw.read_structure(path)
 
 
 def lumped(elements: int) -> Matrices:
@@ -280,9 +255,7 @@ def test_a_dashpot_damps_each_mode_by_its_motion_there() -> None:
     tips = [mode.shape["tip"] for mode in at_tip.host.modes]
     expected = max(
         abs(2.0 * tips[r] * tips[s] * omegas[s] / (omegas[r] ** 2 - omegas[s] ** 2))
-        for r in range(3)
-        for s in range(3)
-        if r != s
+        for r, s in permutations(range(3), 2)
     )
     assert at_tip.damping_coupling == pytest.approx(expected, rel=1e-9)  # rounding
 
@@ -300,14 +273,11 @@ def test_a_dashpot_couples_modes_of_one_frequency_without_limit() -> None:
     assert sum(first != second for first, second in reduced.host.damping) >= 1
 
 
-def test_names_are_one_to_a_row() -> None:
+def test_names_are_one_to_a_row_and_what_neither_weighs_nor_holds_is_named() -> None:
     mass, stiffness = beam(10)
     for names in (("1", "2"), ("1",) * 20):
         with pytest.raises(lw.StructureError, match="different names are given for 20 degrees of freedom"):
             lw.modal.HostMatrices(mass, stiffness, None, names)
-
-
-def test_what_neither_weighs_nor_holds_is_named() -> None:
     nothing = scipy.sparse.csc_array(np.diag([1.0, 0.0]))
     with pytest.raises(lw.StructureError, match="7rz has neither mass nor stiffness"):
         lw.modal.HostMatrices(nothing, nothing, None, ("7x", "7rz")).reduce("post", {"tip": "7x"})
@@ -316,11 +286,7 @@ def test_what_neither_weighs_nor_holds_is_named() -> None:
 @pytest.mark.parametrize(
     ("damping", "modal_damping", "message"),
     [
-        (
-            beam(10)[1],
-            0.01,
-            "give a damping matrix, or modal or Rayleigh damping, not both",
-        ),
+        (beam(10)[1], 0.01, "give a damping matrix, or modal or Rayleigh damping, not both"),
         (-1.0 * beam(10)[1], 0.0, "feeds energy into a mode"),
         (beam(5)[1], 0.0, "the mass matrix has 20 rows and the damping matrix 10"),
         (1j * beam(10)[1], 0.0, "the damping matrix holds complex128 values"),
@@ -348,10 +314,8 @@ def test_a_kept_mode_in_resonance_moves_the_frequency_of_the_error() -> None:
     square = (2.0 * np.pi * reduced.band) ** 2
     left_out, kept = 1.0 / (400.0 - square), 1.0 / (100.0 - square)
     assert reduced.error == pytest.approx(left_out / np.hypot(left_out, kept), rel=1e-9)
-    assert lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=3).band == pytest.approx(
-        0.5
-        * (lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=4).host.modes[3].frequency.value or 0.0)
-    )
+    three, four = (lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=keep) for keep in (3, 4))
+    assert three.band == pytest.approx(0.5 * (four.host.modes[3].frequency.value or 0.0))
 
 
 def test_an_oblique_direction_is_a_point() -> None:
@@ -369,9 +333,7 @@ def test_an_oblique_direction_is_a_point() -> None:
     ).reduce("post", {"along": "7x", "across": "7y"}, keep=2)
     for mode, other in zip(some(reduced.host.modes), turned.host.modes, strict=True):
         assert mode.frequency.value == pytest.approx(other.frequency.value, rel=1e-12)
-        products = [
-            shape["along"] * shape["across"] for shape in (mode.shape, other.shape)
-        ]  # whatever the sign of the mode
+        products = [shape["along"] * shape["across"] for shape in (mode.shape, other.shape)]  # of either sign
         assert products[0] == pytest.approx(products[1], rel=1e-12)
     assert receptance(reduced.host, 0.0) == pytest.approx(0.36 / 100.0 + 0.64 / 400.0, rel=1e-12)
     for mode in some(reduced.host.modes):
@@ -391,27 +353,8 @@ def test_a_point_that_is_no_direction_is_refused(given: str, message: str) -> No
     matrices = lw.modal.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
     with pytest.raises(lw.StructureError, match=message):
         matrices.reduce("post", {"tip": given}, keep=1)
-    moved = matrices.reduce(
-        "post", {"tip": "0.5*7x + 0.5*8x"}, keep=3
-    )  # the mean of two nodes is no direction
+    moved = matrices.reduce("post", {"tip": "0.5*7x + 0.5*8x"}, keep=3)  # a mean of nodes is no direction
     assert sum(mode.shape["tip"] ** 2 for mode in moved.host.modes) == pytest.approx(0.5)
-
-
-def test_a_host_of_a_structure_file_tells_what_its_reduction_leaves_out(tmp_path: Path) -> None:
-    mass, stiffness = beam()
-    np.savez(tmp_path / "beam.npz", M=mass.toarray(), K=stiffness.toarray())
-    text = (
-        '[[host]]\nname = "beam"\npoints = { tip = "79", rotated = "-1*80" }\nkeep = 3\nshape_sigma = "1 %"\n'
-        'matrices = { mass = "beam.npz:M", stiffness = "beam.npz:K" }\n'
-    )
-    (tmp_path / "beam.toml").write_text(text)
-    host = lw.read_structure(tmp_path / "beam.toml").hosts[0]
-    reduced = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=3)
-    assert host.notes == reduced.notes
-    assert f"{100.0 * reduced.error:.2g} %" in host.notes[0] and len(host.notes) == 1
-    (tmp_path / "beam.toml").write_text(text.replace("keep = 3", "keep = 1"))
-    coarse = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79, "rotated": 80}, keep=1)
-    assert lw.read_structure(tmp_path / "beam.toml").hosts[0].notes == coarse.notes != reduced.notes
 
 
 def test_what_has_no_mass_is_counted() -> None:

@@ -39,17 +39,18 @@ def test_the_papers_law() -> None:
     law = Law.parse(BISTABLE)
     assert law.coefficients == law.linear == ("alpha", "beta", "c") and law.nonlinear == ()
     assert law.units == {"alpha": "N/m", "beta": "N/m^3", "c": "N s/m"}
-    assert {name: to_text(column) for name, column in law.basis.items()} == {
-        "alpha": "d",
-        "beta": "d**3",
-        "c": "v",
-    }
+    columns = {name: to_text(column) for name, column in law.basis.items()}
+    assert columns == {"alpha": "d", "beta": "d**3", "c": "v"}
     assert law.remainder == Number(0.0) and law.kinks == ()
     assert law.elastic == parse("alpha*d + beta*d**3")
     d, v = points()
     np.testing.assert_allclose(law.force(d, v, VALUES), -100 * d + 1e6 * d**3 + 0.02 * v, rtol=1e-12)
     assert law.potential(0.01, VALUES) == pytest.approx(-0.0025, rel=1e-12)  # the barrier alpha^2 / (4 beta)
     assert str(law) == BISTABLE and Law.parse(BISTABLE) is law
+    copy = pickle.loads(pickle.dumps(law))
+    assert copy == law and copy.units == law.units
+    of_motion = Law.parse("k*max(abs(d) - g, 0) + c*abs(v) + abs(k)*d").kinks
+    assert of_motion == (Symbol("d"), parse("abs(d) - g"), Symbol("v"))
 
 
 @pytest.mark.parametrize(("text", "values"), LAWS.items(), ids=LAWS)
@@ -89,16 +90,15 @@ def test_potential_is_the_integral_of_the_elastic_force(text: str, values: dict[
     turns = {"k*max(abs(d) - gap, 0)*sign(d)": (-0.4, 0.4), "k*min(d, 0.3) + c*v": (0.3,)}.get(text, ())
     for end in (-0.9, -0.2, 0.3, 0.8):
         inside = [turn for turn in turns if min(end, 0) < turn < max(end, 0)]
-        expected = quad(
-            lambda s: float(law.force(s, 0.0, values)),
-            0.0,
-            end,
-            points=inside or None,
-            epsabs=1e-13,
-            limit=200,
-        )[0]
+        options = {"points": inside or None, "epsabs": 1e-13, "limit": 200}
+        expected = quad(lambda s: float(law.force(s, 0.0, values)), 0.0, end, **options)[0]
         assert law.potential(end, values) == pytest.approx(expected, rel=1e-10, abs=1e-12)
     assert law.potential(0.0, values) == 0.0
+    d, v = points()  # basis and remainder make up the law
+    pieces = {"_": law.remainder, **law.basis}
+    forces = {name: Law("", piece, law.coefficients).force(d, v, values) for name, piece in pieces.items()}
+    total = forces["_"] + sum(values[name] * forces[name] for name in law.linear)
+    np.testing.assert_allclose(total, law.force(d, v, values), rtol=1e-12, atol=1e-12 * np.abs(total).max())
 
 
 def test_potential_by_quadrature_keeps_to_kinks_and_shapes() -> None:
@@ -108,21 +108,12 @@ def test_potential_by_quadrature_keeps_to_kinks_and_shapes() -> None:
     expected = 0.5 * 2000.0 * np.maximum(np.abs(d) - gaps, 0.0) ** 2
     # quadrature of a polynomial between kinks is exact; the rest is the rounding of k g^2 = 2e-3 J
     np.testing.assert_allclose(law.potential(d, {"k": 2000.0, "g": gaps}), expected, rtol=1e-12, atol=1e-18)
-    assert np.isnan(law.potential(np.array([np.nan, 0.002]), {"k": 1.0, "g": 0.001})).tolist() == [
-        True,
-        False,
-    ]
-
-
-def test_potential_of_more_points_than_a_block() -> None:
-    d = np.linspace(-1.0, 1.0, 70_000)
+    gap = np.isnan(law.potential(np.array([np.nan, 0.002]), {"k": 1.0, "g": 0.001}))
+    assert gap.tolist() == [True, False]
+    d = np.linspace(-1.0, 1.0, 70_000)  # more points than a block
     energy = Law.parse("k*max(d, 0)").potential(d, {"k": 2.0})
     np.testing.assert_allclose(energy, np.maximum(d, 0.0) ** 2, rtol=1e-12, atol=1e-15)
-
-
-def test_potential_where_the_closed_form_is_not_finite() -> None:
-    """F*exp(a*d) has the antiderivative F*exp(a*d)/a; at a = 0 the energy is F*d all the same."""
-    law = Law.parse("F*exp(a*d)")
+    law = Law.parse("F*exp(a*d)")  # has the antiderivative F*exp(a*d)/a, and at a = 0 the energy F*d
     assert law.potential(0.3, {"F": 2.0, "a": 0.0}) == pytest.approx(0.6, rel=1e-12)
 
 
@@ -142,15 +133,6 @@ def test_potential_where_the_closed_form_is_not_finite() -> None:
 def test_linear_coefficients(text: str, linear: tuple[str, ...], nonlinear: tuple[str, ...]) -> None:
     law = Law.parse(text)
     assert (law.linear, law.nonlinear) == (linear, nonlinear)
-
-
-@pytest.mark.parametrize(("text", "values"), LAWS.items(), ids=LAWS)
-def test_basis_and_remainder_make_up_the_law(text: str, values: dict[str, float]) -> None:
-    law, (d, v) = Law.parse(text), points()
-    pieces = {"_": law.remainder, **law.basis}
-    forces = {name: Law("", piece, law.coefficients).force(d, v, values) for name, piece in pieces.items()}
-    total = forces["_"] + sum(values[name] * forces[name] for name in law.linear)
-    np.testing.assert_allclose(total, law.force(d, v, values), rtol=1e-12, atol=1e-12 * np.abs(total).max())
 
 
 @pytest.mark.parametrize(
@@ -228,12 +210,8 @@ def test_what_no_law_can_be(text: str, place: str, message: str) -> None:
     assert text[caught.value.position :].startswith(place)
 
 
-def test_a_divisor_that_vanishes_for_some_coefficients_only_is_no_error() -> None:
-    law = Law.parse("k*d/(1 - nu)")
-    assert law.force(1.0, 0.0, {"k": 1.0, "nu": 0.5}) == 2.0
-
-
-def test_a_missing_value_is_named() -> None:
+def test_a_force_needs_the_values_of_all_coefficients_of_which_some_may_make_a_divisor_vanish() -> None:
+    assert Law.parse("k*d/(1 - nu)").force(1.0, 0.0, {"k": 1.0, "nu": 0.5}) == 2.0
     with pytest.raises(LawError) as caught:
         Law.parse(BISTABLE).force(0.1, 0.2, {"alpha": 1.0, "c": 2.0})
     assert str(caught.value) == (
@@ -241,24 +219,16 @@ def test_a_missing_value_is_named() -> None:
     )
 
 
-def test_laws_add() -> None:
+def test_laws_add_unless_their_names_clash() -> None:
     both = Law.parse("k*d") + Law.parse("-c*v")
     assert both == Law.parse("k*d + -c*v") and both.coefficients == ("k", "c")
     assert (Law.parse("k*d") + Law.parse("k*d")).expression == parse("2*k*d")
-
-
-def test_laws_with_clashing_names_do_not_add() -> None:
     with pytest.raises(LawError) as caught:
         _ = Law.parse("k*d") + Law.parse("c*v + k*d**3")
     assert str(caught.value) == (
         "The coefficient 'k' is in N/m in 'k*d', but in N/m^3 here.\n  c*v + k*d**3\n        ^\n"
         "Rename one of the two before adding the laws, for instance to k2."
     )
-
-
-def test_kinks_are_those_of_the_motion() -> None:
-    law = Law.parse("k*max(abs(d) - g, 0) + c*abs(v) + abs(k)*d")
-    assert law.kinks == (Symbol("d"), parse("abs(d) - g"), Symbol("v"))
 
 
 def test_results_are_read_only_and_of_the_common_shape() -> None:
@@ -272,12 +242,5 @@ def test_results_are_read_only_and_of_the_common_shape() -> None:
     assert d.flags.writeable and np.array_equal(partials.by_d[0], [1.0, 2.0, 3.0])
     assert float(law.force(2.0, 0.0, {"k": 3.0, "F": 0.5})) == 6.5
     np.testing.assert_array_equal(law.force(2.0, 0.0, values), [2.5, 4.5, 6.5])
-    np.testing.assert_array_equal(
-        law.partials(2.0, [[1.0], [2.0]], values).by_coefficient["F"], np.ones((2, 3))
-    )
-
-
-def test_a_law_crosses_process_borders() -> None:
-    law = Law.parse(BISTABLE)
-    copy = pickle.loads(pickle.dumps(law))
-    assert copy == law and copy.units == law.units
+    by_force = law.partials(2.0, [[1.0], [2.0]], values).by_coefficient["F"]
+    np.testing.assert_array_equal(by_force, np.ones((2, 3)))

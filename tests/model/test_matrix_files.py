@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -55,25 +56,15 @@ def test_abaqus_names_nodes_and_directions(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=WRITTEN)
     assert read.total_mass == pytest.approx(mass[::2, ::2].sum(), rel=WRITTEN)  # all in z
     by_name = read.reduce("beam", {"tip": "25ry", "root": "10z"}, keep=3)
-    by_row = lw.modal.reduce_host(
-        "beam",
-        scipy.sparse.csc_array(mass),
-        scipy.sparse.csc_array(stiffness),
-        {"tip": SIZE, "root": 1},
-        keep=3,
-    )
+    sparse = [scipy.sparse.csc_array(matrix) for matrix in (mass, stiffness)]
+    by_row = lw.modal.reduce_host("beam", sparse[0], sparse[1], {"tip": SIZE, "root": 1}, keep=3)
     assert by_name.host.points == by_row.host.points
     for mode, other in zip(some(by_name.host.modes), by_row.host.modes, strict=True):
-        assert dict(mode.shape) == pytest.approx(
-            dict(other.shape), rel=1e-6
-        )  # signs and eigenvectors of one routine: rounding
+        # signs and eigenvectors of one routine: rounding
+        assert dict(mode.shape) == pytest.approx(dict(other.shape), rel=1e-6)
     with pytest.raises(lw.StructureError, match=r'the point "tip" is 25x, .* nearest are 25'):
         read.reduce("beam", {"tip": "25x"})
-
-
-def test_what_abaqus_holds_fixed_is_left_out(tmp_path: Path) -> None:
-    mass, stiffness = matrices()
-    abaqus(tmp_path / "m.mtx", mass)
+    # what Abaqus holds fixed is left out
     stiffness[0, 0] += 1e36
     abaqus(tmp_path / "k.mtx", stiffness)
     read = lw.modal.read_host_matrices("m.mtx", "k.mtx", folder=tmp_path)
@@ -87,9 +78,8 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
     mass, stiffness = matrices()
     stiffness[2, 2] += 1e36
     for name, matrix in (("m", mass), ("k", stiffness)):
-        entries = [
-            f"{i + 1:6d} {j + 1:6d} {matrix[i, j]:.14e}" for i in range(SIZE) for j in range(SIZE)
-        ]  # both triangles
+        both = product(range(SIZE), repeat=2)  # triangles
+        entries = [f"{i + 1:6d} {j + 1:6d} {matrix[i, j]:.14e}" for i, j in both]
         (tmp_path / f"{name}.mtx").write_text("\n".join(entries) + "\n")
     read = lw.modal.read_host_matrices("m.mtx", "k.mtx", "m.mtx", folder=tmp_path)
     np.testing.assert_allclose(read.mass.toarray(), np.delete(np.delete(mass, 2, 0), 2, 1), rtol=WRITTEN)
@@ -146,11 +136,8 @@ def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
     read = lw.modal.read_host_matrices("beam.pch:MAAX", "beam.pch:KAAX", folder=tmp_path)
     assert read.names[-2:] == ("25z", "25ry")
     np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=1e-8)  # ten digits are written
-    op4.write(
-        str(tmp_path / "beam.op4"),
-        {"maa": scipy.sparse.csr_array(mass), "kaa": stiffness},
-        sparse="auto",
-    )
+    written = {"maa": scipy.sparse.csr_array(mass), "kaa": stiffness}
+    op4.write(str(tmp_path / "beam.op4"), written, sparse="auto")
     read = lw.modal.read_host_matrices("beam.op4:MAA", "beam.op4:KAA", folder=tmp_path)
     np.testing.assert_allclose(read.mass.toarray(), mass, rtol=WRITTEN)
     np.testing.assert_allclose(read.stiffness.toarray(), stiffness, rtol=WRITTEN)

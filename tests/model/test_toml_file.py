@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from linkwise.errors import StructureError
@@ -83,24 +83,20 @@ def test_a_mass_may_be_known_to_within(sigma: str, kilograms: float) -> None:
     assert parse_structure(format_structure(structure)) == structure
 
 
-def test_an_unknown_constant_force_is_a_coefficient_of_a_law() -> None:
-    text = EXAMPLE.replace(
-        'law = "alpha*d"\ncoefficients = { alpha',
-        'law = "f0 + alpha*d"\ncoefficients = { f0 = "unknown", alpha',
-    )
-    assert next(p.unit for p in parse_structure(text).parameters if p.name == "second.f0") == "N"
-
-
 def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
-    for structure in (parse_structure(EXAMPLE), bnes_chain(10), bnes_chain(4).unknown("nes")):
+    chain = bnes_chain(2)
+    of_several_lines = replace(chain.link("spring1"), law=Law.parse("k*d +\n\tc*v"))
+    tabbed = Structure("", chain.masses, (of_several_lines, chain.link("nes1")))
+    for structure in (parse_structure(EXAMPLE), bnes_chain(10), bnes_chain(4).unknown("nes"), tabbed):
         write_structure(structure, tmp_path / "s.toml")
         assert read_structure(tmp_path / "s.toml") == structure
+    (tmp_path / "s.toml").write_text(EXAMPLE, encoding="utf-8-sig")  # a byte order mark is no obstacle
+    assert read_structure(tmp_path / "s.toml") == parse_structure(EXAMPLE)
 
 
 def test_an_identified_structure_is_written_with_numbers_only() -> None:
-    identified = parse_structure(EXAMPLE).with_values(
-        {"nes.alpha": -100.0, "nes.beta": 1e6, "nes.c": 0.1 + 0.2}
-    )
+    values = {"nes.alpha": -100.0, "nes.beta": 1e6, "nes.c": 0.1 + 0.2}
+    identified = parse_structure(EXAMPLE).with_values(values)
     text = format_structure(identified)
     assert "unknown" not in text
     assert '"=' not in text
@@ -120,6 +116,7 @@ coefficients = st.one_of(
 )
 
 
+@settings(max_examples=40)
 @given(names, names, st.text(st.characters(exclude_categories=["Cs"])), coefficients, coefficients)
 def test_round_trip_is_exact_for_any_name_and_number(
     mass: str, link: str, title: str, k: Coefficient, c: Coefficient
@@ -128,18 +125,6 @@ def test_round_trip_is_exact_for_any_name_and_number(
     only_link = Link(link, (mass, "ground"), Law.parse("k*d + c*v"), {"k": k, "c": c})
     structure = Structure(title, (Mass(mass, Coefficient.number(1e-3)),), (only_link,))
     assert parse_structure(format_structure(structure)) == structure
-
-
-def test_a_law_of_several_lines_and_a_unicode_coefficient_survive() -> None:
-    law = Law.parse("k*d +\n\tc*v")
-    changed = replace(bnes_chain(2).link("spring1"), law=law)
-    structure = Structure("", bnes_chain(2).masses, (changed, bnes_chain(2).link("nes1")))
-    assert parse_structure(format_structure(structure)) == structure
-
-
-def test_a_byte_order_mark_is_no_obstacle(tmp_path: Path) -> None:
-    (tmp_path / "s.toml").write_text(EXAMPLE, encoding="utf-8-sig")
-    assert read_structure(tmp_path / "s.toml") == parse_structure(EXAMPLE)
 
 
 REFUSED = {
@@ -212,7 +197,7 @@ REFUSED = {
     ),
     "mass that nothing holds": (
         'name = "m2"\nmass', 'name = "m4"\nmass = 1\n[[mass]]\nname = "m2"\nmass',
-        's.toml, mass "m4": no link has it as an end',
+        's.toml, mass "m4": no link has it as an end; add a link or remove the mass',
     ),
 }  # fmt: skip
 
@@ -225,26 +210,7 @@ def test_what_is_wrong_is_said_with_its_place(case: str) -> None:
         parse_structure(EXAMPLE.replace(old, new), "s.toml")
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "asked"),
-    [
-        ("run.csv", b"time,x:m1\n0,1\n", True),
-        ("run.mat", b"MATLAB 5.0 \xff\xfe", True),
-        ("chain.toml", b"mass = = 1", False),
-        ("chain.toml", b"\xff", False),
-    ],
-)
-def test_a_record_in_place_of_a_structure_is_recognised(
-    tmp_path: Path, name: str, content: bytes, asked: bool
-) -> None:
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(StructureError) as error:
-        read_structure(path)
-    assert ("was it exchanged with a record?" in str(error.value)) == asked
-
-
-def test_files_that_cannot_be_read_are_said(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read_are_said_and_a_record_is_recognised(tmp_path: Path) -> None:
     with pytest.raises(StructureError, match=r"none\.toml: there is no such file$"):
         read_structure(tmp_path / "none.toml")
     (tmp_path / "latin.toml").write_bytes('name = "Träger"'.encode("latin-1"))
@@ -252,3 +218,13 @@ def test_files_that_cannot_be_read_are_said(tmp_path: Path) -> None:
         read_structure(tmp_path / "latin.toml")
     with pytest.raises(StructureError, match=r"cannot be read: "):
         read_structure(tmp_path)
+    for name, content, asked in (
+        ("run.csv", b"time,x:m1\n0,1\n", True),
+        ("run.mat", b"MATLAB 5.0 \xff\xfe", True),
+        ("chain.toml", b"mass = = 1", False),
+        ("chain.toml", b"\xff", False),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(StructureError) as error:
+            read_structure(tmp_path / name)
+        assert ("was it exchanged with a record?" in str(error.value)) == asked
