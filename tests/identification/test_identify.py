@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +14,6 @@ from structures import link
 import linkwise as lw
 from linkwise.identification.methods import METHODS
 from linkwise.signals.states import DifferentiationMethod
-from linkwise.sindy import estimate as classical
 
 UNKNOWN = lw.Coefficient.unknown
 SAMPLING: dict[str, Any] = {"duration": 4.0, "rate": 1000.0}
@@ -55,33 +53,18 @@ def pair() -> lw.Structure:
 # --- what is found
 
 
-def test_an_unknown_keyword_is_a_type_error_even_if_it_is_empty() -> None:
-    chain = lw.bnes_chain(2)
-    with pytest.raises(TypeError, match="unexpected keyword argument 'ofsets'"):
-        lw.identify(chain_record(2), chain.unknown("nes"), ofsets=["x:m1"])  # type: ignore[call-arg]  # what is tested
-
-
-def test_every_mass_and_coefficient_where_a_force_sets_the_scale() -> None:
-    problem = PROBLEMS["masses unknown, a force applied"]
-    fit = weak(problem.record(), problem.unknown_structure)
-    assert fit.trusted and [mass.known for mass in fit.masses] == [False, False]
-
-
 def test_a_known_mass_sets_the_scale_of_another(record: lw.Record, chain: lw.Structure) -> None:
     fit = weak(record, chain.unknown("nes", "mass:m2"))
     # four standard errors: 6e-5 of chance each
     assert fit.trusted and max(misses(fit, chain).values()) < 4.0
 
 
-def test_base_motion() -> None:
+def test_base_motion_has_no_noise_and_a_constant_force_is_a_law() -> None:
     problem = PROBLEMS["base moved"]
     fit = weak(problem.record(), problem.unknown_structure)
     assert fit.trusted and fit.noise["x:base"].snr_db > 100.0  # it has none: rounding is at 300 dB
     with pytest.raises(lw.LinkwiseError, match=r"spring.* ends at the base, .* channel x:base"):
         weak(problem.record().select(["x:m1", "x:m2"]), problem.unknown_structure)
-
-
-def test_a_constant_force_is_a_law() -> None:
     problem = PROBLEMS["constant force"]
     assert weak(problem.record(), problem.unknown_structure).coefficient("load.f0").unit == "N"
 
@@ -92,19 +75,12 @@ def test_a_clearance_is_found_from_a_start() -> None:
     fit = weak(problem.record(), problem.unknown_structure)
     value = fit.coefficient("stop.g").value
     assert fit.trusted and value == pytest.approx(2 * 0.0025, rel=0.01)  # the noise is 1 % of the motion
-    with pytest.raises(
-        lw.IdentificationError, match=r'link "stop": g enters the law .* nonlinearly and needs a start'
-    ):
-        weak(problem.record(), replace(problem, starts={}).unknown_structure)
-    with pytest.raises(
-        lw.IdentificationError,
-        match=r"does not determine stop\.k.*The search was at stop\.g = 1; give starts",
-    ):
-        weak(problem.record(), replace(problem, starts={"stop.g": 1.0}).unknown_structure)
-
-
-def test_friction_that_is_curved_in_v() -> None:
-    """F*tanh(v/s): v comes from smoothed displacements, which is said."""
+    nonlinear = r'link "stop": g enters the law .* nonlinearly and needs a start'
+    far = r"does not determine stop\.k.*The search was at stop\.g = 1; give starts"
+    for starts, message in (({}, nonlinear), ({"stop.g": 1.0}, far)):
+        with pytest.raises(lw.IdentificationError, match=message):
+            weak(problem.record(), replace(problem, starts=starts).unknown_structure)
+    # F*tanh(v/s): v comes from smoothed displacements, which is said
     problem = PROBLEMS["friction curved in v"]
     fit = weak(problem.record(), problem.unknown_structure)
     assert "The law of link is nonlinear in v" in fit.findings[0]
@@ -132,10 +108,7 @@ def test_a_law_without_its_cubic_term_is_refused(record: lw.Record, chain: lw.St
     # misfit in power ten times that of the noise; measured 20
     assert present(fit.chi_square_per_sample) > 10.0
     assert "a term is missing from a law, a link from the structure" in fit.message
-    assert all(
-        coefficient.interval is None and coefficient.standard_error is None
-        for coefficient in some(fit.links[1].coefficients)
-    )
+    assert all(c.interval is None and c.standard_error is None for c in some(fit.links[1].coefficients))
     assert np.isnan(fit.force_band("nes1", 0.01)[1])
 
 
@@ -171,56 +144,52 @@ def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.
     stated = {name: 0.9 * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
     assert fit.trusted and 1.15 < present(fit.chi_square_per_sample) < 1.3
-    assert any(
-        "larger than the noise explains: something small is missing" in finding for finding in fit.findings
-    )
+    said = "larger than the noise explains: something small is missing"
+    assert any(said in finding for finding in fit.findings)
 
 
-def test_nothing_to_identify(record: lw.Record, chain: lw.Structure) -> None:
-    with pytest.raises(
-        lw.IdentificationError, match='nothing to identify, every coefficient is a number: write "unknown"'
-    ):
-        weak(record, chain)
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "strong"}, "unknown method 'strong'; choose from 'ml', 'weak', 'sindy'"),
+        ({"method": "sindy", "offsets": ["x:m1"], "gains": ["x:m2"]},
+         'offsets, gains are for method "ml", not for "sindy"'),
+        ({"method": lw.MaximumLikelihood(), "loss": lw.likelihood.Huber()},
+         r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object"),
+    ],
+)  # fmt: skip
+def test_unknown_method_and_options_of_others(
+    record: lw.Record, chain: lw.Structure, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(lw.IdentificationError, match=message):
+        lw.identify(record, chain.unknown("nes"), **options)
 
 
-def test_unknown_method_and_options_of_others(record: lw.Record, chain: lw.Structure) -> None:
-    with pytest.raises(
-        lw.IdentificationError, match="unknown method 'strong'; choose from 'ml', 'weak', 'sindy'"
-    ):
-        lw.identify(record, chain.unknown("nes"), method="strong")  # type: ignore[arg-type]
-    with pytest.raises(
-        lw.IdentificationError,
-        match='several records are for method "ml", not for "weak", which takes one; got 2',
-    ):
-        lw.identify([record[:500], record[500:]], chain.unknown("nes"), method="weak")
+def test_what_is_no_question_is_refused(record: lw.Record, chain: lw.Structure) -> None:
+    unknown, two = chain.unknown("nes"), [record[:500], record[500:]]
+    several = 'several records are for method "ml", not for "weak", which takes one; got 2'
+    with pytest.raises(lw.IdentificationError, match=several):
+        lw.identify(two, unknown, method="weak")
     with pytest.raises(lw.IdentificationError, match="no record to identify from"):
-        lw.identify([], chain.unknown("nes"))
-    with pytest.raises(
-        lw.IdentificationError, match="unknown regressor 'ridge'; choose from 'stlsq', 'l1', 'least-squares'"
-    ):
+        lw.identify([], unknown)
+    with pytest.raises(lw.IdentificationError, match='every coefficient is a number: write "unknown"'):
+        weak(record, chain)
+    with pytest.raises(lw.IdentificationError, match="'ridge'; choose from 'stlsq', 'l1', 'least-squares'"):
         lw.PhysicsInformedSindy(regressor="ridge")
-    with pytest.raises(lw.IdentificationError, match='offsets, gains are for method "ml", not for "sindy"'):
-        lw.identify(record, chain.unknown("nes"), method="sindy", offsets=["x:m1"], gains=["x:m2"])
-    with pytest.raises(
-        lw.IdentificationError,
-        match=r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object",
-    ):
-        lw.identify(record, chain.unknown("nes"), method=lw.MaximumLikelihood(), loss=lw.likelihood.Huber())
+    with pytest.raises(TypeError, match="unexpected keyword argument 'ofsets'"):
+        lw.identify(record, unknown, ofsets=["x:m1"])  # type: ignore[call-arg]  # what is tested
 
 
 def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Structure) -> None:
     assert {name: kind.method for name, kind in METHODS.items()} == {name: name for name in METHODS}
     unknown = chain.unknown("nes")
     starts = {"nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.01}
-    for by_name, by_object in (
-        (lw.identify(record, unknown, method="weak"), lw.identify(record, unknown, method=lw.WeakForm())),
-        (
-            lw.identify(record, unknown, starts=starts, loss=lw.likelihood.Huber()),
-            lw.identify(
-                record, unknown, method=lw.MaximumLikelihood(starts=starts, loss=lw.likelihood.Huber())
-            ),
-        ),
+    options: dict[str, Any] = {"starts": starts, "loss": lw.likelihood.Huber()}
+    for named, method in (
+        ({"method": "weak"}, lw.WeakForm()),
+        (options, lw.MaximumLikelihood(**options)),
     ):
+        by_name, by_object = (lw.identify(record, unknown, **how) for how in (named, {"method": method}))
         assert np.array_equal(by_name.values, by_object.values)
         assert np.array_equal(by_name.covariance, by_object.covariance)
 
@@ -238,10 +207,8 @@ def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure,
         assert values == pytest.approx(true.values, rel=0.02 if regressor == "l1" else 2e-3)  # l1 shrinks
         # in %: coefficients off by 0.02 leave 0.02^2; measured 2e-9 and less
         assert lw.nmse(true, fit.structure.link(true.name), clean) < 100 * 0.02**2
-    assert all(
-        coefficient.interval is None and coefficient.standard_error is not None
-        for coefficient in some(fit.links[0].coefficients)
-    )
+    found = some(fit.links[0].coefficients)
+    assert all(c.interval is None and c.standard_error is not None for c in found)
 
 
 @pytest.mark.parametrize("derivative", ["spline", "savgol", "differences"])
@@ -251,10 +218,8 @@ def test_noise_in_derivatives_is_not_trusted(
     """At 30 dB alpha is 9 % off or more, by every derivative: no standard error of the regression tells."""
     fit = lw.identify(record, chain.unknown("nes"), method=lw.PhysicsInformedSindy(derivative=derivative))
     assert not fit.trusted and fit.status == "forces unexplained"
-    assert (
-        "% of the forces unexplained: a term is missing, or noise in the derivatives hides them"
-        in fit.message
-    )
+    said = "% of the forces unexplained: a term is missing, or noise in the derivatives hides them"
+    assert said in fit.message
     assert abs(fit.coefficient("nes1.alpha").value / -100.0 - 1.0) > 0.05
 
 
@@ -264,8 +229,3 @@ def test_a_term_that_adds_nothing_is_dropped_and_named(chain: lw.Structure) -> N
     fit = lw.identify(clean, replace(chain, links=(chain.links[0], wide)).unknown("nes"), method="sindy")
     assert fit.findings[0] == "nes1.q was dropped: its term adds less than the threshold."
     assert fit.coefficient("nes1.q").value == 0.0
-
-
-def test_the_example_of_the_paper_library_runs() -> None:
-    results = doctest.testmod(classical)
-    assert results.attempted > 0 and results.failed == 0

@@ -86,9 +86,7 @@ def test_interpolations_travel_with_the_record() -> None:
     assert dict(record.select(["x:m1"]).interpolation) == {}
     with pytest.raises(lw.RecordError, match=r"x:m1.*not an input of the record; inputs: force:m1"):
         replace(record, interpolation={"x:m1": "held"})
-    with pytest.raises(
-        lw.RecordError, match="unknown interpolation 'cubic'; choose from held, linear, band-limited"
-    ):
+    with pytest.raises(lw.RecordError, match="'cubic'; choose from held, linear, band-limited"):
         replace(record, interpolation={"force:m1": "cubic"})
     moved = lw.Record(0.0, 10.0, ("x:m1", "x:base"), np.zeros((40, 2)))
     with pytest.raises(lw.RecordError, match="a base does not jump"):

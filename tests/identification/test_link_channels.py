@@ -17,20 +17,22 @@ OSCILLATOR = oscillator("k*d + c*v", name="spring", k=400.0, c=0.5)
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
     """A load cell in the spring shows three times its force, and 5 N more."""
-    clean = lw.simulate(
-        OSCILLATOR, release={"v:m1": 1.0}, duration=3.0, rate=200.0, sensors=("x:m1", "f:spring")
-    )
-    return replace(clean, values=clean.values * [1.0, 3.0] + [0.0, 5.0], simulated=None).with_noise(
-        40.0, seed=1
-    )
+    sensors = ("x:m1", "f:spring")
+    clean = lw.simulate(OSCILLATOR, release={"v:m1": 1.0}, duration=3.0, rate=200.0, sensors=sensors)
+    values = clean.values * [1.0, 3.0] + [0.0, 5.0]
+    return replace(clean, values=values, simulated=None).with_noise(40.0, seed=1)
 
 
-@pytest.mark.parametrize("method", ["weak", "sindy"])
-def test_methods_that_do_not_use_a_load_cell_say_so(method: str, record: lw.Record) -> None:
-    fit = lw.identify(record, OSCILLATOR.unknown("all"), method=method)  # type: ignore[arg-type]
-    takes = "forces" if method == "weak" else "forces and states"
-    assert f'f:spring were not used: method "ml" alone takes {takes} of links.' in fit.findings
-    assert not lw.identify(record, OSCILLATOR.unknown("all")).trusted
+def test_what_does_not_use_a_load_cell_says_so_and_gains_that_sensors_share_are_told(
+    record: lw.Record,
+) -> None:
+    unknown, said = OSCILLATOR.unknown("all"), 'f:spring were not used: method "ml" alone takes {} of links.'
+    assert said.format("forces") in lw.identify(record, unknown, method="weak").findings
+    assert said.format("forces and states") in lw.identify(record, unknown, method="sindy").findings
+    assert not lw.identify(record, unknown).trusted
+    assert any("f:spring were not used" in line for line in lw.discovery.check_discovery(record, {"m1": 1.0}))
+    fit = lw.identify(record.select(["x:m1"]), unknown, calibration={"common": 0.01})
+    assert any(line.startswith("common shows ") for line in fit.findings)
 
 
 VOLTAGE = "state:piezo.V"
@@ -71,15 +73,8 @@ def test_errors_of_a_voltmeter_are_in_the_unit_of_the_law(piezo: lw.Structure, h
     assert " V throughout" in offset
     assert "of its value" in gain
     assert abs(fit.sensor_errors[0].value - 0.4) < 4.0 * fit.sensor_errors[0].standard_error
-
-
-def test_the_result_holds_the_rates_of_a_link_with_memory(piezo: lw.Structure, harvested: lw.Record) -> None:
-    (link,) = lw.identify(harvested, piezo.unknown("piezo.c")).to_dict()["links"]
+    (link,) = fit.to_dict()["links"]
     assert link["states"] == {"V": {"rate": "(-theta*v - V/R)/C", "unit": "V"}}
-
-
-def test_discovery_says_so(record: lw.Record) -> None:
-    assert any("f:spring were not used" in line for line in lw.discovery.check_discovery(record, {"m1": 1.0}))
 
 
 def test_validation_scores_a_load_cell(record: lw.Record) -> None:
@@ -100,12 +95,6 @@ def test_a_unit_of_a_state_must_be_of_its_kind(tmp_path: Path) -> None:
         record = lw.read_record(path)
         assert record.channel("state:piezo.V")[0] == pytest.approx(factor, rel=1e-12)
         assert dict(record.units) == {"state:piezo.V": unit}
-    with pytest.raises(
-        lw.IdentificationError, match=r"state:piezo\.V is stated in mm, and the state V of piezo is in V"
-    ):
+    message = r"state:piezo\.V is stated in mm, and the state V of piezo is in V"
+    with pytest.raises(lw.IdentificationError, match=message):
         lw.identify(record, structure)
-
-
-def test_a_gain_that_sensors_share_is_told(record: lw.Record) -> None:
-    fit = lw.identify(record.select(["x:m1"]), OSCILLATOR.unknown("all"), calibration={"common": 0.01})
-    assert any(line.startswith("common shows ") for line in fit.findings)

@@ -41,9 +41,7 @@ def beam(shared_data: Path) -> lw.Record:
 
 @pytest.mark.parametrize("two_links", [False, True])
 def test_circuit(circuit: lw.Record, two_links: bool) -> None:
-    """Identified on the first four fifths: every coefficient within 3 % of the description, the mass 1/g, and a free run over
-    the last fifth below 0.5 mV (2 mV is asked). The constant force may stand in the law or in a link of its own.
-    """
+    """From four fifths; a free run over the last stays below 0.5 mV. The constant may be a link of its own."""
     single = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
     asked = CIRCUIT if two_links else single
     cut = len(circuit) * 4 // 5
@@ -73,9 +71,8 @@ def test_damping_with_amplitude_makes_the_circuit_better(circuit: lw.Record) -> 
     )
     rest = circuit[cut:]
     # errors of 800 samples differ by a tenth by chance once in 16 000 times, 4/sqrt(2 800), and these are 21 s at 610 Hz
-    assert (
-        lw.analysis.free_run(damped, rest).rmse["x:m1"] < 0.9 * lw.analysis.free_run(plain, rest).rmse["x:m1"]
-    )
+    errors = [lw.analysis.free_run(structure, rest).rmse["x:m1"] for structure in (plain, damped)]
+    assert errors[1] < 0.9 * errors[0]
 
 
 def test_more_terms_explain_more_of_the_beam(beam: lw.Record) -> None:
@@ -105,15 +102,8 @@ def test_from_the_command_line(
 ) -> None:
     """Neither file is edited; the answer is written, and exit code 3 says that the laws leave more than noise."""
     lw.write_structure(asked, tmp_path / "unknown.toml")
-    arguments = [
-        str(shared_data / file),
-        str(tmp_path / "unknown.toml"),
-        "--method",
-        "weak",
-        "-o",
-        str(tmp_path / "answer"),
-    ]
-    assert run(["identify", *arguments]) == 3
+    paths = [str(path) for path in (shared_data / file, tmp_path / "unknown.toml", tmp_path / "answer")]
+    assert run(["identify", *paths[:2], "--method", "weak", "-o", paths[2]]) == 3
     assert "weak, chi-square off, NOT to be trusted" in capsys.readouterr().out
     result = json.loads((tmp_path / "answer" / "result.json").read_text(encoding="utf-8"))
     assert result["status"] == "chi-square off"

@@ -35,27 +35,28 @@ def test_chaotic_motion_has_shorter_segments_that_tell_more_than_the_shortest() 
     assert limit.trusted and 0.25 < limit.segment < 6.0
     assert (limit.standard_errors < short.standard_errors).all()
     assert f"in segments of {limit.segment:g} s with free starts" in str(limit)
-    record = lw.simulate(chain, duration=6.0, rate=1000.0, release={"v:m1": 1.0}).with_noise(
-        20.0, seed=5840022
-    )
+    clean = lw.simulate(chain, duration=6.0, rate=1000.0, release={"v:m1": 1.0})
+    record = clean.with_noise(20.0, seed=5840022)
     fit = lw.identify(record, chain.unknown("nes"))
     reached = [present(fit.coefficient(parameter.name).standard_error) for parameter in limit.parameters]
     assert (np.array(reached) < limit.standard_errors).all()
 
 
 def test_ten_chaotic_masses_keep_what_short_segments_determine() -> None:
-    limit = lw.limit(
-        lw.bnes_chain(10), unknown=["nes"], **{**CHAOTIC, "duration": 2.0, "release": {"v:m1": 3.0}}
-    )
+    plan = {**CHAOTIC, "duration": 2.0, "release": {"v:m1": 3.0}}
+    limit = lw.limit(lw.bnes_chain(10), unknown=["nes"], **plan)
     assert limit.trusted and np.isfinite(limit.standard_errors).all()
 
 
-def test_segments_asked_for_that_lose_what_shorter_ones_determine_are_refused() -> None:
-    with pytest.raises(
-        lw.IdentificationError, match=r"segments of 3 s are too long: .* what segments of 0\.25 s determine"
-    ) as caught:
+def test_segments_that_lose_what_shorter_ones_determine_and_too_low_a_rate_are_refused() -> None:
+    """28 Hz at a sample in 20 s, of which steps as long as ten periods grew without end."""
+    message = r"segments of 3 s are too long: .* what segments of 0\.25 s determine"
+    with pytest.raises(lw.IdentificationError, match=message) as caught:
         lw.limit(lw.bnes_chain(2), unknown=["nes"], segment=3.0, **CHAOTIC)
     assert caught.value.arguments == ("segment",)
+    with pytest.raises(lw.IdentificationError, match=r"0\.05 Hz are too few for the fastest") as caught:
+        lw.limit(lw.bnes_chain(2), **{**CHAOTIC, "duration": 500.0, "rate": 0.05})
+    assert caught.value.arguments == ("rate",)
 
 
 def test_what_no_segment_determines_is_told_at_any_length() -> None:
@@ -65,15 +66,6 @@ def test_what_no_segment_determines_is_told_at_any_length() -> None:
         limit = lw.limit(linear, noise=30.0, unknown=unknown, segment=segment, **RING_DOWN)
         assert limit.verdicts == (lw.Verdict.UNKNOWNS_NOT_DETERMINED,)
         assert len(limit.findings) == 1 and "are confounded" in limit.findings[0]
-
-
-def test_a_rate_far_below_the_motion_is_refused() -> None:
-    """28 Hz at a sample in 20 s, of which steps as long as ten periods grew without end."""
-    with pytest.raises(
-        lw.IdentificationError, match=r"0\.05 Hz are too few for the fastest motion"
-    ) as caught:
-        lw.limit(lw.bnes_chain(2), duration=500.0, rate=0.05, noise=20.0, release={"v:m1": 1.0})
-    assert caught.value.arguments == ("rate",)
 
 
 def test_a_low_rate_takes_segments_that_hold_enough_values() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 from structures import CANTILEVER, host, structure
 from tapped_beam import SHAPES, beam, shaken, tapped
 
@@ -18,11 +20,8 @@ def errors(host: lw.Host) -> np.ndarray:
     rows = []
     for mode, true in zip(host.modes, beam().modes, strict=True):
         sign = np.sign(mode.shape["tip"] * true.shape["tip"])
-        row = [
-            (estimate.value - was.value) / estimate.sigma
-            for estimate, was in ((mode.frequency, true.frequency), (mode.damping, true.damping))
-            if estimate.value is not None and was.value is not None
-        ]
+        pairs = (mode.frequency, true.frequency), (mode.damping, true.damping)
+        row = [(present(found.value) - present(was.value)) / found.sigma for found, was in pairs]
         row += [(sign * mode.shape[point] - true.shape[point]) / mode.shape_sigma[point] for point in SHAPES]
         rows.append(row)
     return np.array(rows)
@@ -72,38 +71,37 @@ def test_errors_of_modes_that_are_not_quite_linear_hold_those_at_rest(seed: int)
 def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:
     estimate = lw.modal.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
     third = estimate.host.modes[2]
-    assert estimate.faint == ("beam.mode3",) or any(
-        "beam.mode3 hardly moves" in text for text in estimate.remarks
-    )
+    remarked = any("beam.mode3 hardly moves" in text for text in estimate.remarks)
+    assert estimate.faint == ("beam.mode3",) or remarked
     # from this part of the largest on a scale is called undetermined
     assert max(third.shape_sigma.values()) > 0.2 * max(map(abs, third.shape.values()))
 
 
-def test_what_a_modal_test_needs_is_told() -> None:
-    record = tapped()
-    with pytest.raises(lw.IdentificationError, match=r"no response was measured at beam\.tip"):
-        lw.modal.identify_host(record.select(["a:beam.mid", "force:beam.tip"]))
-    with pytest.raises(lw.IdentificationError, match="needs the applied force and the motion"):
-        lw.modal.identify_host(record.select(["a:beam.mid"]))
-    with pytest.raises(lw.IdentificationError, match="must be positive, got 0"):
-        lw.modal.identify_host(record, modes=0)
-    with pytest.raises(lw.IdentificationError, match="at least one record"):
-        lw.modal.identify_host([])
-    with pytest.raises(lw.RecordError, match="hold the same samples; give each record once"):
-        lw.modal.identify_host([record, record])
-    with pytest.raises(lw.IdentificationError, match="too few to determine modes"):
-        lw.modal.identify_host(record[:40])
-    values = np.random.default_rng(1).standard_normal((600, 2))
-    values[:, 1] = np.where(np.arange(600) == 100, 1.0, 0.0)
-    noise = lw.Record(0.0, 400.0, ("a:beam.tip", "force:beam.tip"), values)
-    with pytest.raises(lw.IdentificationError, match="does not stand above the noise"):
-        lw.modal.identify_host(noise)
+NOISE = np.column_stack([np.random.default_rng(1).standard_normal(600), np.arange(600) == 100])
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (lambda tap: tap.select(["a:beam.mid", "force:beam.tip"]), r"no response was measured at beam\.tip"),
+        (lambda tap: tap.select(["a:beam.mid"]), "needs the applied force and the motion"),
+        (lambda tap: [], "at least one record"),
+        (lambda tap: [tap, tap], "hold the same samples; give each record once"),
+        (lambda tap: tap[:40], "too few to determine modes"),
+        (lambda tap: lw.Record(0.0, 400.0, ("a:beam.tip", "force:beam.tip"), NOISE), "not stand above the noise"),
+    ],
+)  # fmt: skip
+def test_what_a_modal_test_needs_is_told(given: Callable[[lw.Record], lw.Record], message: str) -> None:
+    with pytest.raises((lw.IdentificationError, lw.RecordError), match=message):
+        lw.modal.identify_host(given(tapped()))
 
 
 def test_the_name_of_a_host_is_that_of_its_channels() -> None:
     record = tapped()
     with pytest.raises(lw.IdentificationError, match='is of the host "beam", not of "blade"'):
         lw.modal.identify_host(record, name="blade")
+    with pytest.raises(lw.IdentificationError, match="must be positive, got 0"):
+        lw.modal.identify_host(record, modes=0)
     own = [channel.replace("beam.", "") for channel in record.channels]
     short = lw.Record(0.0, 400.0, tuple(own), record.values)
     assert ModalMeasurement.of([record], "beam").host == "beam"
@@ -112,13 +110,10 @@ def test_the_name_of_a_host_is_that_of_its_channels() -> None:
 
 def test_points_whose_channels_are_in_rad_turn() -> None:
     carrier = host("beam", (5.0, 31.4), 0.01, {"tip": (1.7, -1.7), "r": (2.3, -8.0)}, rotations=["r"])
-    record = lw.simulate(
-        structure({}, hosts=[carrier], name="beam"),
-        forces={"beam.tip": "40*exp(-((t-0.1)/0.004)**2)"},
-        duration=3.0,
-        rate=500.0,
-        sensors=("a:beam.tip", "a:beam.r"),
-    ).with_noise(40.0, seed=5413013)
+    tap, sensors = {"beam.tip": "40*exp(-((t-0.1)/0.004)**2)"}, ("a:beam.tip", "a:beam.r")
+    turning = structure({}, hosts=[carrier], name="beam")
+    clean = lw.simulate(turning, forces=tap, duration=3.0, rate=500.0, sensors=sensors)
+    record = clean.with_noise(40.0, seed=5413013)
     found = lw.modal.identify_host(record, modes=2)
     assert found.trusted
     assert found.host.rotations == ("beam.r",)

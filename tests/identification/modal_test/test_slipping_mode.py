@@ -43,7 +43,6 @@ def test_what_a_joint_leaves_is_not_blamed_on_the_force() -> None:
     joint = link("joint", "beam.left-beam.right", "F*z", {"z": SLIP}, F=0.6, s=0.5, x0=1.2e-5)
     found = lw.modal.identify_host(tapped((79.4, 140.0), joint))
     mode = found.host.modes[0]
-    assert max(mode.shape_sigma.values()) > 0.2 * max(
-        map(abs, mode.shape.values())
-    )  # by what linear modes leave
+    # by what linear modes leave
+    assert max(mode.shape_sigma.values()) > 0.2 * max(map(abs, mode.shape.values()))
     assert not any("hardly moves" in text for text in found.remarks)

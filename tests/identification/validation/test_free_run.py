@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record
-from structures import oscillator
+from structures import hysteretic_oscillator, oscillator
 
 import linkwise as lw
 
@@ -25,21 +25,17 @@ def forced(duffing: lw.Structure) -> lw.Record:
     return lw.simulate(duffing, forces={"m1": force}, duration=4.0, rate=500.0)
 
 
-def test_the_true_structure_leaves_the_noise(duffing: lw.Structure, forced: lw.Record) -> None:
-    """Cut anywhere, the run starts from a state it works out: what is left is the noise, to 3 % of 1700 samples and the
-    interpolation of the force.
-    """
+def test_the_true_structure_leaves_the_noise_and_a_wrong_one_more(
+    duffing: lw.Structure, forced: lw.Record
+) -> None:
+    """From a state that the run works out: to 3 % of 1700 samples and the interpolation of the force."""
     part = forced.with_noise(40.0, seed=1)[217:]
     run = lw.analysis.free_run(duffing, part)
     assert run.rmse["x:m1"] == pytest.approx(present(part.simulated).noise["x:m1"], rel=0.06)
     assert run.motion.start == part.start and len(run.motion) == len(run.residual) == len(part)
     assert run.residual.channel("x:m1") == pytest.approx(part.channel("x:m1") - run.motion.channel("x:m1"))
     assert run.horizon is None
-
-
-def test_a_wrong_structure_leaves_more(duffing: lw.Structure, forced: lw.Record) -> None:
     stiff = oscillator("k*d + k3*d**3 + c*v", k=990.0, k3=2e6, c=2.0)
-    part = forced.with_noise(40.0, seed=1)[217:]
     assert lw.analysis.free_run(stiff, part).rmse["x:m1"] > 10 * present(part.simulated).noise["x:m1"]
 
 
@@ -53,9 +49,8 @@ def test_without_noise_the_run_is_the_record(duffing: lw.Structure) -> None:
 def test_base_motion_velocities_and_gaps(duffing: lw.Structure) -> None:
     """A shaken mass of which only the velocity was seen, with a gap at the start and one later."""
     shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
-    record = lw.simulate(
-        shaken, base="0.004*sin(26*t) + 0.002*cos(71*t)", duration=3.0, rate=500.0, sensors=("v",)
-    )
+    base = "0.004*sin(26*t) + 0.002*cos(71*t)"
+    record = lw.simulate(shaken, base=base, duration=3.0, rate=500.0, sensors=("v",))
     values = record.values.copy()
     values[[10, 11, 700]] = [[np.nan, base] for base in values[[10, 11, 700], 1]]
     run = lw.analysis.free_run(shaken, replace(record, values=values)[3:], settling=60)
@@ -85,23 +80,22 @@ def test_a_chaotic_run_tells_its_horizon() -> None:
 def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) -> None:
     with pytest.raises(lw.RecordError, match="no response of m1 is in the record, which holds force:m1"):
         lw.analysis.free_run(duffing, forced.select(["force:m1"]))
-    with pytest.raises(
-        lw.RecordError, match="settling must be at least 2 and leave samples to compare, got 40 of 40 samples"
-    ):
+    message = "settling must be at least 2 and leave samples to compare, got 40 of 40 samples"
+    with pytest.raises(lw.RecordError, match=message):
         lw.analysis.free_run(duffing, forced[:40], settling=40)
-    values = forced.values.copy()
-    values[300, 1] = np.nan
-    with pytest.raises(
-        lw.RecordError, match=r"force:m1.*samples are missing, and an input drives the motion"
+    for missing, message in (
+        ((300, 1), r"force:m1.*samples are missing, and an input drives the motion"),
+        ((slice(50), 0), r"x:m1.*has no sample among the first 50"),
     ):
-        lw.analysis.free_run(duffing, replace(forced, values=values))
-    values = forced.values.copy()
-    values[:50, 0] = np.nan
-    with pytest.raises(lw.RecordError, match=r"x:m1.*has no sample among the first 50"):
-        lw.analysis.free_run(duffing, replace(forced, values=values))
+        values = forced.values.copy()
+        values[missing] = np.nan
+        with pytest.raises(lw.RecordError, match=message):
+            lw.analysis.free_run(duffing, replace(forced, values=values))
     shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
     record = lw.Record(0.0, 500.0, ("x:m1", "a:base"), forced.values)
-    with pytest.raises(
-        lw.IdentificationError, match=r"a:base gives the displacement of the base only up to drift"
-    ):
+    message = r"a:base gives the displacement of the base only up to drift"
+    with pytest.raises(lw.IdentificationError, match=message):
         lw.analysis.free_run(shaken, record)
+    hysteretic = hysteretic_oscillator(k=400.0, F=8.0, x0=0.012, s=0.6)
+    with pytest.raises(lw.StructureError, match=r"memory \(state z\), which is not supported in free runs"):
+        lw.analysis.free_run(hysteretic, forced)

@@ -32,10 +32,16 @@ def test_the_force_on_another_part_is_predicted_to_its_noise(record: lw.Record, 
     assert result.trusted and result.free_run
     assert score.rmse == pytest.approx(score.expected, rel=0.1)  # 950 samples of noise: 5 standard deviations
     assert np.isnan(result.predicted.values[:50]).all() and np.isfinite(result.predicted.values[50:]).all()
-    assert [entry.name for entry in result.coefficients] == [
-        f"damper.{name}" for name in ("k", "c", "F", "s", "x0")
-    ]
+    names = [f"damper.{name}" for name in ("k", "c", "F", "s", "x0")]
+    assert [entry.name for entry in result.coefficients] == names
     assert all(entry.agrees for entry in some(result.coefficients))
+    # the part starts where the link has slipped: with a state of 0, its first samples would be off by 60 N
+    result = lw.validate(record[1000:], fit, burn=0.1)
+    early = result.record.channel("f:damper")[20:60] - result.predicted.channel("f:damper")[20:60]
+    assert np.abs(early).max() < 5.0  # of noise of 1 N
+    message = "compared along x:base with f:damper, and the record holds x:base"
+    with pytest.raises(lw.RecordError, match=message):
+        lw.validate(record.select(["x:base"]), hysteretic())
 
 
 def test_a_law_that_lacks_the_state_is_refused(record: lw.Record) -> None:
@@ -47,9 +53,8 @@ def test_a_law_that_lacks_the_state_is_refused(record: lw.Record) -> None:
     missed = force - 5000.0 * motion.value(exact.time) - 900.0 * motion.derivative(exact.time)
     expected = 100.0 * np.mean(missed**2) / np.var(force)
     # noise of 1 N beside some 50 N that are missed, 950 samples: 2/50/sqrt(950), four of them
-    assert result.channels["f:damper"].nmse_percent == pytest.approx(
-        expected, rel=8.0 / 50.0 / np.sqrt(950.0)
-    )
+    nmse = result.channels["f:damper"].nmse_percent
+    assert nmse == pytest.approx(expected, rel=8.0 / 50.0 / np.sqrt(950.0))
 
 
 def test_a_state_that_the_start_does_not_show_is_as_uncertain_as_it_is_large() -> None:
@@ -65,36 +70,18 @@ def test_a_state_that_the_start_does_not_show_is_as_uncertain_as_it_is_large() -
     assert 50.0 < deviation.max() < 200.0 and np.median(deviation[800:]) < 1.5
 
 
-def test_the_state_at_the_start_is_told_by_the_burn(record: lw.Record, fit: lw.Estimate) -> None:
-    """The part starts where the link has slipped: with a state of 0 there, its first samples would be off by 60 N."""
-    part = record[1000:]
-    result = lw.validate(part, fit, burn=0.1)
-    early = result.record.channel("f:damper")[20:60] - result.predicted.channel("f:damper")[20:60]
-    assert np.abs(early).max() < 5.0  # of noise of 1 N
-
-
-def test_a_record_without_the_force_is_refused(record: lw.Record) -> None:
-    with pytest.raises(
-        lw.RecordError, match="compared along x:base with f:damper, and the record holds x:base"
-    ):
-        lw.validate(record.select(["x:base"]), hysteretic())
-
-
 def test_from_files_to_a_prediction(tmp_path: Path, record: lw.Record) -> None:
     lw.write_record(record, tmp_path / "run.csv")
     lw.write_structure(hysteretic().unknown("damper"), tmp_path / "rig.toml")
     runner = CliRunner()
-    run_file, answer = str(tmp_path / "run.csv"), str(tmp_path / "answer")
-    identified = runner.invoke(
-        command, ["identify", run_file, str(tmp_path / "rig.toml"), "--to", "5", "-o", answer]
+    run_file, rig_file, answer, validation = (
+        str(tmp_path / name) for name in ("run.csv", "rig.toml", "answer", "validation")
     )
+    identified = runner.invoke(command, ["identify", run_file, rig_file, "--to", "5", "-o", answer])
     assert identified.exit_code == 0, identified.output
-    assert {"report.html", "result.json", "structure.toml", "force_damper.csv", "force_damper.png"} <= {
-        path.name for path in Path(answer).iterdir()
-    }
-    validated = runner.invoke(
-        command, ["validate", run_file, answer, "--from", "5", "-o", str(tmp_path / "validation")]
-    )
+    files = {"report.html", "result.json", "structure.toml", "force_damper.csv", "force_damper.png"}
+    assert files <= {path.name for path in Path(answer).iterdir()}
+    validated = runner.invoke(command, ["validate", run_file, answer, "--from", "5", "-o", validation])
     assert validated.exit_code == 0 and "The prediction agrees" in validated.output
     shown = runner.invoke(command, ["structure", "show", str(tmp_path / "answer" / "structure.toml")])
     assert shown.exit_code == 0 and "damper" in shown.output
