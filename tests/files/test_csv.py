@@ -95,12 +95,7 @@ def test_the_same_record_in_many_hands(read: Reader, content: str | bytes, note:
     assert record.notes == (() if note is None else (note,))
 
 
-def test_quoted_decimal_commas_between_commas(read: Reader) -> None:
-    lines = [",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in body()]
-    check(read(text(HEADER, lines)))
-
-
-def test_units_in_headers(read: Reader) -> None:
+def test_units_in_headers_and_decimal_commas_in_quotes(read: Reader) -> None:
     rows = [
         f"{1000 * t:.10g},{1000 * x:.10g},{f:.10g},{f:.10g},{x:.10g}" for t, x, f in zip(T, X, F, strict=True)
     ]
@@ -112,11 +107,10 @@ def test_units_in_headers(read: Reader) -> None:
     assert record.channel("a:m1") == pytest.approx(9.80665 * F, rel=1e-12)
     assert np.array_equal(record.channel("a:m2"), F)
     assert record.channel("force:m1") == pytest.approx(1000.0 * X, rel=1e-12)
-
-
-def test_a_micro_sign_of_an_old_instrument(read: Reader) -> None:
-    content = text("time,x:m1[\u00b5m],force:m1", body()).encode("cp1252")
-    assert read(content).channel("x:m1") == pytest.approx(1e-6 * X, rel=1e-12)
+    micro = text("time,x:m1[\u00b5m],force:m1", body()).encode("cp1252")  # the sign of an old instrument
+    assert read(micro).channel("x:m1") == pytest.approx(1e-6 * X, rel=1e-12)
+    lines = [",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in body()]
+    check(read(text(HEADER, lines)))
 
 
 @pytest.mark.parametrize("cell", ["", "  ", "NaN", "nan", "NA", "n/a", "#N/A", "null", "-"])
@@ -127,32 +121,26 @@ def test_a_missing_sample_is_missing(read: Reader, cell: str) -> None:
     assert np.array_equal(record.channel("force:m1"), F)
 
 
-def test_gaps_in_time_become_missing_samples(read: Reader) -> None:
+def test_gaps_in_time_become_missing_samples_and_milliseconds_are_asked_about(read: Reader) -> None:
     lines = body()
     del lines[20:23]
     record = read(text(HEADER, lines))
     assert len(record) == N
     assert np.flatnonzero(record.missing.all(axis=1)).tolist() == [20, 21, 22]
     assert record.notes == ("Gaps in time: 1, the first after 0.19 s; 3 rows were added as missing samples.",)
+    (note,) = read(text("time,x:m1", [f"{i},{x}" for i, x in enumerate(X)])).notes
+    assert note == "The sampling interval is 1 s. If the times are in ms, name their column time[ms]."
 
 
 def test_times_rounded_in_printing_are_even(read: Reader) -> None:
     n, rate = 5000, 610.3515625
     t = np.arange(n) / rate
     record = read(text("time,x:m1", [f"{a:.4f},{np.sin(9 * a):.9f}" for a in t]))
-    assert record.rate == pytest.approx(
-        rate, abs=0.5e-4 * rate / t[-1]
-    )  # the last time is good to half a digit
+    # the last time is good to half a digit
+    assert record.rate == pytest.approx(rate, abs=0.5e-4 * rate / t[-1])
     assert record.notes == (
         f"The times are up to {np.max(np.abs(np.round(t, 4) - record.time)):.2g} s off an even grid, "
         f"as rounding causes; {record.rate:.9g} Hz was assumed.",
-    )
-
-
-def test_milliseconds_without_a_unit_are_asked_about(read: Reader) -> None:
-    lines = [f"{i},{x}" for i, x in enumerate(X)]
-    assert read(text("time,x:m1", lines)).notes == (
-        "The sampling interval is 1 s. If the times are in ms, name their column time[ms].",
     )
 
 
@@ -172,18 +160,17 @@ def test_columns_are_mapped_by_name_and_number(read: Reader) -> None:
     assert np.array_equal(record.time, T)
     assert record.channel("x:m1") == pytest.approx(1e-3 * X, rel=1e-15)
     assert record.channel("force:m1") == pytest.approx(1e3 * F, rel=1e-15)
-
-
-def test_a_mapped_channel_wins_over_a_header(read: Reader) -> None:
+    check(read("\n".join(body()), channels={"time": "1", "x:m1": 2, "force:m1": 3}))  # without a header
+    with pytest.raises(RecordError, match="the name of 2 columns; give the number of the column instead"):
+        read(text("time,probe,probe", body()), channels={"x:m1": "probe"})
+    assert np.array_equal(read(text("time,probe,probe", body()), channels={"x:m1": 3}).channel("x:m1"), F)
+    # a mapped channel wins over a header
     record = read(text(HEADER, body()), channels={"x:m1": "force:m1"})
     assert record.channels == ("x:m1",)
     assert np.array_equal(record.channel("x:m1"), F)
     assert record.notes == ("Columns that are not channels were ignored: x:m1.",)
-
-
-def test_no_header_is_no_obstacle_when_columns_are_mapped(read: Reader) -> None:
-    record = read("\n".join(body()), channels={"time": "1", "x:m1": 2, "force:m1": 3})
-    check(record)
+    known = read(text("time,x:m1,x:base", body()), known_masses=["m1"])
+    assert known.channels == ("x:m1", "x:base")
 
 
 def test_the_rate_stands_in_for_a_time_column(read: Reader) -> None:
@@ -281,17 +268,6 @@ def test_options_that_do_not_fit_are_refused(read: Reader, options: dict[str, An
     assert message in str(caught.value)
 
 
-def test_a_name_that_two_columns_bear_needs_a_number(read: Reader) -> None:
-    with pytest.raises(RecordError, match="the name of 2 columns; give the number of the column instead"):
-        read(text("time,probe,probe", body()), channels={"x:m1": "probe"})
-    assert np.array_equal(read(text("time,probe,probe", body()), channels={"x:m1": 3}).channel("x:m1"), F)
-
-
-def test_known_masses_let_their_channels_and_the_base_pass(read: Reader) -> None:
-    record = read(text("time,x:m1,x:base", body()), known_masses=["m1"])
-    assert record.channels == ("x:m1", "x:base")
-
-
 # Resampling ----------------------------------------------------------------------------------------------------
 
 
@@ -300,11 +276,13 @@ def uneven(n: int = 400, seed: int = 0) -> Floats:
     return np.cumsum(rng.uniform(0.7e-3, 1.3e-3, n))
 
 
-def test_an_uneven_time_is_resampled(read: Reader) -> None:
+def sine_at(times: Floats) -> str:
+    return text("time,x:m1", [f"{a!r},{math.sin(60.0 * a)!r}" for a in times.tolist()])
+
+
+def test_an_uneven_time_is_resampled_gaps_stay_open_and_a_rate_far_above_is_refused(read: Reader) -> None:
     t = uneven()
-    record = read(
-        text("time,x:m1", [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, t)]), resample=2000.0
-    )
+    record = read(sine_at(t), resample=2000.0)
     assert record.rate == 2000.0
     assert record.start == t[0]
     expected = np.sin(60.0 * record.time)
@@ -314,21 +292,11 @@ def test_an_uneven_time_is_resampled(read: Reader) -> None:
         "Resampled from 400 samples to 2000 Hz by quintic splines; "
         "noise of neighbouring samples is no longer independent.",
     )
-
-
-def test_a_rate_far_above_that_of_uneven_times_is_refused(read: Reader) -> None:
-    rows = [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, uneven())]
-    with pytest.raises(
-        RecordError, match=r"2500 Hz is finer than needed, .* resample to at most 24\d\d\.?\d* Hz"
-    ):
-        read(text("time,x:m1", rows), resample=2500.0)
-
-
-def test_resampling_leaves_gaps_open(read: Reader) -> None:
-    t = np.delete(uneven(), np.arange(100, 130))
-    record = read(
-        text("time,x:m1", [f"{a!r},{math.sin(60.0 * a)!r}" for a in map(float, t)]), resample=1000.0
-    )
+    message = r"2500 Hz is finer than needed, .* resample to at most 24\d\d\.?\d* Hz"
+    with pytest.raises(RecordError, match=message):
+        read(sine_at(t), resample=2500.0)
+    t = np.delete(t, np.arange(100, 130))
+    record = read(sine_at(t), resample=1000.0)
     hole = (record.time > t[99] + 1e-9) & (record.time < t[100] - 1e-9)
     assert np.array_equal(record.missing[:, 0], hole)
     assert hole.sum() > 20
@@ -357,12 +325,6 @@ def test_the_measured_records_are_read(shared_data: Path) -> None:
     silver = read_record(shared_data / "silverbox_multisine.csv")
     assert (silver.channels, silver.rate, len(silver)) == (("force:m1", "x:m1"), 1.0 / 0.0016384, 65062)
     assert silver.inputs == ("force:m1",)
-
-
-def test_the_reference_orbits_are_read(shared_reference: Path) -> None:
-    record = read_record(shared_reference / "bnes_2.csv")
-    assert record.channels == ("x:m1", "x:m2")
-    assert record.start == 0.0
 
 
 @given(

@@ -67,9 +67,8 @@ def test_what_a_mat_file_states_is_checked_before_scipy_follows_it(
     path.write_bytes(HEADER + content)
     with pytest.raises(lw.RecordError) as error:
         lw.read_record(path)
-    assert message in error.value.message and error.value.message.startswith(
-        "cannot be read as a .mat file: "
-    )
+    assert message in error.value.message
+    assert error.value.message.startswith("cannot be read as a .mat file: ")
     with pytest.raises(lw.StructureError) as refusal:
         lw.modal.read_matrix(str(path))
     assert message in str(refusal.value)

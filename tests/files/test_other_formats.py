@@ -53,43 +53,34 @@ def test_periods_beside_each_other_are_one_record(
     assert record.notes[0].startswith("x:m1: 3 periods of 40 samples were joined")
 
 
-def test_realisations_are_records_of_their_own(tmp_path: Path) -> None:
+def test_realisations_are_records_of_their_own_and_periods_that_do_not_fit_are_refused(
+    tmp_path: Path,
+) -> None:
     np.savez(tmp_path / "run.npz", **{"x:m1": PERIODS, "fs": RATE})  # type: ignore[arg-type]  # stub takes a flag
     with pytest.raises(RecordError, match=r"both have this name \(realisation 1/x:m1 and realisation 2"):
         read_record(tmp_path / "run.npz")
     second = read_record(tmp_path / "run.npz", channels={"x:m1": "realisation 2/x:m1"})
     assert np.array_equal(second.channel("x:m1"), PERIODS[1].ravel())
+    three: dict[str, Any] = {"x:m1": np.ones((3, 50))}
+    for more, message in (
+        ({"time": T}, "time has 120 samples, and an array of a channel is 3 x 50"),
+        ({"x:m2": np.ones((4, 50))}, "x:m1 has 3 x 50, x:m2 has 4 x 50"),
+    ):
+        np.savez(tmp_path / "run.npz", **three, **more)
+        with pytest.raises(RecordError, match=message):
+            read_record(tmp_path / "run.npz")
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({"time": T, "x:m1": np.ones((3, 50))}, "time has 120 samples, and an array of a channel is 3 x 50"),
-        ({"x:m1": np.ones((3, 50)), "x:m2": np.ones((4, 50))}, "x:m1 has 3 x 50, x:m2 has 4 x 50"),
-    ],
-)
-def test_periods_that_do_not_fit_are_refused(tmp_path: Path, arrays: dict[str, Any], message: str) -> None:
-    np.savez(tmp_path / "run.npz", **arrays)
-    with pytest.raises(RecordError, match=message):
-        read_record(tmp_path / "run.npz")
-
-
-def test_a_numpy_array_by_number(tmp_path: Path) -> None:
+def test_a_numpy_array_by_number_with_fields_and_with_objects(tmp_path: Path) -> None:
     np.save(tmp_path / "run.npy", np.stack([T, X, A]))  # channels by samples, as the longer side says
     agrees(tmp_path / "run.npy", channels={"time": 1, "x:m1": 2, "a:m2": 3})
     with pytest.raises(RecordError, match="there is no header"):
         read_record(tmp_path / "run.npy")
-
-
-def test_a_numpy_array_with_fields(tmp_path: Path) -> None:
     fields = np.zeros(N, dtype=[("time", float), ("x:m1", float), ("a:m2", np.float32)])
     fields["time"], fields["x:m1"], fields["a:m2"] = T, X, A
     np.save(tmp_path / "run.npy", fields)
     record = read_record(tmp_path / "run.npy")
     assert record.channel("a:m2") == pytest.approx(A, abs=1e-7)  # single precision
-
-
-def test_numpy_files_with_objects_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "run.npy", np.array([{"x": 1}, None]), allow_pickle=True)
     with pytest.raises(RecordError, match=r"cannot be read as a \.npy file.*allow_pickle"):
         read_record(tmp_path / "run.npy")
@@ -115,11 +106,8 @@ def test_numpy_files_with_objects_are_refused(tmp_path: Path) -> None:
 def test_json_in_its_usual_forms(content: Any, keywords: dict[str, Any], tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(json.dumps(content))
     agrees(tmp_path / "run.json", **keywords)
-
-
-def test_null_in_json_is_a_missing_sample(tmp_path: Path) -> None:
     values: list[float | None] = X.tolist()
-    values[7] = None
+    values[7] = None  # a missing sample
     (tmp_path / "run.json").write_text(json.dumps({"time": T.tolist(), "x:m1": values, "a:m2": A.tolist()}))
     assert np.flatnonzero(np.isnan(read_record(tmp_path / "run.json").channel("x:m1"))).tolist() == [7]
 
@@ -214,9 +202,7 @@ def test_units_below_the_header_of_a_text_file(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("\n".join(["Operator;me", "time;x:m1;a:m2", "[s];[mm];[g]", *body]) + "\n")
     agrees(path)
-    path.write_text(
-        "\n".join(["time;x:m1[mm];a:m2[g]", ";;-", *body]) + "\n"
-    )  # no unit: an empty line is data
+    path.write_text("\n".join(["time;x:m1[mm];a:m2[g]", ";;-", *body]) + "\n")  # an empty line is data
     assert np.isnan(read_record(path, rate=RATE).values[0]).all()
     path.write_text("\n".join(["time;x:m1;a:m2", "s;mm;wombats", *body]) + "\n")
     with pytest.raises(RecordError, match="'mm' is not a number"):
