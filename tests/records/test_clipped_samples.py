@@ -16,33 +16,23 @@ def marked() -> lw.Record:
     """A record of 1 s clipped at six tenths of its peaks."""
     record = chain_record(2).with_noise(30.0, seed=71).between(0.0, 1.0)
     peak = 0.6 * np.max(np.abs(record.values), axis=0)
-    return lw.inspection.mark_missing(
-        replace(record, values=np.clip(record.values, -peak, peak), simulated=None)
-    )
+    clipped = replace(record, values=np.clip(record.values, -peak, peak), simulated=None)
+    return lw.inspection.mark_missing(clipped)
 
 
 def readings(record: lw.Record, name: str) -> np.ndarray:
     return present(record.clipped[name].of(record.channel(name))).readings
 
 
-def test_a_record_that_goes_on_has_those_of_both_parts() -> None:
+def test_joined_records_have_those_of_both_parts() -> None:
     whole = marked()
     joined = lw.records.continued(whole[:400], whole[430:])
     expected = readings(whole, "x:m2")
     expected[400:430] = np.nan
     np.testing.assert_array_equal(readings(joined, "x:m2"), expected)
-
-
-def test_a_part_without_any_goes_on() -> None:
-    whole = marked()
-    first = replace(whole[:400], clipped={})
-    joined = lw.records.continued(first, whole[400:])
+    joined = lw.records.continued(replace(whole[:400], clipped={}), whole[400:])
     assert np.isnan(readings(joined, "x:m2")[:400]).all()
     assert np.isfinite(readings(joined, "x:m2")[400:]).any()
-
-
-def test_records_side_by_side_have_those_of_both() -> None:
-    whole = marked()
     joined = lw.records.beside(whole.select(["x:m1"]), whole.select(["x:m2"])[:700])
     for name in ("x:m1", "x:m2"):
         np.testing.assert_array_equal(readings(joined, name), readings(whole, name)[:700])

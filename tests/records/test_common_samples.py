@@ -42,6 +42,13 @@ def test_a_record_with_some_gaps_has_one_rate() -> None:
     values[::7, 1] = np.nan
     assert common_samples(replace(record, values=values)) is None
     assert sampled_every(np.zeros(5, dtype=bool)) == 1
+    thinned = np.zeros(3000, dtype=bool)  # samples of a channel at a lower rate may be missing
+    thinned[1::3] = np.random.default_rng(3).random(1000) < 0.8
+    assert sampled_every(thinned) == 3
+    slow = np.full((len(record), 1), np.nan)  # a slow load cell does not thin the motion
+    slow[::100] = 1.0
+    channels = parsed(*record.channels, "f:nes1")
+    assert common_samples(replace(record, channels=channels, values=np.hstack([record.values, slow]))) is None
 
 
 @pytest.mark.parametrize("every", [2, 5])
@@ -53,14 +60,20 @@ def test_noise_of_a_slower_channel_is_that_of_its_samples(every: int) -> None:
     assert slower == pytest.approx(complete, rel=5.0 * 0.012 * np.sqrt(every))
 
 
+def near(fit: lw.Estimate) -> bool:
+    """Whether the coefficients of the sink lie within four standard errors of those of the chain."""
+    chain, found = lw.bnes_chain(2), [fit.coefficient(f"nes1.{name}") for name in ("alpha", "beta", "c")]
+    errors = [each.value - present(chain.coefficient(each.name).value) for each in found]
+    return all(
+        abs(error) < 4.0 * present(each.standard_error) for error, each in zip(errors, found, strict=True)
+    )
+
+
 @pytest.mark.parametrize("every", [2, 4])
 def test_laws_are_found_from_all_samples_of_channels_at_two_rates(every: int) -> None:
     record, chain = two_rates(every), lw.bnes_chain(2)
     fit = lw.identify(record, chain.unknown("nes"))
-    assert fit.trusted and fit.samples == 6001 + len(range(0, 6001, every))
-    for name in ("alpha", "beta", "c"):
-        found, true = fit.coefficient(f"nes1.{name}"), present(chain.coefficient(f"nes1.{name}").value)
-        assert abs(found.value - true) < 4.0 * present(found.standard_error)
+    assert fit.trusted and fit.samples == 6001 + len(range(0, 6001, every)) and near(fit)
     fewer = lw.identify(present(common_samples(record)), chain.unknown("nes"))
     wider, narrower = (present(each.coefficient("nes1.alpha").standard_error) for each in (fewer, fit))
     assert narrower < wider
@@ -68,45 +81,24 @@ def test_laws_are_found_from_all_samples_of_channels_at_two_rates(every: int) ->
         lw.identify(record, chain.unknown("nes"), method="weak")
 
 
-def test_links_are_discovered_from_channels_at_two_rates() -> None:
+def test_links_are_discovered_from_channels_at_two_rates_and_the_slower_is_told_once_with_its_rate() -> None:
     discovery = lw.discover(two_rates(2), masses(lw.bnes_chain(2)))
     assert discovery.trusted
     assert {link.name for link in discovery.structure.links} == {"m1-ground", "m2-m1"}
-
-
-def test_a_slower_channel_is_told_once_with_its_rate() -> None:
     (alert,) = lw.inspect(two_rates(4)).alerts
     assert (alert.kind, alert.channel) == ("dropped", "x:m2")
     assert "in one of 4 rows, so that its rate is 250 Hz" in alert.message
 
 
-def test_samples_of_a_channel_at_a_lower_rate_may_be_missing() -> None:
-    present_samples = np.zeros(3000, dtype=bool)
-    present_samples[1::3] = np.random.default_rng(3).random(1000) < 0.8
-    assert sampled_every(present_samples) == 3
-
-
 @pytest.mark.parametrize("missing", [0.6, 0.7])
 def test_most_samples_may_be_missing_at_random(missing: float) -> None:
     """Most of those that are left follow in the same distance, which is no rate: they had no noise, and no answer trust."""
-    record, chain = two_rates(1), lw.bnes_chain(2)
+    record = two_rates(1)
     values = np.where(np.random.default_rng(4).random(record.values.shape) < missing, np.nan, record.values)
     fewer = replace(record, values=values)
     assert common_samples(fewer) is None
     noise, complete = channel_noise(fewer), channel_noise(record)
     # standard errors of 3 %, of cells that are fewer and wider; four of these
     assert all(noise[name] == pytest.approx(complete[name], rel=0.12) for name in complete)
-    fit = lw.identify(fewer, chain.unknown("nes"))
-    assert fit.verdicts == (lw.Verdict.CONVERGED,)
-    for name in ("alpha", "beta", "c"):
-        found, true = fit.coefficient(f"nes1.{name}"), present(chain.coefficient(f"nes1.{name}").value)
-        assert abs(found.value - true) < 4.0 * present(found.standard_error)
-
-
-def test_a_slow_load_cell_does_not_thin_the_motion() -> None:
-    record = two_rates(1)
-    slow = np.full((len(record), 1), np.nan)
-    slow[::100] = 1.0
-    channels = (*record.channels, "f:nes1")
-    beside = replace(record, channels=parsed(*channels), values=np.hstack([record.values, slow]))
-    assert common_samples(beside) is None
+    fit = lw.identify(fewer, lw.bnes_chain(2).unknown("nes"))
+    assert fit.verdicts == (lw.Verdict.CONVERGED,) and near(fit)

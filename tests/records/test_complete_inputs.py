@@ -19,10 +19,8 @@ SPRING = link("spring", "beam.tip-ground", "k*d", k=500.0)
 
 
 def _beam(*links: lw.Link) -> lw.Record:
-    beam = beam_of_one_mode(*links, damping=0.01)
-    return lw.simulate(
-        beam, forces={"beam.tip": "sin(130*t)"}, duration=0.5, rate=400.0, sensors=["a:beam.tip"]
-    )
+    beam, force = beam_of_one_mode(*links, damping=0.01), {"beam.tip": "sin(130*t)"}
+    return lw.simulate(beam, forces=force, duration=0.5, rate=400.0, sensors=["a:beam.tip"])
 
 
 def _driven() -> tuple[lw.Record, lw.Structure]:
@@ -71,20 +69,13 @@ def test_every_way_to_identify_refuses_a_gap_in_an_input(
 
 
 def test_a_modal_test_refuses_a_gap_in_its_force() -> None:
-    with pytest.raises(
-        lw.IdentificationError, match=r"channel force:beam\.tip: 2 of 201 samples are missing"
-    ):
+    message = r"channel force:beam\.tip: 2 of 201 samples are missing"
+    with pytest.raises(lw.IdentificationError, match=message):
         lw.modal.identify_host(_lacking(_beam()))
 
 
 @pytest.mark.parametrize(
-    ("missing", "longest"),
-    [
-        ([0, 3], (4, 9)),
-        ([9, 2], (3, 8)),
-        ([6], (0, 5)),
-        (range(1, 10), (0, 0)),
-    ],
+    ("missing", "longest"), [([0, 3], (4, 9)), ([9, 2], (3, 8)), ([6], (0, 5)), (range(1, 10), (0, 0))]
 )
 def test_the_piece_that_is_named_is_the_longest_without_a_gap(
     missing: list[int], longest: tuple[int, int]
@@ -94,17 +85,14 @@ def test_the_piece_that_is_named_is_the_longest_without_a_gap(
     values[missing, 0] = np.nan
     lacking = replace(record, values=values, simulated=None)
     with pytest.raises(lw.IdentificationError) as error:
-        require_complete(
-            lacking.channels[0], lacking.channel(lacking.channels[0]), lacking.start, lacking.rate
-        )
+        require_complete("x:m1", lacking.channel("x:m1"), lacking.start, lacking.rate)
     named = str(error.value).partition("record.between(")[2].partition(")")[0]
     piece = lacking.between(*map(float, named.split(", ")))
     assert (piece.values == record.values[longest[0] : longest[1] + 1]).all()
 
 
 def test_an_input_without_any_sample_is_named() -> None:
-    with pytest.raises(
-        lw.IdentificationError, match=r"channel force:m1: every sample is missing.*leave the channel out"
-    ):
+    message = r"channel force:m1: every sample is missing.*leave the channel out"
+    with pytest.raises(lw.IdentificationError, match=message):
         require_complete("force:m1", np.full(3, np.nan), 0.0, 10.0)
     require_complete("force:m1", np.zeros(3), 0.0, 10.0)

@@ -12,8 +12,8 @@ import linkwise as lw
 TIME = np.arange(400) / 200.0
 
 
-def tone(late: float = 0.0) -> np.ndarray:
-    return np.sin(40.0 * (TIME - late)) + 0.3 * np.cos(110.0 * (TIME - late))
+def tone(late: float = 0.0, time: np.ndarray = TIME) -> np.ndarray:
+    return np.sin(40.0 * (time - late)) + 0.3 * np.cos(110.0 * (time - late))
 
 
 @pytest.fixture
@@ -39,11 +39,8 @@ def test_times_that_were_not_used_are_noted(record: lw.Record, start: float, not
     other = replace(record.select(["a:base"]), start=start)
     joined = lw.records.beside(record.select(["x:m1"]), other)
     assert any("not by these times" in note for note in joined.notes) == noted
-    if noted:
-        assert (
-            f"a:base: by the times of both records they start 0.2 s {'later' if start > 0 else 'earlier'}"
-            in joined.notes[-1]
-        )
+    said = f"a:base: by the times of both records they start 0.2 s {'later' if start > 0 else 'earlier'}"
+    assert not noted or said in joined.notes[-1]
 
 
 def test_other_rates_and_the_same_channel_are_refused(record: lw.Record) -> None:
@@ -84,14 +81,9 @@ def test_delays_that_cannot_be_are_refused(record: lw.Record) -> None:
 
 def test_records_of_one_clock_are_joined_by_time() -> None:
     """The other instrument began later, between two samples, at three times the rate."""
-    time = 0.7321 + np.arange(1500) / 600.0
-
-    def motion(at: np.ndarray) -> np.ndarray:
-        return np.sin(40.0 * at) + 0.3 * np.cos(110.0 * at)
-
-    long = np.arange(800) / 200.0
-    first = lw.Record(0.0, 200.0, ("x:m1",), motion(long)[:, None], notes=("One.",))
-    second = lw.Record(0.7321, 600.0, ("a:base",), motion(time)[:, None], noise={"a:base": 3e-3})
+    motions = tone(time=np.arange(800) / 200.0), tone(time=0.7321 + np.arange(1500) / 600.0)
+    first = lw.Record(0.0, 200.0, ("x:m1",), motions[0][:, None], notes=("One.",))
+    second = lw.Record(0.7321, 600.0, ("a:base",), motions[1][:, None], noise={"a:base": 3e-3})
     joined = lw.records.joined_by_time(first, second)
     assert joined.rate == 200.0 and joined.channels == ("x:m1", "a:base")
     middle = slice(40, -40)
@@ -104,18 +96,16 @@ def test_records_of_one_clock_are_joined_by_time() -> None:
     assert "a:base were joined by time." in joined.notes
 
 
-def test_samples_at_the_same_times_are_not_changed(record: lw.Record) -> None:
+def test_samples_at_the_same_times_are_not_changed_and_records_that_cannot_be_joined_by_time_are_refused(
+    record: lw.Record,
+) -> None:
     joined = lw.records.joined_by_time(record.select(["x:m1"])[:300], record.select(["a:base"])[100:])
     assert joined.start == 0.5 and (joined.values == record.values[100:300]).all()
-
-
-def test_records_that_cannot_be_joined_by_time_are_refused(record: lw.Record) -> None:
     first, base_part = record.select(["x:m1"]), record.select(["a:base"])
     with pytest.raises(lw.RecordError, match=r"does not overlap in time .*: 0 to 1\.995 s and 7 to 8\.995 s"):
         lw.records.joined_by_time(first, replace(base_part, start=7.0))
-    with pytest.raises(
-        lw.RecordError, match="rates of which one is a multiple of the other, got 200 and 333 Hz"
-    ):
+    message = "rates of which one is a multiple of the other, got 200 and 333 Hz"
+    with pytest.raises(lw.RecordError, match=message):
         lw.records.joined_by_time(first, replace(base_part, rate=333.0))
     with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
         lw.records.joined_by_time(first, record)
@@ -135,19 +125,16 @@ def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
     first, second = record[:100], record[100:]
     with pytest.raises(lw.RecordError, match=r"overlaps in time: 0 to 0\.495 s and 0\.25 to 1\.995 s"):
         lw.records.continued(first, record[50:])
-    with pytest.raises(
-        lw.RecordError, match=r"goes on 0\.0025 s after 0 to 0\.495 s, which is not a whole number of steps"
-    ):
+    message = r"goes on 0\.0025 s after 0 to 0\.495 s, which is not a whole number of steps"
+    with pytest.raises(lw.RecordError, match=message):
         lw.records.continued(first, replace(second, start=second.start + 0.0025))
     with pytest.raises(lw.RecordError, match=r"begins 1000 s after .* a gap longer than both parts"):
         lw.records.continued(first, replace(second, start=second.start + 1000.0))
-    with pytest.raises(
-        lw.RecordError, match="parts of a record need the same channels: x:m1, a:base and x:m1"
-    ):
+    message = "parts of a record need the same channels: x:m1, a:base and x:m1"
+    with pytest.raises(lw.RecordError, match=message):
         lw.records.continued(first, second.select(["x:m1"]))
-    with pytest.raises(
-        lw.RecordError, match="the parts of a record need one sampling rate, got 200 and 250 Hz"
-    ):
+    message = "the parts of a record need one sampling rate, got 200 and 250 Hz"
+    with pytest.raises(lw.RecordError, match=message):
         lw.records.continued(first, replace(second, rate=250.0))
 
 
@@ -156,16 +143,12 @@ def test_parts_that_state_different_noise_are_refused(record: lw.Record) -> None
     assert lw.records.continued(first, second).noise == {"x:m1": 1e-4}
     assert lw.records.continued(first, replace(second, noise={})).noise == {"x:m1": 1e-4}
     later = replace(second, interpolation={"a:base": "linear"})
-    assert lw.records.continued(first, later).interpolation == {
-        "a:base": "linear"
-    }  # the second part alone states it
-    with pytest.raises(
-        lw.RecordError, match="channel x:m1: states another noise of its sensor than the first"
-    ):
+    # the second part alone states it
+    assert lw.records.continued(first, later).interpolation == {"a:base": "linear"}
+    message = "channel x:m1: states another noise of its sensor than the first"
+    with pytest.raises(lw.RecordError, match=message):
         lw.records.continued(first, replace(second, noise={"x:m1": 2e-4}))
-    known = (
-        replace(first, uncertainty={"x:m1": lw.records.SensorUncertainty(gain=size)}) for size in (0.01, 0.02)
-    )
-    first_statement, second_statement = known
+    known = [{"x:m1": lw.records.SensorUncertainty(gain=size)} for size in (0.01, 0.02)]
+    parts = [replace(part, uncertainty=own) for part, own in zip((first, second), known, strict=True)]
     with pytest.raises(lw.RecordError, match="channel x:m1: states another uncertainty of its sensor"):
-        lw.records.continued(first_statement, replace(second, uncertainty=second_statement.uncertainty))
+        lw.records.continued(*parts)

@@ -67,17 +67,14 @@ def test_a_percentage_is_of_the_gain_that_is_stated(given: Mapping[str, object])
     assert lw.records.SensorStatement.of(given, "x:m1").uncertainty.gain == pytest.approx(0.05, rel=1e-12)
 
 
-def test_a_known_delay_is_taken_out() -> None:
+def test_a_known_delay_is_taken_out_and_what_is_found_beside_a_value_that_was_removed_is_told() -> None:
+    """An offset of 1 mm that is stated as 0.3 +- 0.1 mm is found as 0.7 mm."""
     late = 1e-3 * np.sin(30.0 * (T - 0.01))
     record = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, late], axis=1))
     corrected = with_statements(record, {"x:m2": statement(delay="10 ms")})
     # two whole samples, so that nothing is interpolated
     assert corrected.channel("x:m2") == pytest.approx(corrected.channel("x:m1"), abs=1e-12)
     assert not corrected.uncertainty
-
-
-def test_what_is_found_beside_a_value_that_was_removed_is_told() -> None:
-    """An offset of 1 mm that is stated as 0.3 +- 0.1 mm is found as 0.7 mm."""
     record = lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None] + 1e-3)
     told = "x:m1: what is found of its offset comes on top of the value stated."
     assert told in with_statements(record, {"x:m1": statement(offset="0.3 mm +- 0.1 mm")}).notes
@@ -87,10 +84,7 @@ def test_what_is_found_beside_a_value_that_was_removed_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("units", "known", "removed"),
-    [
-        ({"state:piezo.V": "mV"}, "5 mV", "0.3 mV"),
-        ({}, "0.005 in its SI unit", "0.0003 in its SI unit"),
-    ],
+    [({"state:piezo.V": "mV"}, "5 mV", "0.3 mV"), ({}, "0.005 in its SI unit", "0.0003 in its SI unit")],
 )
 def test_notes_on_a_voltmeter_have_the_unit_of_the_file(
     units: dict[str, str], known: str, removed: str
@@ -108,6 +102,10 @@ def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
     assert again.uncertainty == known
     state = lw.records.SensorStatement.of(attributes_of(known, "?"), "state:joint.z")
     assert state.uncertainty == known
+    of_rotation = lw.records.SensorUncertainty(offset=1e-3)
+    assert attributes_of(of_rotation, "rad") == {"offset": "+- 0.001 rad"}
+    again = lw.records.SensorStatement.of(attributes_of(of_rotation, "rad"), "x:disc1")
+    assert again.uncertainty == of_rotation
 
 
 def test_a_record_refuses_what_is_stated_of_other_channels() -> None:
@@ -131,10 +129,8 @@ def test_a_known_error_of_all_sensors_is_not_dropped_in_silence(stated: dict[str
 
 
 def test_channels_keep_what_is_known_of_them() -> None:
-    known = {
-        "x:m1": lw.records.SensorUncertainty(offset=1e-4),
-        "common": lw.records.SensorUncertainty(gain=0.01),
-    }
+    of_first, of_all = lw.records.SensorUncertainty(offset=1e-4), lw.records.SensorUncertainty(gain=0.01)
+    known = {"x:m1": of_first, "common": of_all}
     both = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, MOTION**2], axis=1), uncertainty=known)
     assert both.select(["x:m2"]).uncertainty == {"common": known["common"]}
     assert both.select(["x:m1"])[10:].decimate(1).uncertainty == known
@@ -190,12 +186,6 @@ def test_an_offset_in_another_unit_than_the_record_is_refused() -> None:
     moved = with_statements(replace(record, units={}), {"x:disc1": stated})
     with pytest.raises(lw.RecordError, match="converts to m, and disc1 turns, so it is in rad"):
         lw.identify(moved, torsion_chain().unknown("sink"))
-
-
-def test_what_is_known_of_a_rotation_is_written_in_rad() -> None:
-    known = lw.records.SensorUncertainty(offset=1e-3)
-    assert attributes_of(known, "rad") == {"offset": "+- 0.001 rad"}
-    assert lw.records.SensorStatement.of(attributes_of(known, "rad"), "x:disc1").uncertainty == known
 
 
 def test_a_unit_that_cannot_be_read_is_answered_with_that_of_a_rotation_too() -> None:

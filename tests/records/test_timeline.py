@@ -54,36 +54,36 @@ def test_a_rounded_time_gives_a_rate_that_is_no_round_number(
     assert Timeline.fit(time).rate == pytest.approx(rate, rel=10.0 * 1e-3 * rate / 2000.0**2)
 
 
-def test_single_precision_times_are_even() -> None:
+def test_times_of_single_precision_and_of_a_clock_that_jitters_within_bounds_are_even() -> None:
     time = (np.arange(20_000) / 1000.0).astype(np.float32)
     timeline = Timeline.fit(time)
     assert timeline.rate == 1000.0
     assert np.array_equal(timeline.index, np.arange(20_000))
-
-
-def test_a_clock_that_jitters_within_bounds_is_even_and_beyond_them_is_not() -> None:
     even = np.arange(2000) / 1000.0
     jitter = np.random.default_rng(5).uniform(-1e-3, 1e-3, 2000)
     # a line fitted to 2000 times that jitter by less than 1e-3 of a step is this even
     assert Timeline.fit(even + 0.9 * JITTER * jitter).rate == pytest.approx(1000.0, rel=1e-6)
-    with pytest.raises(
-        RecordError,
-        match=r"channel time: uneven time: a step of .* s where .* s was expected",
-    ):
+    message = r"channel time: uneven time: a step of .* s where .* s was expected"
+    with pytest.raises(RecordError, match=message):
         Timeline.fit(even + 30.0 * JITTER * jitter)
 
 
-def test_a_clock_that_slows_down_is_uneven_though_its_steps_hardly_differ() -> None:
-    steps = 1e-3 * (1.0 + 1e-3 * np.linspace(0.0, 1.0, 5000))
-    with pytest.raises(RecordError, match=r"off an even grid of .* s; resample it to an even rate"):
-        Timeline.fit(np.cumsum(steps))
+STEPS = 1e-3 * (1.0 + 1e-3 * np.linspace(0.0, 1.0, 5000))
+ROW, AFTER = np.arange(100) / 100.0, np.arange(100) >= 50
 
 
-def test_times_printed_too_coarsely_are_refused() -> None:
-    time = np.round(np.arange(500) / 610.3515625, 3)
-    # the rounding to 1e-3 s is beyond what is taken as even
-    assert COARSEST * 1.0 / 610.3515625 < 1e-3
-    with pytest.raises(RecordError, match="uneven time: a step of"):
+@pytest.mark.parametrize(
+    ("time", "message"),
+    [
+        (np.cumsum(STEPS), r"off an even grid of .* s; resample it to an even rate"),  # steps that hardly differ
+        (np.round(np.arange(500) / 610.3515625, 3), "uneven time: a step of"),  # printed too coarsely
+        (ROW + (LONGEST + 1.0) * AFTER, r"a gap of 11.01 s in a record of 100 samples every 0.01 s; split the file"),
+        (ROW + 0.004 * AFTER, r"uneven time: a step of 0.014 s where 0.01 s was expected.* \(sample 50\)"),
+    ],
+)  # fmt: skip
+def test_what_is_no_even_grid_is_refused(time: Floats, message: str) -> None:
+    assert COARSEST * 1.0 / 610.3515625 < 1e-3  # the rounding to 1e-3 s is beyond what is taken as even
+    with pytest.raises(RecordError, match=message):
         Timeline.fit(time)
 
 
@@ -93,21 +93,3 @@ def test_gaps_keep_every_sample_at_its_place() -> None:
     assert np.array_equal(timeline.index, index)
     assert timeline.rate == 51200.0
     assert timeline.notes[-1].startswith("Gaps in time: 3, the first after 0.0019336 s; 404 rows were added")
-
-
-def test_a_gap_that_dwarfs_the_record_is_refused() -> None:
-    time = np.arange(100) / 100.0
-    time[50:] += LONGEST * 1.0 + 1.0
-    with pytest.raises(
-        RecordError, match=r"a gap of 11.01 s in a record of 100 samples every 0.01 s; split the file there"
-    ):
-        Timeline.fit(time)
-
-
-def test_a_fraction_of_a_step_is_no_gap() -> None:
-    time = np.arange(100) / 100.0
-    time[50:] += 0.004
-    with pytest.raises(
-        RecordError, match=r"uneven time: a step of 0.014 s where 0.01 s was expected.* \(sample 50\)"
-    ):
-        Timeline.fit(time)
