@@ -31,17 +31,15 @@ def agree(batch: BatchResult, run: int, schedule: RunSchedule) -> None:
     motion = SimulatedMotion.of(schedule)
     energy, size = motion.energy, np.abs(motion.displacement).max()
     np.testing.assert_allclose(batch.x[..., run], motion.displacement, rtol=0.0, atol=1e-8 * size)
-    np.testing.assert_allclose(
-        batch.v[..., run], motion.velocity, rtol=0.0, atol=1e-8 * np.abs(motion.velocity).max()
-    )
+    fastest = np.abs(motion.velocity).max()
+    np.testing.assert_allclose(batch.v[..., run], motion.velocity, rtol=0.0, atol=1e-8 * fastest)
     put_in = energy.supplied - energy.supplied[0]  # released with energy that no work was done for
     scale = np.abs(energy.supplied).max()
     np.testing.assert_allclose(batch.dissipated[..., run], energy.dissipated, rtol=0.0, atol=1e-8 * scale)
     np.testing.assert_allclose(batch.work[:, run], put_in, rtol=0.0, atol=1e-8 * scale)
     times = distinct(batch.crossings[run][1], 0.5)
-    np.testing.assert_allclose(
-        times, crossings(schedule, motion.run, [np.empty(0), np.zeros(1)])[1], atol=1e-8
-    )
+    expected = crossings(schedule, motion.run, [np.empty(0), np.zeros(1)])[1]
+    np.testing.assert_allclose(times, expected, atol=1e-8)
     assert len(times) > 3  # or the line above would compare nothing
 
 
@@ -56,14 +54,9 @@ def test_free_decays(betas: list[float]) -> None:
 
 def test_blows_samples_and_functions_of_time_do_work() -> None:
     samples = lw.model.Sampled(0.0, 500.0, np.random.default_rng(1000).standard_normal(600))
-    excitation = Excitation.of(
-        forces={"m1": samples, "m2": "0.1*sin(30*t)"},
-        impulses=(
-            lw.model.Impulse("m1", 0.5, 0.25),
-            lw.model.Impulse("m2", 0.01, 0.2555),
-            lw.model.Impulse("m1", 0.3, 0.0),
-        ),
-    )
+    blows = ("m1", 0.5, 0.25), ("m2", 0.01, 0.2555), ("m1", 0.3, 0.0)
+    impulses = tuple(lw.model.Impulse(*blow) for blow in blows)
+    excitation = Excitation.of(forces={"m1": samples, "m2": "0.1*sin(30*t)"}, impulses=impulses)
     fleet = schedules([1e6, 7e5], excitation)
     batch = run_batch(fleet, tops(2))
     for run, schedule in some(enumerate(fleet)):

@@ -17,9 +17,8 @@ def departure(folder: Path, n: int, **changes: float) -> Floats:
     """Largest error of each channel over the whole file, relative to the largest value of the channel."""
     table = np.loadtxt(folder / f"bnes_{n}.csv", delimiter=",", skiprows=1)
     rows = np.rint(1000.0 * table[:, 0]).astype(int)
-    record = simulate(
-        bnes_chain(n, **changes), release={"v:m1": paper_speed(n)}, duration=table[-1, 0], rate=1000.0
-    )
+    chain, release = bnes_chain(n, **changes), {"v:m1": paper_speed(n)}
+    record = simulate(chain, release=release, duration=table[-1, 0], rate=1000.0)
     assert record.channels == tuple(f"x:m{i + 1}" for i in range(n))
     worst: Floats = np.abs(record.values[rows] - table[:, 1:]).max(axis=0)
     size: Floats = np.abs(table[:, 1:]).max(axis=0)

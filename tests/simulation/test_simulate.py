@@ -19,6 +19,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import ProgressReport
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance
+from linkwise.simulation.energy import kinetic_energy, potential_energy
 from linkwise.simulation.run import RunOptions, RunSchedule, integrate
 from linkwise.simulation.simulate import simulate
 
@@ -78,9 +79,8 @@ def test_a_moving_base_carries_the_mass() -> None:
     stiffness = OMEGA**2 + 2j * ZETA * OMEGA * 7.0
     expected = np.imag(0.1 * stiffness / (stiffness - 49.0) * np.exp(7j * late.time))
     assert late.channel("x:m1") == pytest.approx(expected, abs=1e-13)
-    assert record.inputs == ("x:base",) and np.array_equal(
-        present(present(record.simulated).base), record.channel("x:base")
-    )
+    assert record.inputs == ("x:base",)
+    assert np.array_equal(present(present(record.simulated).base), record.channel("x:base"))
     closes(record, 1e-12)
 
 
@@ -130,27 +130,26 @@ def test_the_energy_balance_would_show_an_error() -> None:
     # the first damper takes a seventh of the energy: a thousand times more than the balance may be open by
     assert np.abs(energy.dissipated[:, 0]).max() > 1e-3 * energy.supplied[0]
     assert present(record[20:50].simulated).energy.kinetic == pytest.approx(energy.kinetic[20:50], abs=0.0)
+    chain = bnes_chain(2)  # at given motions, in closed form
+    x, v = np.array([[0.001, 0.011], [0.0, 0.0]]), np.array([[1.0, -2.0], [0.0, 3.0]])
+    np.testing.assert_allclose(kinetic_energy(chain, v), [0.5 + 0.02, 0.045], rtol=1e-12)
+    np.testing.assert_allclose(potential_energy(chain, x), [[0.015, -0.0025], [0.0, 0.0]], rtol=1e-12)
 
 
 def test_two_masses_are_predictable_and_ten_are_not() -> None:
     """METHODS section 1: an error of 1e-4 is reached at 1.25 s; 1e-3 of the motion a little later."""
-    calm = chain_record(2)
-    assert present(calm.simulated).horizon is None
-    chaotic = chain_record(10)
-    assert 1.2 < present(present(chaotic.simulated).horizon) < 1.8
-    wilder = chain_record(6)
-    assert 0.8 < present(present(wilder.simulated).horizon) < 1.2
+    calm, chaotic, wilder = (present(chain_record(masses).simulated).horizon for masses in (2, 10, 6))
+    assert calm is None
+    assert 1.2 < present(chaotic) < 1.8
+    assert 0.8 < present(wilder) < 1.2
 
 
 def test_sensors_are_what_was_asked_for(spring: Structure) -> None:
     record = simulate(spring, release={"x:m1": 0.1}, duration=1.0, rate=100.0, sensors=["a", "x"])
     assert record.channels == ("a:m1", "x:m1")
     v = present(record.simulated).velocity[:, 0]
-    assert record.channel("a:m1") == pytest.approx(
-        -(OMEGA**2) * record.channel("x:m1") - 2 * ZETA * OMEGA * v,
-        rel=1e-10,
-        abs=1e-12,  # identity
-    )
+    acceleration = -(OMEGA**2) * record.channel("x:m1") - 2 * ZETA * OMEGA * v
+    assert record.channel("a:m1") == pytest.approx(acceleration, rel=1e-10, abs=1e-12)  # identity
     some = simulate(bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=100.0, sensors=["v:m2", "x"])
     assert some.channels == ("v:m2", "x:m1", "x:m2")
     assert np.array_equal(some.channel("v:m2"), present(some.simulated).velocity[:, 1])
@@ -174,13 +173,10 @@ def test_a_long_run_reports_its_progress(spring: Structure) -> None:
     assert record.values[:, 0] == pytest.approx(response(record.time), abs=1e-13)
 
 
-def test_a_resting_structure_rests(spring: Structure) -> None:
+def test_a_resting_structure_rests_and_a_simulated_record_survives_a_pickle(spring: Structure) -> None:
     record = simulate(spring, duration=1.0, rate=100.0)
     assert not record.values.any() and present(record.simulated).horizon is None
     assert not present(record.simulated).energy.residual.any()
-
-
-def test_a_simulated_record_survives_a_pickle(spring: Structure) -> None:
     record = simulate(spring, release={"v:m1": 1.0}, duration=1.0, rate=100.0)
     again = pickle.loads(pickle.dumps(record.simulated))
     assert np.array_equal(again.energy.dissipated, present(record.simulated).energy.dissipated)
@@ -209,10 +205,8 @@ def test_what_diverges_stops_and_says_when_and_where(
 def test_a_structure_far_too_stiff_stops() -> None:
     stiff = oscillator("k*d", k=1e16)
     schedule = RunSchedule(stiff, Excitation.of({"x:m1": 1.0}), np.arange(101) / 100.0)
-    with pytest.raises(
-        SimulationError,
-        match=r"takes more than \d+ steps between two output times, mass m1 .* check stiffnesses",
-    ):
+    message = r"takes more than \d+ steps between two output times, mass m1 .* check stiffnesses"
+    with pytest.raises(SimulationError, match=message):
         integrate(schedule, schedule.times, options=RunOptions(most_steps=20_000))
 
 
@@ -251,17 +245,13 @@ def test_nonsense_is_refused(keywords: dict[str, Any], message: str) -> None:
     assert message in str(caught.value)
 
 
-def test_a_base_that_does_not_move_by_itself_is_asked_for() -> None:
+def test_a_base_that_does_not_move_by_itself_and_an_unknown_are_asked_for() -> None:
     hung = oscillator("k*d", to="base", k=1.0)
-    with pytest.raises(
-        SimulationError, match=r"link 'link' has .base. as an end, but the motion of the base is not given"
-    ):
+    message = r"link 'link' has .base. as an end, but the motion of the base is not given"
+    with pytest.raises(SimulationError, match=message):
         simulate(hung, duration=1.0, rate=100.0)
     with pytest.raises(SimulationError, match=r"the motion of the base is sampled from 0\.5 to 2 s"):
         simulate(hung, base=sampled(2.0, 0.5), duration=1.0, rate=100.0)
-
-
-def test_an_unknown_cannot_be_simulated() -> None:
     with pytest.raises(StructureError, match=r"nes1.*alpha.*unknown.*give it a number, or identify it first"):
         simulate(bnes_chain(2).unknown("nes"), release={"v:m1": 1.0}, duration=1.0, rate=100.0)
 
@@ -269,13 +259,8 @@ def test_an_unknown_cannot_be_simulated() -> None:
 def test_sensors_relative_to_the_base_and_of_the_base() -> None:
     structure = oscillator("k*d", mass=2.0, to="base", k=400.0)
     base = "0.01*sin(20*t) + 0.002*t**2"
-    record = simulate(
-        structure,
-        base=base,
-        duration=0.5,
-        rate=200.0,
-        sensors=["x", "v", "a", "rel:x", "rel:v", "rel:a", "a:base"],
-    )
+    sensors = ["x", "v", "a", "rel:x", "rel:v", "rel:a", "a:base"]
+    record = simulate(structure, base=base, duration=0.5, rate=200.0, sensors=sensors)
     assert record.inputs == ("a:base",)
     motion = TimeFunction(base)
     shown = [motion.value(record.time), motion.derivative(record.time), motion.derivative(record.time, 2)]
