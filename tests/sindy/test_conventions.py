@@ -81,28 +81,22 @@ def test_a_seed_means_the_same_noise_in_every_convention(record: Record) -> None
     assert not np.array_equal(by_states.x, noisy_states(record, "states", 30.0, seed=1002).x)
 
 
-def test_forces_stay_with_the_states() -> None:
-    pushed = simulate(
-        bnes_chain(2), forces={"m1": "sin(90*t)"}, duration=0.5, rate=1000.0, sensors=("x", "v", "a")
-    )
+def test_forces_stay_with_the_states_in_every_convention_and_each_is_explained() -> None:
+    force, sensors = {"m1": "sin(90*t)"}, ("x", "v", "a")
+    pushed = simulate(bnes_chain(2), forces=force, duration=0.5, rate=1000.0, sensors=sensors)
+    assert set(MEANING) == set(CONVENTIONS) == {"displacement", "states", "differenced", "derivatives"}
     for convention in CONVENTIONS:
         states = noisy_states(pushed, convention, 40.0, seed=1000)
         assert states.driven == ("m1",)
         assert np.isin(states.forces[:, 0], pushed.channel("force:m1")).all()
 
 
-def test_every_convention_is_explained() -> None:
-    assert set(MEANING) == set(CONVENTIONS) == {"displacement", "states", "differenced", "derivatives"}
-
-
 def test_what_cannot_be_a_study_is_refused(record: Record) -> None:
-    with pytest.raises(
-        RecordError, match="unknown noise convention 'both'; choose from \"displacement\": noise"
-    ):
+    message = "unknown noise convention 'both'; choose from \"displacement\": noise"
+    with pytest.raises(RecordError, match=message):
         noisy_states(record, "both", 20.0, seed=0)  # type: ignore[arg-type]
-    with pytest.raises(
-        RecordError, match=r'channel a:m1: is not in the record; .* simulate with sensors=\("x", "v", "a"\)'
-    ):
+    message = r'channel a:m1: is not in the record; .* simulate with sensors=\("x", "v", "a"\)'
+    with pytest.raises(RecordError, match=message):
         noisy_states(record.select(["x:m1", "v:m1"]), "states", 20.0, seed=0)
     with pytest.raises(RecordError, match="channel x:m1: has noise already"):
         noisy_states(record.with_noise(20.0, seed=0), "states", 20.0, seed=0)
@@ -117,13 +111,8 @@ def test_an_exact_fit_gives_the_exact_force(
 ) -> None:
     d, force = monomial_force(exact, CHAIN, link, record, reading=reading)
     sink, primary = CHAIN.link(link).between
-    np.testing.assert_allclose(
-        # to the last digit of places of 0.1 m
-        d,
-        record.channel(f"x:{sink}") - record.channel(f"x:{primary}"),
-        rtol=0,
-        atol=1e-16,
-    )
+    stretch = record.channel(f"x:{sink}") - record.channel(f"x:{primary}")
+    np.testing.assert_allclose(d, stretch, rtol=0, atol=1e-16)  # to the last digit of places of 0.1 m
     truth = CHAIN.link(link).force(d)
     # Same numerics: the 165 columns of a motion of two seconds have a condition number near 1e4.
     np.testing.assert_allclose(force, truth, rtol=0, atol=1e-8 * np.abs(truth).max())
@@ -153,11 +142,7 @@ def test_readings_differ_where_only_some_terms_are_wrong(record: Record, exact: 
     others = replace(exact, coefficients=spoilt)
     assert monomial_nmse(others, CHAIN, "nes1", record, reading="ends") < 1e-12
     assert monomial_nmse(others, CHAIN, "nes1", record, reading="displacements") > 1e-4
-
-
-def test_ten_per_cent_of_a_force_are_one_per_cent_of_its_mean_square(
-    record: Record, exact: RegressionFit
-) -> None:
+    # ten per cent of a force are one per cent of its mean square
     wrong = replace(exact, coefficients=1.1 * exact.coefficients)
     truth = CHAIN.link("nes1").force(monomial_force(exact, CHAIN, "nes1", record)[0])
     expected = 100 * 0.01 * np.mean(truth**2) / np.var(truth)  # Eq. 8 by hand
@@ -186,9 +171,8 @@ def test_one_convention_comes_near_the_paper_and_another_cannot(decibel: float, 
 def test_forces_that_no_monomial_tells_are_refused(record: Record, exact: RegressionFit) -> None:
     with pytest.raises(IdentificationError, match="both ends of link spring2 carry other links"):
         monomial_force(exact, CHAIN, "spring2", record)
-    with pytest.raises(
-        IdentificationError, match=r"unknown reading .*; choose from coefficients, ends, displacements"
-    ):
+    message = r"unknown reading .*; choose from coefficients, ends, displacements"
+    with pytest.raises(IdentificationError, match=message):
         monomial_force(exact, CHAIN, "nes1", record, reading="all")  # type: ignore[arg-type]
     with pytest.raises(RecordError, match="this one was measured"):
         monomial_force(exact, CHAIN, "nes1", replace(record, simulated=None))

@@ -41,13 +41,10 @@ def _states(structure: Structure, *, forces: bool = False, base: bool = False, s
     return States(np.arange(COUNT) / 1000, structure.mass_names, x, v, a, push, driven, ground, rate)
 
 
-def test_the_paper_counts_thirty_five_cubic_columns_for_two_masses() -> None:
+def test_monomials_are_counted_named_and_evaluated_in_the_same_order() -> None:
     # C(2n + 3, 3) for n = 2, 4, 6, 8, 10 masses: METHODS section 3.
     counts = [len(Monomials(tuple(f"y{j}" for j in range(2 * n)), 3)) for n in (2, 4, 6, 8, 10, 50)]
     assert counts == [35, 165, 455, 969, 1771, 176851]
-
-
-def test_monomials_are_named_and_evaluated_in_the_same_order() -> None:
     library = Monomials(("x1", "v1", "x2"), 3)
     assert library.names[:6] == ("1", "x1", "v1", "x2", "x1**2", "x1*v1")
     assert "x1**2*x2" in library.names and "x1*v1*x2" in library.names and library.names[-1] == "x2**3"
@@ -86,9 +83,8 @@ def test_a_limit_on_mixing_leaves_out_what_mixes_more(order: int, mixing: int | 
 
 
 def test_a_library_that_cannot_be_is_refused() -> None:
-    with pytest.raises(
-        IdentificationError, match="an order of 0 or more and names that differ, got order -1 in a, b"
-    ):
+    message = "an order of 0 or more and names that differ, got order -1 in a, b"
+    with pytest.raises(IdentificationError, match=message):
         Monomials(("a", "b"), -1)
     with pytest.raises(IdentificationError, match="names that differ"):
         Monomials(("a", "a"), 2)
@@ -105,12 +101,10 @@ def test_equations_of_all_states_come_in_blocks_that_agree_with_the_whole() -> N
     part, part_target = equations.rows_of(slice(100, 140))
     np.testing.assert_array_equal(part, whole[100:140])
     np.testing.assert_array_equal(part_target, target[100:140])
-    np.testing.assert_array_equal(
-        target, np.column_stack([states.v[:, 0], states.a[:, 0], states.v[:, 1], states.a[:, 1]])
-    )
-    np.testing.assert_allclose(
-        whole[:, equations.names.index("x1*v2")], states.x[:, 0] * states.v[:, 1], rtol=1e-12
-    )
+    rates = np.column_stack([states.v[:, 0], states.a[:, 0], states.v[:, 1], states.a[:, 1]])
+    np.testing.assert_array_equal(target, rates)
+    product = whole[:, equations.names.index("x1*v2")]
+    np.testing.assert_allclose(product, states.x[:, 0] * states.v[:, 1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
@@ -125,19 +119,14 @@ def test_distinct_sums_make_the_gram_matrix_of_all_monomials(order: int, forces:
     norms = np.sqrt(np.diagonal(plain.matrix()))
     # identity: the same sums, of products of other factors
     assert np.abs((distinct.matrix() - plain.matrix()) / np.outer(norms, norms)).max() < 1e-12
-    limited = monomial_equations(
-        _states(bnes_chain(2)), order, mixing=1
-    )  # lacks the lists that its products are made of
+    # lacks the lists that its products are made of
+    limited = monomial_equations(_states(bnes_chain(2)), order, mixing=1)
     assert isinstance(limited.gram_sums(), RowSums)
 
 
 def test_masses_of_other_names_and_inputs_have_columns_of_their_own() -> None:
-    states = replace(
-        _states(bnes_chain(2), forces=True),
-        masses=("frame", "sink"),
-        driven=("sink",),
-        base=np.arange(COUNT) / COUNT,
-    )
+    states, base = _states(bnes_chain(2), forces=True), np.arange(COUNT) / COUNT
+    states = replace(states, masses=("frame", "sink"), driven=("sink",), base=base)
     equations = monomial_equations(states, 1)
     assert equations.names == ("1", "x_frame", "v_frame", "x_sink", "v_sink", "f_sink", "xb")
     assert equations.targets == ("x_frame'", "x_frame''", "x_sink'", "x_sink''")
@@ -155,9 +144,8 @@ def test_columns_and_equations_of_some_masses() -> None:
     assert not {"x1", "f1", "x3*v3*x4"} & set(chosen.names)
     whole, target = everything.rows_of(slice(0, COUNT))
     rows, right = chosen.rows_of(slice(0, COUNT))
-    np.testing.assert_allclose(
-        rows, whole[:, [everything.names.index(name) for name in chosen.names]], rtol=1e-12
-    )
+    columns = [everything.names.index(name) for name in chosen.names]
+    np.testing.assert_allclose(rows, whole[:, columns], rtol=1e-12)
     np.testing.assert_array_equal(right, target[:, 6:8])
 
 
@@ -204,9 +192,8 @@ def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
     ):
         monomial_equations(states, 3)
     monkeypatch.setattr(library, "available_memory", lambda: 10**9)
-    with pytest.raises(
-        IdentificationError, match=r"1\.00 GB are free\. Smaller are mixing=1 \(301 .* columns_of"
-    ):
+    message = r"1\.00 GB are free\. Smaller are mixing=1 \(301 .* columns_of"
+    with pytest.raises(IdentificationError, match=message):
         monomial_equations(states, 3)
     assert len(monomial_equations(states, 3, mixing=1).names) == 301
     assert len(monomial_equations(states, 3, columns_of=("m1", "m2", "m3")).names) == 84
@@ -216,9 +203,8 @@ def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
 def test_the_memory_predicted_is_what_a_fit_takes(regressor: Regressor) -> None:
     random = np.random.default_rng(0)
     motion = random.normal(size=(2000, 9))
-    states = States(
-        np.arange(2000.0), tuple(f"m{k + 1}" for k in range(9)), motion, motion[::-1], motion**2, 0 * motion
-    )
+    names = tuple(f"m{k + 1}" for k in range(9))
+    states = States(np.arange(2000.0), names, motion, motion[::-1], motion**2, 0 * motion)
     equations = monomial_equations(states, 3, equations_of=("m1", "m2"))
     tracemalloc.start()
     regressor.fit(equations)
@@ -243,13 +229,23 @@ def test_the_links_of_the_chain_come_back_exactly(which: tuple[str, ...]) -> Non
     assert fit.residual[0] < ROUNDING
 
 
-def test_both_masses_of_a_link_share_its_coefficients() -> None:
+def test_both_masses_of_a_link_share_its_coefficients_and_a_light_mass_counts() -> None:
     chain = bnes_chain(2)
     states = _states(chain)
     equations = link_columns(states, chain.unknown("nes1.alpha"))
     d = states.x[:, 1] - states.x[:, 0]
     np.testing.assert_allclose(equations.matrix[:COUNT, 0], -d, rtol=1e-12)  # m1 is the second end
     np.testing.assert_allclose(equations.matrix[COUNT:, 0], d, rtol=1e-12)
+    unknown = chain.unknown("all")
+    equations = link_columns(states, unknown)
+    for mass, value in some(enumerate(chain.mass_values)):
+        rows = slice(mass * COUNT, (mass + 1) * COUNT)
+        weighted = present(equations.weights)[rows] * value * states.a[:, mass]
+        assert np.sqrt(np.mean(weighted**2)) == pytest.approx(1.0, rel=1e-12)
+    # masses are matched by name
+    columns = {name: getattr(states, name)[:, ::-1] for name in ("x", "v", "a", "forces")}
+    turned = replace(states, masses=("m2", "m1"), **columns)
+    np.testing.assert_array_equal(link_columns(turned, unknown).matrix, equations.matrix)
 
 
 def test_a_wrong_law_does_not_fit() -> None:
@@ -284,58 +280,28 @@ def test_a_known_nonlinear_coefficient_is_no_obstacle_and_an_unknown_one_is() ->
     states = _states(friction)
     fit = LeastSquares().fit(link_columns(states, friction.unknown("spring.k", "spring.F")))
     assert fit.terms("force")["spring.F"] == pytest.approx(0.2, rel=SAME)
-    with pytest.raises(
-        IdentificationError, match=r"k\*d \+ F\*tanh\(v/s\) of link spring is not linear in its unknown .*ml"
-    ):
+    message = r"k\*d \+ F\*tanh\(v/s\) of link spring is not linear in its unknown .*ml"
+    with pytest.raises(IdentificationError, match=message):
         link_columns(states, friction.unknown("all"))
-
-
-def test_rows_are_weighted_so_that_a_light_mass_counts() -> None:
-    chain = bnes_chain(2)
-    states = _states(chain)
-    equations = link_columns(states, chain.unknown("all"))
-    for mass, value in some(enumerate(chain.mass_values)):
-        rows = slice(mass * COUNT, (mass + 1) * COUNT)
-        weighted = present(equations.weights)[rows] * value * states.a[:, mass]
-        assert np.sqrt(np.mean(weighted**2)) == pytest.approx(1.0, rel=1e-12)
-
-
-def test_masses_are_matched_by_name() -> None:
-    chain = bnes_chain(2)
-    states = _states(chain)
-    turned = replace(
-        states,
-        masses=("m2", "m1"),
-        x=states.x[:, ::-1],
-        v=states.v[:, ::-1],
-        a=states.a[:, ::-1],
-        forces=states.forces[:, ::-1],
-    )
-    unknown = chain.unknown("all")
-    np.testing.assert_array_equal(link_columns(turned, unknown).matrix, link_columns(states, unknown).matrix)
 
 
 def test_what_cannot_be_identified_is_refused() -> None:
     chain = bnes_chain(2)
     states = _states(chain)
-    with pytest.raises(
-        IdentificationError, match=r"every coefficient of .* is known: there is nothing to identify"
-    ):
+    message = r"every coefficient of .* is known: there is nothing to identify"
+    with pytest.raises(IdentificationError, match=message):
         link_columns(states, chain)
     with pytest.raises(IdentificationError, match="nothing sets their scale"):
         link_columns(states, chain.unknown("all", "mass:m1", "mass:m2"))
     alone = replace(states, masses=("m1", "q"))
-    with pytest.raises(
-        RecordError, match=r"mass m2 of the structure has no channel, .* there are states of m1, q"
-    ):
+    message = r"mass m2 of the structure has no channel, .* there are states of m1, q"
+    with pytest.raises(RecordError, match=message):
         link_columns(alone, chain.unknown("all"))
 
 
 def test_link_columns_beyond_memory_say_how_large_they_are() -> None:
     long = np.broadcast_to(0.0, (10**8, 2))
     states = States(long[:, 0], ("m1", "m2"), long, long, long, long)
-    with pytest.raises(
-        IdentificationError,
-        match=r"5 unknowns over 2 masses and 100000000 samples are 8\.0 GB of columns; use the weak form",
-    ):
+    message = r"5 unknowns over 2 masses and 100000000 samples are 8\.0 GB of columns; use the weak form"
+    with pytest.raises(IdentificationError, match=message):
         link_columns(states, bnes_chain(2).unknown("all"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -20,17 +22,13 @@ def _spoilt(array: np.ndarray, place: int | tuple[int, int], value: float) -> np
     return copy
 
 
-def test_a_single_target_becomes_a_column_and_units_default_to_none() -> None:
+def test_a_single_target_becomes_a_column_and_blocks_are_the_weighted_rows_in_order() -> None:
     equations = DenseSystem(MATRIX, TARGET, NAMES)
     assert equations.target.shape == (50, 1)
     assert equations.units == ("", "", "")
     assert equations.rows == 50
-
-
-def test_blocks_are_the_weighted_rows_in_order() -> None:
     weights = RANDOM.uniform(1.0, 2.0, 50)
-    equations = DenseSystem(MATRIX, TARGET, NAMES, weights=weights)
-    blocks = list(equations.blocks())
+    blocks = list(DenseSystem(MATRIX, TARGET, NAMES, weights=weights).blocks())
     np.testing.assert_array_equal(np.concatenate([rows for rows, _ in blocks]), MATRIX * weights[:, None])
     np.testing.assert_array_equal(np.concatenate([b for _, b in blocks])[:, 0], TARGET * weights)
 
@@ -54,28 +52,19 @@ def test_streamed_equations_are_the_stored_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    ("matrix", "target", "names", "message"),
+    ("given", "message"),
     [
-        (MATRIX, TARGET, ("a", "b"), "50 rows and 3 columns were given 2 column names"),
-        (MATRIX, TARGET[:-1], NAMES, r"a target of shape \(49, 1\)"),
-        (MATRIX, TARGET, ("a", "b", "a"), "two columns are called 'a'"),
-        (_spoilt(MATRIX, (7, 1), np.inf), TARGET, NAMES, r"column 'b' .* not finite"),
-        (MATRIX, _spoilt(TARGET, 4, np.nan), NAMES, r"row 4 .* no finite right-hand side"),
+        ({"names": ("a", "b")}, "50 rows and 3 columns were given 2 column names"),
+        ({"target": TARGET[:-1]}, r"a target of shape \(49, 1\)"),
+        ({"names": ("a", "b", "a")}, "two columns are called 'a'"),
+        ({"matrix": _spoilt(MATRIX, (7, 1), np.inf)}, r"column 'b' .* not finite"),
+        ({"target": _spoilt(TARGET, 4, np.nan)}, r"row 4 .* no finite right-hand side"),
+        ({"weights": np.ones(3)}, r"50 rows need 50 weights, got an array of shape \(3,\)"),
+        ({"units": ("N",)}, "3 columns need 3 units, got 1"),
+        ({"target": np.column_stack([TARGET, TARGET]), "targets": ("b", "b")}, "two targets are called 'b'"),
+        ({"weights": _spoilt(np.ones(50), 2, np.nan)}, r"row 2 .* weight"),
     ],
 )
-def test_equations_that_do_not_fit_together_are_refused(
-    matrix: np.ndarray, target: np.ndarray, names: tuple[str, ...], message: str
-) -> None:
+def test_equations_that_do_not_fit_together_are_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(IdentificationError, match=message):
-        DenseSystem(matrix, target, names)
-
-
-def test_weights_units_and_targets_must_match() -> None:
-    with pytest.raises(IdentificationError, match=r"50 rows need 50 weights, got an array of shape \(3,\)"):
-        DenseSystem(MATRIX, TARGET, NAMES, weights=np.ones(3))
-    with pytest.raises(IdentificationError, match="3 columns need 3 units, got 1"):
-        DenseSystem(MATRIX, TARGET, NAMES, units=("N",))
-    with pytest.raises(IdentificationError, match="two targets are called 'b'"):
-        DenseSystem(MATRIX, np.column_stack([TARGET, TARGET]), NAMES, targets=("b", "b"))
-    with pytest.raises(IdentificationError, match=r"row 2 .* weight"):
-        DenseSystem(MATRIX, TARGET, NAMES, weights=_spoilt(np.ones(50), 2, np.nan))
+        DenseSystem(**{"matrix": MATRIX, "target": TARGET, "names": NAMES, **given})

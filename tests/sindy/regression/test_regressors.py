@@ -15,7 +15,7 @@ from linkwise.sindy.force_reading import monomial_nmse
 from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.gram import Gram, held_out_rows
 from linkwise.sindy.regression.linear_system import DenseSystem, StreamedSystem
-from linkwise.sindy.regression.regressor import RegressionFit, Regressor
+from linkwise.sindy.regression.regressor import Regressor
 from linkwise.sindy.regression.regressors import L1, LeastSquares, Stlsq
 
 TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
@@ -44,9 +44,8 @@ def _problem(
 ) -> tuple[DenseSystem, np.ndarray]:
     """Correlated columns of scales from 1e-6 to 1e6, two targets, four true terms each."""
     random = np.random.default_rng(seed)
-    mixed = random.normal(size=(rows, columns)) @ (
-        np.eye(columns) + 0.3 * random.normal(size=(columns, columns))
-    )
+    mixed = random.normal(size=(rows, columns))
+    mixed = mixed @ (np.eye(columns) + 0.3 * random.normal(size=(columns, columns)))
     scales = np.logspace(-6, 6, columns)
     truth = np.zeros((columns, 2))
     truth[[0, 3, 7, 11], 0] = np.array([1.0, -0.5, 2.0, 0.1]) / scales[[0, 3, 7, 11]]
@@ -71,13 +70,8 @@ def test_the_default_finds_the_true_terms_of_the_chain_and_nothing_else(chain: S
 def test_a_library_without_the_cubic_terms_is_refused(chain: StreamedSystem) -> None:
     stored = chain.stored()
     low = [column for column, name in enumerate(stored.names) if name.count("*") < 2]
-    lacking = DenseSystem(
-        stored.matrix[:, low],
-        stored.target,
-        tuple(stored.names[column] for column in low),
-        targets=stored.targets,
-    )
-    fit = Stlsq().fit(lacking)
+    names = tuple(stored.names[column] for column in low)
+    fit = Stlsq().fit(DenseSystem(stored.matrix[:, low], stored.target, names, targets=stored.targets))
     assert set(fit.terms("x1'")) == {"v1"}
     unexplained = {name for name, share in zip(fit.targets, fit.residual, strict=True) if share > 1e-3}
     assert unexplained == {"x1''", "x2''"}
@@ -96,18 +90,14 @@ def test_the_threshold_means_the_same_in_every_unit(chain: StreamedSystem) -> No
         np.testing.assert_allclose(changed, plain.coefficients[shared], rtol=1e-9)
 
 
-def test_the_whole_path_of_thresholds_is_kept(chain: StreamedSystem) -> None:
+def test_the_whole_path_of_thresholds_is_kept_or_one_that_is_given(chain: StreamedSystem) -> None:
     fit = Stlsq().fit(chain)
     path = fit.paths[fit.targets.index("x1''")]
     terms = [candidate.terms for candidate in path]
     assert terms[0] == 35 and 8 in terms and terms == sorted(terms, reverse=True)
-    assert [candidate.residual for candidate in path][2:] == sorted(
-        candidate.residual for candidate in path[2:]
-    )
+    residuals = [candidate.residual for candidate in path][2:]
+    assert residuals == sorted(residuals)
     assert min(path, key=lambda candidate: candidate.bic).terms == 8
-
-
-def test_a_threshold_given_is_kept_by_every_term(chain: StreamedSystem) -> None:
     fit = Stlsq(0.02).fit(chain)
     # the threshold that was given
     assert np.all(fit.contribution[fit.support] >= 0.02)
@@ -130,16 +120,11 @@ def test_the_gram_matrix_gives_what_qr_gives(noise: float) -> None:
     scale = np.linalg.norm(equations.matrix, axis=0)
     direct = np.linalg.lstsq(equations.matrix / scale, equations.target)[0] / scale[:, None]
     # the condition of the columns is some 20, of their Gram matrix 400: measured 6e-14 of the largest
-    np.testing.assert_allclose(
-        fit.coefficients * scale[:, None], direct * scale[:, None], rtol=1e-9, atol=1e-9
-    )
+    scaled = fit.coefficients * scale[:, None]
+    np.testing.assert_allclose(scaled, direct * scale[:, None], rtol=1e-9, atol=1e-9)
     residual = equations.target - equations.matrix @ fit.coefficients
-    np.testing.assert_allclose(
-        fit.residual,
-        np.linalg.norm(residual, axis=0) / np.linalg.norm(equations.target, axis=0),
-        rtol=1e-8,
-        atol=1e-14,
-    )
+    left = np.linalg.norm(residual, axis=0) / np.linalg.norm(equations.target, axis=0)
+    np.testing.assert_allclose(fit.residual, left, rtol=1e-8, atol=1e-14)
     freedom = 400 - 12
     covariance = np.linalg.inv((equations.matrix / scale).T @ (equations.matrix / scale))
     errors = np.sqrt(np.outer(np.diag(covariance), np.sum(residual**2, axis=0) / freedom)) / scale[:, None]
@@ -158,12 +143,10 @@ def test_a_full_cubic_library_on_exact_data_gives_what_qr_gives() -> None:
     largest = np.abs(direct).max(axis=0)
     # same numerics; measured 2e-15
     assert np.max(np.abs(fit.coefficients * scale[:, None] - direct) / largest) < 1e-10
-    selected_fit = Stlsq(1e-5).fit(stored)
-    selected = selected_fit.support
+    chosen = Stlsq(1e-5).fit(stored)
     # A damper contributes 1e-4 of its equation, so its own digits are four fewer.
-    np.testing.assert_allclose(
-        (selected_fit.coefficients * scale[:, None])[selected], direct[selected], rtol=1e-6
-    )
+    selected = (chosen.coefficients * scale[:, None])[chosen.support]
+    np.testing.assert_allclose(selected, direct[chosen.support], rtol=1e-6)
 
 
 def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
@@ -186,10 +169,8 @@ def test_dropping_columns_gives_what_qr_gives_on_the_rest(dropped: int) -> None:
         for target in range(2):
             support = np.ones(12, dtype=bool)
             support[np.random.default_rng(dropped).permutation(12)[:dropped]] = False
-            matrix, right = (
-                (equations.matrix[:, support] / scale[support])[rows],
-                equations.target[rows, target],
-            )
+            matrix = (equations.matrix[:, support] / scale[support])[rows]
+            right = equations.target[rows, target]
             direct = np.linalg.lstsq(matrix, right)[0]
             solution = whole.solution(target).on(support)
             scaled, squares = solution.scaled, solution.squares
@@ -207,24 +188,20 @@ def test_dropping_columns_gives_what_qr_gives_on_the_rest(dropped: int) -> None:
             np.testing.assert_allclose(answer, np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
-def test_rows_held_out_are_every_fifth_of_a_hundred_runs() -> None:
+def test_rows_held_out_are_every_fifth_of_a_hundred_runs_and_judge_alone() -> None:
     is_held_out = held_out_rows(6001)
     edges = np.flatnonzero(np.diff(is_held_out.astype(int)))
     assert len(edges) == 40  # twenty runs, none at an end of the record
     assert set(np.diff(edges)[::2]) <= {59, 60, 61}
     assert held_out_rows(60).sum() == 12 and held_out_rows(25).sum() == 5 and not held_out_rows(24).any()
-
-
-def test_what_is_held_out_is_judged_by_its_own_rows() -> None:
     equations, _ = _problem(0.3)
     is_held_out = held_out_rows(equations.rows)
     path = Stlsq().fit(equations).paths[0]
     assert [candidate.terms for candidate in path] == list(range(12, -1, -1))
     for candidate in path[:-1]:
         support = candidate.support
-        solution = np.linalg.lstsq(
-            equations.matrix[~is_held_out][:, support], equations.target[~is_held_out, 0]
-        )[0]
+        training = equations.matrix[~is_held_out][:, support]
+        solution = np.linalg.lstsq(training, equations.target[~is_held_out, 0])[0]
         missed = equations.target[is_held_out, 0] - equations.matrix[is_held_out][:, support] @ solution
         share = np.linalg.norm(missed) / np.linalg.norm(equations.target[is_held_out, 0])
         # squares by difference of sums lose what QR keeps: measured 2e-9
@@ -234,12 +211,16 @@ def test_what_is_held_out_is_judged_by_its_own_rows() -> None:
         assert candidate.bic == pytest.approx(expected, rel=1e-6)
 
 
-def test_too_few_rows_to_hold_any_out_are_refused() -> None:
+def test_too_few_rows_to_hold_any_out_and_settings_outside_their_range_are_refused() -> None:
     equations, _ = _problem(0.1, rows=24)
     for regressor in (Stlsq(), L1()):
         with pytest.raises(IdentificationError, match="24 equations are too few to choose a threshold"):
             regressor.fit(equations)
     assert Stlsq(1e-3).fit(equations).support.any()
+    with pytest.raises(IdentificationError, match=r"threshold must be .* below 1, got 1\.5"):
+        Stlsq(1.5)
+    with pytest.raises(IdentificationError, match=r"penalty must be above 0 .*, got 0\.0"):
+        L1(0.0)
 
 
 @pytest.mark.parametrize("regressor", [Stlsq(), L1()])
@@ -273,13 +254,10 @@ def test_noise_alone_has_no_terms() -> None:
 def test_weights_are_those_of_weighted_least_squares() -> None:
     equations, _ = _problem(0.5)
     weights = np.random.default_rng(2).uniform(0.1, 3.0, equations.rows)
-    weighted = DenseSystem(
-        equations.matrix, equations.target, equations.names, weights=weights, targets=("p", "q")
-    )
-    scale = np.linalg.norm(equations.matrix, axis=0)
-    direct = np.linalg.lstsq(
-        equations.matrix * weights[:, None] / scale, equations.target * weights[:, None]
-    )[0]
+    matrix, target, column = equations.matrix, equations.target, weights[:, None]
+    weighted = DenseSystem(matrix, target, equations.names, weights=weights, targets=("p", "q"))
+    scale = np.linalg.norm(matrix, axis=0)
+    direct = np.linalg.lstsq(matrix * column / scale, target * column)[0]
     # same numerics
     np.testing.assert_allclose(LeastSquares().fit(weighted).coefficients * scale[:, None], direct, rtol=1e-9)
 
@@ -311,9 +289,8 @@ def test_l1_agrees_with_coordinate_descent() -> None:
             for j in range(12):
                 rest = moments[j] - gram.matrix[j] @ scaled + scaled[j]
                 scaled[j] = np.sign(rest) * max(abs(rest) - 0.02, 0.0)
-        np.testing.assert_allclose(
-            fit.coefficients[:, target] * gram.scale / gram.norms[target], scaled, atol=1e-8
-        )
+        found = fit.coefficients[:, target] * gram.scale / gram.norms[target]
+        np.testing.assert_allclose(found, scaled, atol=1e-8)
 
 
 def test_l1_by_default_keeps_the_true_terms_and_debias_undoes_the_shrinkage() -> None:
@@ -333,21 +310,16 @@ def test_two_columns_that_move_together_are_named() -> None:
     equations, _ = _problem(0.01)
     doubled = np.column_stack([equations.matrix, 3 * equations.matrix[:, 4]])
     twins = DenseSystem(doubled, equations.target, (*equations.names, "twin"), targets=("p", "q"))
-    with pytest.raises(
-        IdentificationError, match=r"the columns c4, twin are collinear .* only a combination"
-    ):
+    message = r"the columns c4, twin are collinear .* only a combination"
+    with pytest.raises(IdentificationError, match=message):
         LeastSquares().fit(twins)
     assert L1().fit(twins).support.sum() >= 8  # of two copies it takes one
 
 
 def test_a_column_of_zeros_takes_no_part() -> None:
     equations, truth = _problem(0.0)
-    with_zero = DenseSystem(
-        np.column_stack([np.zeros(400), equations.matrix]),
-        equations.target,
-        ("zero", *equations.names),
-        targets=("p", "q"),
-    )
+    matrix, names = np.column_stack([np.zeros(400), equations.matrix]), ("zero", *equations.names)
+    with_zero = DenseSystem(matrix, equations.target, names, targets=("p", "q"))
     fit = Stlsq().fit(with_zero)
     np.testing.assert_array_equal(fit.support[1:], truth != 0)
     assert not fit.support[0].any()
@@ -370,38 +342,25 @@ def test_more_columns_than_rows_do_not_explain_by_number() -> None:
     random = np.random.default_rng(4)
     matrix = random.normal(size=(60, 100))
     target = 3 * matrix[:, 5] - 2 * matrix[:, 40] + 0.01 * random.normal(size=60)
-    fit = L1().fit(DenseSystem(matrix, target, tuple(f"c{j}" for j in range(100))))
+    system = DenseSystem(matrix, target, tuple(f"c{j}" for j in range(100)))
+    fit = L1().fit(system)
     assert {"c5", "c40"} <= set(fit.terms("b"))
     assert fit.support.sum() <= 30
-    system = DenseSystem(matrix, target, tuple(f"c{j}" for j in range(100)))
     assert set(Stlsq().fit(system).terms("b")) >= {"c5", "c40"}
-    with pytest.raises(
-        IdentificationError, match="100 terms cannot be determined from 60 equations; use a longer"
-    ):
+    message = "100 terms cannot be determined from 60 equations; use a longer"
+    with pytest.raises(IdentificationError, match=message):
         LeastSquares().fit(system)
-
-
-def test_settings_outside_their_range_are_refused() -> None:
-    with pytest.raises(IdentificationError, match=r"threshold must be .* below 1, got 1\.5"):
-        Stlsq(1.5)
-    with pytest.raises(IdentificationError, match=r"penalty must be above 0 .*, got 0\.0"):
-        L1(0.0)
 
 
 def test_the_equations_are_written_as_one_would_write_them(chain: StreamedSystem) -> None:
     fit = Stlsq().fit(chain)
     lines = fit.text(4).splitlines()
     assert lines[0] == "x1' = 1*v1"
-    assert lines[1].startswith(
-        "x1'' = -2.99e+04*x1 + 1e+06*x2**3 - 3e+06*x1*x2**2 - 100*x2 - 1.02*v1 + 3e+06*x1**2*x2"
-    )
+    start = "x1'' = -2.99e+04*x1 + 1e+06*x2**3 - 3e+06*x1*x2**2 - 100*x2 - 1.02*v1 + 3e+06*x1**2*x2"
+    assert lines[1].startswith(start)
     with pytest.raises(IdentificationError, match="unknown equation 'y'; choose from x1', x1'', x2', x2''"):
         fit.terms("y")
-
-
-def test_a_constant_is_written_without_a_factor() -> None:
     matrix = np.column_stack([np.ones(50), np.linspace(-1, 1, 50)])
-    fit: RegressionFit = LeastSquares().fit(
-        DenseSystem(matrix, matrix @ [-2.0, 0.5], ("1", "x1"), targets=("x1''",))
-    )
+    constant = DenseSystem(matrix, matrix @ [-2.0, 0.5], ("1", "x1"), targets=("x1''",))
+    fit = LeastSquares().fit(constant)
     assert fit.text(3) == "x1'' = -2 + 0.5*x1"
