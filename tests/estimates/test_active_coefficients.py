@@ -36,14 +36,9 @@ def findings_of(law: str, amplitude: float, /, **values: float) -> list[str]:
     errors = {name: 0.01 * abs(value) for name, value in values.items()}
     estimates = tuple(
         CoefficientEstimate(
-            Name("link", name),
-            value,
-            "?",
-            False,
-            errors[name],
-            (value - 2 * errors[name], value + 2 * errors[name]),
+            Name("link", name), value, "?", False, error, (value - 2 * error, value + 2 * error)
         )
-        for name, value in values.items()
+        for (name, value), error in zip(values.items(), errors.values(), strict=True)
     )
     subject = link("link", "m1-ground", law, **values)
     covariance = np.diag(np.square(list(errors.values())))
@@ -77,10 +72,7 @@ def test_a_law_that_feeds_energy_without_a_negative_coefficient_is_named() -> No
     """c v (d^2 - e^2) gives about the middle: within arcsin(1/2) of it, a third of the time."""
     [finding] = findings_of("c*v*(d**2 - 0.5**2)", 1.0, c=2.0)
     assert finding.startswith("link feeds energy for 33 % of the time into the motion")
-
-
-def test_friction_that_is_smaller_at_larger_rates_is_not_named() -> None:
-    """-v |v| beside friction: less than that everywhere."""
+    # friction that is smaller at larger rates is not named: -v |v| beside it is less than that everywhere
     assert findings_of("fc*sign(v) + c2*v*abs(v)", 1.0, fc=1.0, c2=-0.5) == []
     assert findings_of("fc*sign(v) + c2*v*abs(v)", 1.5, fc=1.0, c2=-0.5) != []
 

@@ -18,11 +18,8 @@ from linkwise.estimates.link_estimate import LinkEstimate
 from linkwise.output import to_json
 
 ALPHA, BETA, MOVING = -100.0, 1e6, 0.0099
-COVARIANCE = (
-    np.diag([0.5, 4000.0, 1e-3])
-    @ np.array([[1, 0.6, 0], [0.6, 1, 0], [0, 0, 1]])
-    @ np.diag([0.5, 4000.0, 1e-3])
-)
+DEVIATIONS = np.diag([0.5, 4000.0, 1e-3])
+COVARIANCE = DEVIATIONS @ np.array([[1, 0.6, 0], [0.6, 1, 0], [0, 0, 1]]) @ DEVIATIONS
 
 
 def sink(
@@ -30,11 +27,6 @@ def sink(
 ) -> LinkEstimate:
     nes = link("nes1", "m2-m1", NES, alpha=alpha, beta=beta, c=0.02)
     return LinkEstimate(nes, (), (-0.03, 0.03), (-5.0, 5.0), ("alpha", "beta", "c"), covariance, MOVING)
-
-
-@pytest.fixture(scope="module")
-def chain() -> lw.Structure:
-    return lw.bnes_chain(2)
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +51,10 @@ def test_wells_barrier_and_frequency_in_closed_form() -> None:
     assert present(estimated_link.barrier).value == pytest.approx(ALPHA**2 / (4 * BETA), rel=1e-12)
     expected = np.sqrt(-2 * ALPHA / MOVING) / (2 * np.pi)
     # closed form against eigenvalues, whose square roots halve the digits that slopes lose
-    assert [quantity.value for quantity in estimated_link.frequencies] == pytest.approx(
-        [expected, expected], rel=1e-9
-    )
+    found = [quantity.value for quantity in estimated_link.frequencies]
+    assert found == pytest.approx([expected, expected], rel=1e-9)
+    single = sink(alpha=100.0)
+    assert single.wells == () and single.barrier is None and single.frequencies == ()
 
 
 def test_their_intervals_are_the_delta_method() -> None:
@@ -90,9 +83,8 @@ def test_their_intervals_hold_the_middle_of_drawn_coefficients() -> None:
     }
     for quantity in (estimated_link.wells[1], present(estimated_link.barrier), estimated_link.frequencies[0]):
         low, high = present(quantity.interval)
-        assert np.mean((drawn[quantity.name] > low) & (drawn[quantity.name] < high)) == pytest.approx(
-            0.95, abs=0.01
-        )
+        inside = (drawn[quantity.name] > low) & (drawn[quantity.name] < high)
+        assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
 
 
 def test_the_band_of_a_force_is_that_of_its_coefficients() -> None:
@@ -106,18 +98,11 @@ def test_the_band_of_a_force_is_that_of_its_coefficients() -> None:
     assert force - lower == pytest.approx(half, rel=1e-6, abs=1e-15)
 
 
-def test_a_link_with_one_well_has_no_barrier() -> None:
-    estimated_link = sink(alpha=100.0)
-    assert estimated_link.wells == () and estimated_link.barrier is None and estimated_link.frequencies == ()
-
-
 def test_without_covariance_nothing_has_an_interval() -> None:
-    estimated_link = sink(covariance=None)
-    assert all(
-        quantity.interval is None
-        for quantity in (*estimated_link.wells, present(estimated_link.barrier), *estimated_link.frequencies)
-    )
-    assert np.isnan(estimated_link.force_band(0.01)[1:]).all()
+    bare = sink(covariance=None)
+    quantities = (*bare.wells, present(bare.barrier), *bare.frequencies)
+    assert all(quantity.interval is None for quantity in quantities)
+    assert np.isnan(bare.force_band(0.01)[1:]).all()
 
 
 def test_what_is_known_has_neither_error_nor_band(fit: lw.Estimate) -> None:
@@ -136,17 +121,15 @@ def test_intervals_are_two_standard_errors_wide(fit: lw.Estimate) -> None:
         assert estimate.interval == pytest.approx((estimate.value - half, estimate.value + half))
 
 
-def test_the_structure_is_complete(fit: lw.Estimate, chain: lw.Structure) -> None:
+def test_the_structure_is_complete_and_unknown_names_list_those_there_are(
+    fit: lw.Estimate, chain: lw.Structure
+) -> None:
     assert fit.structure.parameters == ()
     assert fit.structure.link("nes1").values["alpha"] == fit.coefficient("nes1.alpha").value
     assert fit.structure.mass("m2").mass.value == fit.coefficient("m2.mass").value
     assert fit.structure.link("spring1") == chain.link("spring1")
-
-
-def test_unknown_names_list_those_there_are(fit: lw.Estimate) -> None:
-    with pytest.raises(
-        lw.StructureError, match=r'unknown name "nes1\.gamma"; choose from spring1\.k, .*m2\.mass'
-    ):
+    message = r'unknown name "nes1\.gamma"; choose from spring1\.k, .*m2\.mass'
+    with pytest.raises(lw.StructureError, match=message):
         fit.coefficient("nes1.gamma")
     with pytest.raises(lw.StructureError, match='unknown name "nes7"; choose from spring1, nes1'):
         fit.link("nes7")
@@ -154,26 +137,10 @@ def test_unknown_names_list_those_there_are(fit: lw.Estimate) -> None:
 
 def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
     result = json.loads(to_json(fit.to_dict()))
-    assert set(result) == {
-        "method",
-        "status",
-        "message",
-        "seconds",
-        "sensor_errors",
-        "unseen_terms",
-        "noise",
-        "fit",
-        "findings",
-        "notes",
-        "masses",
-        "links",
-        "verdicts",
-        "trusted",
-        "model_error_percent",
-        "diagnosis",
-        "random_forces",
-        "alerts",
-    }
+    assert " ".join(sorted(result)) == (
+        "alerts diagnosis findings fit links masses message method model_error_percent noise notes "
+        "profile_intervals random_forces seconds sensor_errors status trusted unseen_terms verdicts"
+    )
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}
     assert set(result["noise"]["x:m1"]) == {"sigma", "unit", "snr_db"}
     spring, nes = result["links"]

@@ -43,9 +43,6 @@ def test_curve_of_a_measured_record_has_what_was_measured(measured: lw.Estimate,
     assert curve.true is None and not curve.samples_are_true
     assert len(curve.sample_force) == len(curve.sample_d) > 0
     assert force_curve(measured, "nes1", chain).true is not None
-
-
-def test_curve_without_any_force_has_no_samples(measured: lw.Estimate) -> None:
     blind = replace(measured, compute_motion=lambda: replace(measured.motion, compute_residual=lambda: None))
     assert len(force_curve(blind, "nes1").sample_d) == 0
 

@@ -24,9 +24,7 @@ def test_a_viscous_damper_dissipates_pi_c_omega_squared_amplitude_a_cycle(damped
     loop = force_loop(damped, "damper")
     assert loop.cycles == 6  # of 10 s at 5 rad/s, from the first rise through 0 that was seen from below
     c = damped.coefficient("damper.c").value
-    assert loop.energy == pytest.approx(
-        np.pi * c * 5.0 * 0.01**2, rel=0.01
-    )  # cycles end at samples, 251 of them
+    assert loop.energy == pytest.approx(np.pi * c * 5.0 * 0.01**2, rel=0.01)  # cycles end at samples, of 251
     assert "energy dissipated a cycle" in loop.energy_text
 
 
@@ -53,20 +51,15 @@ def test_the_loop_of_a_link_with_memory_has_its_states() -> None:
 
 def test_a_link_with_memory_between_masses_has_a_loop_with_its_states() -> None:
     structure = hysteretic_oscillator(**BOUC_WEN)
-    exact = lw.simulate(
-        structure, duration=2.0, rate=500.0, sensors=["x", "f"], forces={"m1": "150*sin(40*t) + 60*sin(97*t)"}
-    )
+    forces = {"m1": "150*sin(40*t) + 60*sin(97*t)"}
+    exact = lw.simulate(structure, duration=2.0, rate=500.0, sensors=["x", "f"], forces=forces)
     record = exact.select(["x:m1", "force:m1"]).with_noise(50.0, seed=1)
     fit = lw.identify(record, structure.unknown("joint.F"))
     loop = force_loop(fit, "joint")
     assert loop.measured is None and has_loop(fit, "joint")
     force = exact.channel("f:joint")
-    assert np.sqrt(np.mean((loop.identified - force) ** 2)) < 0.05 * np.std(
-        force
-    )  # noise of 0.3 % moves the orbit
-
-
-def test_what_is_no_loop_is_not_drawn() -> None:
+    # noise of 0.3 % moves the orbit
+    assert np.sqrt(np.mean((loop.identified - force) ** 2)) < 0.05 * np.std(force)
     record = chain_record(2, duration=1.0, rate=500.0).with_noise(40.0, seed=1)
     fit = lw.identify(record, lw.bnes_chain(2).unknown("nes"), method="weak")
     assert not has_loop(fit, "nes1")

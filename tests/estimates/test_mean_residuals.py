@@ -17,14 +17,11 @@ def test_noise_leaves_the_band_in_one_part_of_twenty() -> None:
     assert 68 < outside < 151
 
 
-def test_a_trend_is_shown_where_it_is() -> None:
+def test_a_trend_is_shown_where_it_is_missing_samples_are_left_out_and_few_are_one_part() -> None:
     motion = np.linspace(-2.0, 2.0, 4001)
     means = MeanResiduals.along(motion, 3.0 * motion)
     np.testing.assert_allclose(means.mean, 3.0 * means.place, rtol=0, atol=1e-12)
     assert len(means.place) == 24 and means.by_chance[0] == 2.0 / np.sqrt(167)
-
-
-def test_missing_samples_are_left_out_and_few_are_one_part() -> None:
     motion = np.arange(30.0)
     residuals = np.where(motion < 10.0, np.nan, 1.0)
     means = MeanResiduals.along(motion, residuals)

@@ -97,11 +97,8 @@ def answer() -> lw.Estimate:
     )
 
 
-def test_an_answer_that_can_be_trusted() -> None:
+def test_an_answer_that_can_be_trusted_and_one_that_cannot() -> None:
     assert str(answer()) == GOOD
-
-
-def test_an_answer_that_cannot() -> None:
     refused = replace(
         answer(),
         fit_verdicts=(lw.Verdict.NOISE_MISMATCH,),
