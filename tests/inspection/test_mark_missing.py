@@ -18,9 +18,8 @@ SPIKES = (400, 1200, 2900)
 def overloaded(record: lw.Record) -> tuple[lw.Record, np.ndarray]:
     """The record with every channel clipped, and which samples (N, C) are."""
     peak = PEAK * np.max(np.abs(record.values), axis=0)
-    return replace(record, values=np.clip(record.values, -peak, peak), simulated=None), np.abs(
-        record.values
-    ) >= peak
+    clipped = replace(record, values=np.clip(record.values, -peak, peak), simulated=None)
+    return clipped, np.abs(record.values) >= peak
 
 
 def test_clipped_samples_are_marked_and_those_that_noise_alone_held_inside() -> None:
@@ -51,37 +50,26 @@ def test_spikes_are_marked_and_no_others() -> None:
     assert not np.isnan(marked.channel("x:m2")).any()
 
 
-def test_inputs_stay_as_they_are() -> None:
+def test_inputs_and_clean_records_stay_as_they_are() -> None:
     record = forced(40.0)
     limited = np.clip(record.channel("force:m1"), -3.0, 3.0)  # of a force of 6 N
     values = record.values.copy()
     values[:, record.channels.index("force:m1")] = limited
     marked = lw.inspection.mark_missing(replace(record, values=values))
     np.testing.assert_array_equal(marked.channel("force:m1"), limited)
-
-
-def test_a_clean_record_stays() -> None:
     record = chain(2, 30.0)
     assert lw.inspection.mark_missing(record) is record
-
-
-def test_an_unknown_fault_is_refused() -> None:
     with pytest.raises(lw.RecordError, match=r"unknown fault of samples 'cliped'.*'clipped'"):
-        lw.inspection.mark_missing(chain(2, 30.0), "cliped")
+        lw.inspection.mark_missing(record, "cliped")
 
 
 @pytest.mark.parametrize("snr_db", [20.0, 40.0])
 def test_errors_are_those_of_the_record_without_clipping(snr_db: float) -> None:
-    """Few samples are clipped: standard errors grow by less than 1.5, and the truth is within 4.5 of them.
-
-    Chance exceeds that once in 30 000 for each of the five coefficients.
-    """
+    """Standard errors grow by less than 1.5; the truth is within 4.5 of them, but once in 30 000 a coefficient."""
     whole = chain_record(2).with_noise(snr_db, seed=21)
     chain_of_two = lw.bnes_chain(2)
-    fits = [
-        lw.identify(record, chain_of_two.unknown("all"))
-        for record in (whole, lw.inspection.mark_missing(overloaded(whole)[0]))
-    ]
+    records = whole, lw.inspection.mark_missing(overloaded(whole)[0])
+    fits = [lw.identify(record, chain_of_two.unknown("all")) for record in records]
     before, after = (np.sqrt(fit.covariance.diagonal()) for fit in fits)
     true = truth(chain_of_two, fits[1].given_structure)
     assert fits[1].trusted
