@@ -16,9 +16,7 @@ TIME = np.arange(6001) / RATE
 
 
 def _decay() -> np.ndarray:
-    """Two decaying channels with bursts of high harmonics at the start, as a sink that jumps between wells
-    has them.
-    """
+    """Two decaying channels with bursts of high harmonics at the start, as a sink between wells has them."""
     slow = 5e-3 * np.exp(-0.5 * TIME) * np.sin(2 * np.pi * 27.0 * TIME)
     phase = 2 * np.pi * (22.0 * TIME + 20.0 * (1 - np.exp(-2.0 * TIME)))
     fast = 2e-2 * np.exp(-0.7 * TIME) * np.sin(phase + 2.0 * np.exp(-TIME) * np.sin(3 * phase))
@@ -56,25 +54,28 @@ def test_the_noise_of_the_paper_s_chains_is_found(chain: Record, decibel: float,
     np.testing.assert_allclose(noise_sigma(noisy.values), sigma, rtol=limit)
 
 
-def test_motion_alone_is_not_taken_for_noise() -> None:
+def test_motion_alone_is_not_taken_for_noise_nor_between_gaps_and_units_scale_it() -> None:
     clean = _decay()
     # 0.1 % of the motion, that is 60 dB: measured 3e-11
-    assert np.all(noise_sigma(clean) < 1e-3 * np.sqrt(np.mean(clean**2, axis=0)))
-
-
-def test_the_estimate_scales_with_the_unit() -> None:
+    limit = 1e-3 * np.sqrt(np.mean(clean**2, axis=0))
+    assert np.all(noise_sigma(clean) < limit)
+    holed = np.where(np.random.default_rng(6).random(clean.shape) < 0.2, np.nan, clean)
+    assert np.all(noise_sigma(holed) < limit)
     noisy, _ = _noisy(20.0, 3)
     np.testing.assert_allclose(noise_sigma(1e3 * noisy), 1e3 * noise_sigma(noisy), rtol=1e-12)
 
 
 @pytest.mark.parametrize("missing", [0.01, 0.05])
 def test_missing_samples_are_left_out(missing: float) -> None:
-    # 5 % of single missing samples leave blocks of 20: about 400 degrees of freedom, standard deviation 3.5
-    # %.
+    # 5 % of single missing samples leave blocks of 20: about 400 degrees of freedom, standard deviation 3.5 %.
     noisy, sigma = _noisy(20.0, 5)
     holed = np.where(np.random.default_rng(6).random(noisy.shape) < missing, np.nan, noisy)
     # four deviations of that; measured 0.058
     np.testing.assert_allclose(noise_sigma(holed), sigma, rtol=0.15)
+    noisy, sigma = _noisy(20.0, 7)
+    noisy[1000:2000, 1] = np.nan  # one gap costs only its blocks
+    # over four deviations, 1.3 % each with a sixth of the samples gone; measured 0.006
+    np.testing.assert_allclose(noise_sigma(noisy), sigma, rtol=0.06)
 
 
 @pytest.mark.parametrize("missing", [0.1, 0.2, 0.3])
@@ -88,20 +89,6 @@ def test_noise_is_found_where_no_block_is_complete(missing: float) -> None:
     assert np.max(np.abs(np.array(ratios) - 1.0)) < 0.12
 
 
-def test_motion_between_gaps_is_not_taken_for_noise() -> None:
-    """As in complete records: less than 0.1 % of the motion."""
-    clean = _decay()
-    holed = np.where(np.random.default_rng(6).random(clean.shape) < 0.2, np.nan, clean)
-    assert np.all(noise_sigma(holed) < 1e-3 * np.sqrt(np.mean(clean**2, axis=0)))
-
-
-def test_one_gap_costs_only_its_blocks() -> None:
-    noisy, sigma = _noisy(20.0, 7)
-    noisy[1000:2000, 1] = np.nan
-    # over four deviations, 1.3 % each with a sixth of the samples gone; measured 0.006
-    np.testing.assert_allclose(noise_sigma(noisy), sigma, rtol=0.06)
-
-
 @pytest.mark.parametrize("still", [0.2, 0.4, 0.8])
 def test_an_encoder_that_rests_has_the_noise_of_its_steps(still: float) -> None:
     """Rounding to a step is noise of variance step^2 / 12 while the encoder moves; at rest it shows none."""
@@ -111,11 +98,8 @@ def test_an_encoder_that_rests_has_the_noise_of_its_steps(still: float) -> None:
     assert noise_sigma(shown)[0] == pytest.approx(step / np.sqrt(12.0), rel=0.1)
 
 
-def test_a_channel_that_never_changes_has_no_noise() -> None:
+def test_a_channel_that_never_changes_has_no_noise_and_one_without_data_none_to_tell() -> None:
     assert noise_sigma(np.full(600, 0.1))[0] == 0.0
-
-
-def test_a_channel_without_data_has_no_noise_to_tell() -> None:
     values = np.column_stack([np.random.default_rng(0).normal(size=200), np.full(200, np.nan)])
     sigma = noise_sigma(values)
     # the estimate from 200 samples has a deviation of 7 %: nearly three of them
@@ -123,12 +107,15 @@ def test_a_channel_without_data_has_no_noise_to_tell() -> None:
     assert np.isnan(sigma[1])
 
 
-def test_the_bandwidth_is_where_the_motion_sinks_into_the_noise() -> None:
+def test_the_bandwidth_is_where_the_motion_sinks_into_the_noise_or_where_that_is_known() -> None:
     random = np.random.default_rng(1)
     tones = sum(np.sin(2 * np.pi * f * TIME + f) for f in (20.0, 75.0, 140.0))
     width = bandwidth(tones + 0.05 * random.normal(size=TIME.size), RATE)
     # Bins are rate / 256 = 3.9 Hz wide and the Hann window is two bins wide to each side.
     assert 140.0 - 4.0 < width[0] < 140.0 + 3 * 4.0
+    noisy, sigma = _noisy(20.0, 4)
+    np.testing.assert_array_equal(bandwidth(noisy, RATE, noise_sigma(noisy)), bandwidth(noisy, RATE))
+    assert np.all(bandwidth(noisy, RATE, 100 * sigma) < bandwidth(noisy, RATE))
 
 
 def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() -> None:
@@ -142,17 +129,8 @@ def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() ->
     assert width[1] > 0.48 * RATE
 
 
-def test_the_bandwidth_takes_the_noise_where_it_is_known() -> None:
-    noisy, sigma = _noisy(20.0, 4)
-    np.testing.assert_array_equal(bandwidth(noisy, RATE, noise_sigma(noisy)), bandwidth(noisy, RATE))
-    assert np.all(bandwidth(noisy, RATE, 100 * sigma) < bandwidth(noisy, RATE))
-
-
 def test_a_record_full_of_holes_has_no_bandwidth() -> None:
     values = np.random.default_rng(3).normal(size=1000)
     values[::20] = np.nan
-    with pytest.raises(
-        RecordError,
-        match=r"bandwidth of column 0 .* no 256 consecutive .*record\.between",
-    ):
+    with pytest.raises(RecordError, match=r"bandwidth of column 0 .* no 256 consecutive .*record\.between"):
         bandwidth(values, RATE)

@@ -27,15 +27,12 @@ def test_noise_follows_from_the_scatter() -> None:
     averaged = lw.records.average_periods(repeated(0.1), PERIOD)
     assert len(averaged) == SIZE and averaged.start == pytest.approx((COUNT - 1) * PERIOD, rel=1e-12)
     # a variance from (COUNT - 1) SIZE squares; four of its standard deviations
-    assert averaged.noise["x:m1"] == pytest.approx(
-        0.1 / np.sqrt(COUNT), rel=4.0 / np.sqrt(2.0 * (COUNT - 1) * SIZE)
-    )
+    part = 4.0 / np.sqrt(2.0 * (COUNT - 1) * SIZE)
+    assert averaged.noise["x:m1"] == pytest.approx(0.1 / np.sqrt(COUNT), rel=part)
     left = averaged.channel("x:m1") - repeated().channel("x:m1")[:SIZE]
     assert np.std(left) == pytest.approx(averaged.noise["x:m1"], rel=4.0 / np.sqrt(2.0 * SIZE))
     assert "force:m1" not in averaged.noise and "Averaged over 8 periods of 2 s" in averaged.notes[-1]
-
-
-def test_stated_noise_is_that_of_a_sample() -> None:
+    # stated noise is that of a sample
     averaged = lw.records.average_periods(replace(repeated(0.1), noise={"x:m1": 0.08}), PERIOD)
     assert averaged.noise["x:m1"] == pytest.approx(0.08 / np.sqrt(COUNT), rel=1e-12)
 

@@ -36,9 +36,8 @@ def test_savitzky_golay_converges_with_its_declared_order() -> None:
     for half in (16, 32):
         smoothed = savitzky_golay(exact[0], RATE, half=half, degree=5)
         inner = slice(half, -half)
-        errors.append(
-            [np.max(np.abs(a[inner, 0] - b[inner, 0])) for a, b in zip(smoothed, exact, strict=True)]
-        )
+        pairs = zip(smoothed, exact, strict=True)
+        errors.append([np.max(np.abs(found[inner, 0] - true[inner, 0])) for found, true in pairs])
     orders = np.log2(np.array(errors[1]) / np.array(errors[0]))
     # the declared orders, which differ by two; measured to 0.12
     np.testing.assert_allclose(orders, [6, 6, 4], atol=0.3)
@@ -53,16 +52,13 @@ def test_the_window_follows_the_bandwidth() -> None:
     impulse[2000] = 1.0
     response = np.abs(np.fft.rfft(savitzky_golay(impulse, 1000.0, half=half)[0][:, 0]))
     cut = np.fft.rfftfreq(4001, 1e-3)[np.argmax(response < np.sqrt(0.5))]
-    assert cut == pytest.approx(
-        1.4 * 30.0, rel=0.08
-    )  # one sample of the window is 4 %, the formula good to a few
+    assert cut == pytest.approx(1.4 * 30.0, rel=0.08)  # one sample of the window is 4 %
 
 
 @pytest.mark.parametrize(("half", "degree"), [(2, 5), (800, 5)])
 def test_a_window_that_cannot_be_is_refused(half: int, degree: int) -> None:
-    with pytest.raises(
-        RecordError, match=rf"window for degree {degree} must .* at most 1500 samples .*, got {2 * half + 1}"
-    ):
+    message = rf"window for degree {degree} must .* at most 1500 samples .*, got {2 * half + 1}"
+    with pytest.raises(RecordError, match=message):
         savitzky_golay(TIME, RATE, half=half, degree=degree)
 
 
@@ -106,17 +102,15 @@ def test_cross_validation_finds_a_smoothing_near_the_best(decibel: float) -> Non
     inner = slice(chosen.reach, -chosen.reach)
     # central differences of the same samples; a pass band of 45 Hz leaves a fifth of their noise; measured 0.09
     crude = np.gradient(noisy, 1 / RATE, axis=0)
-    assert np.all(
-        np.std((chosen.first() - first)[inner], axis=0) < 0.2 * np.std((crude - first)[inner], axis=0)
-    )
+    errors = [np.std((slope - first)[inner], axis=0) for slope in (chosen.first(), crude)]
+    assert np.all(errors[0] < 0.2 * errors[1])
 
 
 def test_the_trace_that_cross_validation_uses_is_that_of_the_smoother() -> None:
     # Measured column by column on a short record; its two ends are worth about one degree of freedom.
     count, weight = 60, 10.0
-    matrix = np.column_stack(
-        [smoothing_spline(row, 1.0, smoothing=weight).value()[:, 0] for row in np.eye(count)]
-    )
+    columns = [smoothing_spline(row, 1.0, smoothing=weight).value()[:, 0] for row in np.eye(count)]
+    matrix = np.column_stack(columns)
     angle = (np.arange(4096) + 0.5) * np.pi / 4096
     gain = ((66 + 52 * np.cos(angle) + 2 * np.cos(2 * angle)) / 120) ** 2
     passed = np.mean(gain / (gain + weight * (2 * np.sin(angle / 2)) ** 8))
@@ -137,9 +131,8 @@ def test_the_ends_lose_their_influence_within_reach() -> None:
 def test_smoothers_refuse_gaps_and_short_records() -> None:
     holed = np.sin(TIME)
     holed[[30, 31]] = np.nan
-    with pytest.raises(
-        RecordError, match="2 samples are missing, the first at index 30; smoothers cannot bridge a gap"
-    ):
+    message = "2 samples are missing, the first at index 30; smoothers cannot bridge a gap"
+    with pytest.raises(RecordError, match=message):
         smoothing_spline(holed, RATE)
     with pytest.raises(RecordError, match="2 samples are missing"):
         savitzky_golay(holed, RATE, half=5)
