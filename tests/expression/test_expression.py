@@ -62,19 +62,17 @@ def evaluate(text: str, point: dict[str, complex]) -> complex:
 
 
 def texts() -> st.SearchStrategy[str]:
+    exponents = st.sampled_from(["2", "3", "-1", "-2", "0.5", "1.5", "k"])
+    functions = st.sampled_from([name for name in writable_functions() if FUNCTIONS[name].arity == 1])
     leaves = st.sampled_from(NAMES) | st.sampled_from(["0", "1", "2", "0.5", "3", "1.25", ".1", "2e-1"])
 
     def longer(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
         return st.one_of(
             st.tuples(inner, st.sampled_from([" + ", " - ", "*", "/", "-"]), inner).map("".join),
             st.tuples(inner, st.sampled_from(["+", "-", "*", "/"]), inner).map(lambda t: f"({''.join(t)})"),
-            st.tuples(inner, st.sampled_from(["2", "3", "-1", "-2", "0.5", "1.5", "k"])).map(
-                lambda t: f"({t[0]})**{t[1]}"
-            ),
+            st.tuples(inner, exponents).map(lambda t: f"({t[0]})**{t[1]}"),
             inner.map(lambda t: f"-{t}"),
-            st.tuples(
-                st.sampled_from([name for name in writable_functions() if FUNCTIONS[name].arity == 1]), inner
-            ).map(lambda t: f"{t[0]}({t[1]})"),
+            st.tuples(functions, inner).map(lambda t: f"{t[0]}({t[1]})"),
             st.tuples(st.sampled_from(["max", "min"]), inner, inner).map(lambda t: f"{t[0]}({t[1]}, {t[2]})"),
         )
 
@@ -93,7 +91,7 @@ def worst_intermediate(expression: Expression) -> float:
     return max(max(sizes), *(1 / size if size else 1.0 for size in sizes))
 
 
-@settings(derandomize=True, deadline=None, max_examples=400)
+@settings(derandomize=True, deadline=None, max_examples=200)
 @given(texts())
 def test_value_and_partials_agree_with_pythons_own_by_complex_step(text: str) -> None:
     expression = parse(text)
@@ -113,7 +111,7 @@ def test_value_and_partials_agree_with_pythons_own_by_complex_step(text: str) ->
         assert value(slope) == pytest.approx(by[name], rel=1e-8, abs=1e-8)
 
 
-@settings(derandomize=True, deadline=None, max_examples=400)
+@settings(derandomize=True, deadline=None, max_examples=200)
 @given(texts())
 def test_text_round_trip(text: str) -> None:
     expression = parse(text)
@@ -124,7 +122,7 @@ def test_text_round_trip(text: str) -> None:
             assert parse(to_text(slope)) == slope
 
 
-@settings(derandomize=True, deadline=None, max_examples=400)
+@settings(derandomize=True, deadline=None, max_examples=200)
 @given(st.text(alphabet="dvk01.e+-*/(),^ _=xsinmax\nα²'", max_size=24))
 def test_any_text_is_an_expression_or_a_law_error(text: str) -> None:
     try:
@@ -172,9 +170,8 @@ def test_canonical_form(text: str, canonical: str) -> None:
 
 
 def test_the_tree_is_what_its_docstring_says() -> None:
-    assert parse("d**3 - 2*k/v - 1") == Sum(
-        (Power(D, 3), Product((Number(-2.0), K, Power(V, -1))), Number(-1.0))
-    )
+    quotient = Product((Number(-2.0), K, Power(V, -1)))
+    assert parse("d**3 - 2*k/v - 1") == Sum((Power(D, 3), quotient, Number(-1.0)))
     assert isinstance(parse("d**3.0").exponent, int)  # type: ignore[attr-defined]
     assert parse("max(d, v, 0)") == Call("max", (Call("max", (D, V)), Number(0.0)))
     assert {parse("k*d"): 1}[multiply(K, D)] == 1
@@ -217,41 +214,23 @@ def test_substitution_keeps_the_canonical_form() -> None:
         ("d; v", ";", "Unexpected character ';'.", "An expression has names, numbers, + - * / **"),
         ("d//2", "//", "'//' is not a supported operator.", "A quotient is written with one slash"),
         ("__import__('os')", "__import__", "'__import__' is not a valid name.", "Names begin with a letter"),
-        (
-            "(lambda: 0)()",
-            "lambda",
-            "'lambda' is a reserved word.",
-            "Choose another name, such as lambda_.",
-        ),
+        ("(lambda: 0)()", "lambda", "'lambda' is a reserved word.", "Choose another name, such as lambda_."),
         ("k if d else v", "if", "An operator is missing between 'k' and 'if'.", "star"),
         ("True", "True", "'True' is a reserved word.", "Choose another name"),
-        (
-            "sin*d",
-            "sin",
-            "'sin' is a function, not a name.",
-            "Write sin(...), or rename the coefficient.",
-        ),
+        ("sin*d", "sin", "'sin' is a function, not a name.", "Write sin(...), or rename the coefficient."),
         ("max(d)", "max", "'max' takes two or more arguments, not 1.", "Check commas and parentheses."),
         ("k*sin(d, v)", "sin", "'sin' takes one argument, not 2.", "Check commas and parentheses."),
         ("d, v", ",", "A comma may only separate the arguments of a function.", "Write one expression."),
-        (
-            "sin((1,5)*d)",
-            ",",
-            "A comma may only separate the arguments of a function.",
-            "Decimals have a point",
-        ),
+        ("sin((1,5)*d)", ",", "A comma may only separate the arguments of a function.",
+         "Decimals have a point"),
         ("d + 1e999", "1e999", "This number is too large for double precision.", "The largest is 1.8e308."),
-        (
-            "d + 1" + "0" * 400,
-            "1",
-            "This number is too large for double precision.",
-            "The largest is 1.8e308.",
-        ),
+        ("d + 1" + "0" * 400, "1", "This number is too large for double precision.",
+         "The largest is 1.8e308."),
         ("007*d", "007", "Invalid syntax: leading zeros", "An expression has names"),
         ("é*k2*d + foo(d)", "foo", "'foo' is not a function.", "The functions"),
         ("é*k2*d + max(é)", "max", "'max' takes two", "Check"),
     ],
-)
+)  # fmt: skip
 def test_errors_say_what_where_and_what_to_do(text: str, place: str | None, reason: str, advice: str) -> None:
     with pytest.raises(LawError) as caught:
         parse(text, ("d", "v"))
@@ -288,19 +267,13 @@ def test_nesting_up_to_the_limit_is_read_and_used(text: str) -> None:
     assert math.isfinite(value(differentiate(expression, "d")))
 
 
-def test_long_is_not_deep() -> None:
+def test_long_is_not_deep_but_too_long_a_text_and_what_is_none_are_refused() -> None:
     assert parse("+".join(["d"] * 999)) == multiply(Number(999.0), D)
     terms = "*d - ".join(f"k{index}" for index in range(200))
     assert len(symbols(parse(terms))) == 201
-
-
-def test_too_long_a_text_is_refused() -> None:
     with pytest.raises(LawError, match=r"has 2001 characters; at most 2000 are supported") as caught:
         parse("d" * 2001)
     assert caught.value.advice.startswith("Split it into several links")
-
-
-def test_what_is_no_text_is_refused() -> None:
     with pytest.raises(LawError, match=r"must be a string\.\n  3\.0\nWrite it in quotes"):
         parse(3.0)  # type: ignore[arg-type]
 
@@ -355,9 +328,8 @@ def test_slope_by_an_exponent_vanishes_with_the_base_and_has_none_below_it() -> 
 )
 def test_polynomial(text: str, terms: dict[tuple[int, int], str] | None) -> None:
     exponents = polynomial(parse(text), ("d", "v"))
-    assert exponents == (
-        None if terms is None else {key: parse(coefficient) for key, coefficient in terms.items()}
-    )
+    expected = None if terms is None else {key: parse(term) for key, term in terms.items()}
+    assert exponents == expected
 
 
 @pytest.mark.parametrize(
@@ -399,27 +371,6 @@ def test_kinks_inner_ones_first_and_once() -> None:
     assert kinks(parse("k*d + tanh(v)")) == ()
 
 
-def test_program_shares_what_is_equal() -> None:
-    law = parse("alpha*d + beta*d**3 + c*v")
-    names = ("d", "v", "alpha", "beta", "c")
-    program = Program([law, *(differentiate(law, name) for name in names)], names)
-    # d2, d3, three products, two sums; 3 beta, 3 beta d2, + alpha: ten operations for six outputs
-    assert len(program) == 10
-    assert len(Program([parse("d**8")], ("d",))) == 3
-    assert len(Program([parse("sin(d*v)*k"), parse("sin(v*d)")], ("d", "v", "k"))) == 3
-    assert len(Program([parse("d - 2*v")], ("d", "v"))) == 2
-
-
-def test_program_computes_the_narrow_first() -> None:
-    """With d of a million and k, m of one, `d*k*m` is one large product, not two; the result is the same."""
-    text = "d*k*g + k + v + g"
-    narrow = Program([parse(text)], NAMES, wide=("d", "v"))
-    assert sum(wide for *_, wide in narrow._tape) == 3 and len(narrow) == 5
-    assert sum(wide for *_, wide in Program([parse(text)], NAMES)._tape) == 5
-    point = (np.ones(1000), np.ones(1000), 2.0, 3.0)
-    np.testing.assert_array_equal(narrow(*point)[0], np.full(1000, 12.0))
-
-
 def test_operations_do_again_and_again_what_a_call_does() -> None:
     """Of wide, narrow and repeated outputs, an input and a number; the same operations, so the same bits."""
     texts = ("k*d**3 + k**2*v", "k*d**3", "k*d**3", "k**2", "k*max(d, v) + sign(v)")
@@ -434,6 +385,7 @@ def test_operations_do_again_and_again_what_a_call_does() -> None:
             operation()
         for computed, expected in zip(out, program(d, v, stiffness), strict=True):
             assert np.array_equal(computed, expected)
+    np.testing.assert_allclose(out[0], stiffness * d**3 + stiffness**2 * v, rtol=1e-12)
 
 
 def test_program_broadcasts_and_protects() -> None:
@@ -445,9 +397,7 @@ def test_program_broadcasts_and_protects() -> None:
     np.testing.assert_array_equal(outputs[3], np.full((3, 2), 2.5))
     first, second = Program([parse("-d"), parse("d**2")], ("d",))([1, 2])
     assert first.dtype == second.dtype == np.float64 and second.tolist() == [1.0, 4.0]
-
-
-def test_program_gives_no_warning_and_hides_no_infinity() -> None:
+    # no warning, and no infinity is hidden
     result = Program([parse("1/d"), parse("sqrt(d)")], ("d",))(np.array([0.0, -1.0]))
     assert np.isinf(result[0][0]) and np.isnan(result[1][1])
 
