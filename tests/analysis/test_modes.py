@@ -32,9 +32,7 @@ def test_one_mass() -> None:
     np.testing.assert_allclose(computed.shapes, [[0.5]], rtol=1e-12)
     np.testing.assert_allclose(computed.eigenvalues[0].real, -0.25, rtol=1e-12)
     assert computed.note == ""
-
-
-def test_overdamped_mass_has_a_ratio_above_one() -> None:
+    # an overdamped mass has a ratio above one
     np.testing.assert_allclose(modes(row([1.0], [10.0], [1.0])).damping, [5.0], rtol=1e-12)
 
 
@@ -58,9 +56,8 @@ def test_shapes_are_mass_normalised_and_diagonalise_the_stiffness() -> None:
     stiffness = incidence * [float(link.stiffness(d[i])) for i, link in enumerate(chain.links)] @ incidence.T
     omega2 = (2.0 * np.pi * computed.frequencies) ** 2
     np.testing.assert_allclose(computed.shapes.T * chain.mass_values @ computed.shapes, np.eye(6), atol=1e-12)
-    np.testing.assert_allclose(
-        computed.shapes.T @ stiffness @ computed.shapes, np.diag(omega2), atol=1e-12 * omega2.max()
-    )
+    diagonal = computed.shapes.T @ stiffness @ computed.shapes
+    np.testing.assert_allclose(diagonal, np.diag(omega2), atol=1e-12 * omega2.max())
     assert np.all(computed.shapes[np.abs(computed.shapes).argmax(axis=0), range(6)] > 0.0)
     assert np.all(np.diff(computed.frequencies) >= 0.0)
 
@@ -113,32 +110,21 @@ def test_rigid_and_unstable_motions_are_said() -> None:
     assert top.eigenvalues.real.max() > 0.0
 
 
-def test_without_a_place_the_modes_are_those_of_the_deepest_equilibrium() -> None:
-    chain = bnes_chain(2)
-    np.testing.assert_array_equal(modes(chain).at, equilibria(chain)[0].x)
-
-
-def test_a_place_that_is_no_equilibrium_is_said() -> None:
+@pytest.mark.parametrize("masses", [2, 6])
+def test_modes_are_those_of_the_deepest_equilibrium_unless_a_place_is_given(masses: int) -> None:
     """At d = 0.02 the sink is pulled back by -100*0.02 + 1e6*0.02**3 = 6 N."""
-    assert (
-        modes(bnes_chain(2), [0.0, 0.02]).note
-        == 'this is not an equilibrium: the links exert 6 N on mass "m1"'
-    )
+    chain = bnes_chain(masses)
+    np.testing.assert_array_equal(modes(chain).at, equilibria(chain)[0].x)
+    np.testing.assert_array_equal(natural_frequencies(chain), modes(chain).frequencies)
+    note = 'this is not an equilibrium: the links exert 6 N on mass "m1"'
+    assert modes(bnes_chain(2), [0.0, 0.02]).note == note
 
 
 def test_what_cannot_be_is_refused() -> None:
-    with pytest.raises(
-        StructureError, match=r"`at` must have 2 finite displacements in m, one for each mass"
-    ):
+    message = r"`at` must have 2 finite displacements in m, one for each mass"
+    with pytest.raises(StructureError, match=message):
         modes(bnes_chain(2), [0.0])
     falling = structure({"m": 1.0}, link("f", "m-ground", "f0", f0=1.0))
-    with pytest.raises(
-        StructureError, match=r"no stable equilibrium was found: .*vanishes nowhere; give `at`"
-    ):
+    message = r"no stable equilibrium was found: .*vanishes nowhere; give `at`"
+    with pytest.raises(StructureError, match=message):
         modes(falling)
-
-
-@pytest.mark.parametrize("masses", [2, 6])
-def test_frequencies_alone_are_those_of_the_modes(masses: int) -> None:
-    chain = bnes_chain(masses)
-    np.testing.assert_array_equal(natural_frequencies(chain), modes(chain).frequencies)

@@ -31,19 +31,16 @@ def test_bistable_law_has_the_closed_form_of_methods_7(alpha: float, beta: float
     assert barrier(sink) == pytest.approx(alpha**2 / (4.0 * beta), rel=1e-12)
     (low, top, high) = rest_points(sink.force, sink.stiffness)
     assert (top.d, top.well) == (0.0, False)
-    np.testing.assert_allclose(
-        [low.stiffness, top.stiffness, high.stiffness], [-2 * alpha, alpha, -2 * alpha], rtol=1e-12
-    )
+    slopes = [low.stiffness, top.stiffness, high.stiffness]
+    np.testing.assert_allclose(slopes, [-2 * alpha, alpha, -2 * alpha], rtol=1e-12)
 
 
-def test_a_spring_has_one_well_and_no_barrier() -> None:
+def test_a_spring_has_one_well_and_no_barrier_and_dampers_and_constant_forces_no_rest() -> None:
     assert wells(spring("k*d", k=3.0)) == (0.0,)
     assert barrier(spring("k*d", k=3.0)) is None
     assert wells(spring("k*d**3", k=3.0)) == (0.0,)
     assert wells(spring("f0 + k*d", f0=6.0, k=-3.0)) == (), "a negative spring rests on a top"
-
-
-def test_a_constant_force_moves_the_well() -> None:
+    assert rests(spring("c*v", c=1.0)) == rests(spring("f0", f0=1.0)) == []
     np.testing.assert_allclose(wells(spring("f0 + k*d", f0=6.0, k=3.0)), [-2.0], rtol=1e-12)
 
 
@@ -53,10 +50,7 @@ def test_unequal_wells_are_left_from_the_deepest_one() -> None:
     energy = [d**4 / 4 - 7 * d**2 / 2 + 6 * d for d in (-3.0, 1.0)]
     np.testing.assert_allclose(wells(uneven), [-3.0, 2.0], rtol=1e-12)
     assert barrier(uneven) == pytest.approx(energy[1] - energy[0], rel=1e-12)
-
-
-def test_wells_closer_than_the_grid_are_told_apart() -> None:
-    """A well and a top between two neighbouring points of the search; the zero of the slope gives them away."""
+    # a well and a top between two neighbouring points of the search: the zero of the slope gives them away
     near = spring("a*d*(d - 1)*(d - 1.001)", a=1.0)
     np.testing.assert_allclose(wells(near), [0.0, 1.001], rtol=1e-12)
 
@@ -79,16 +73,10 @@ def test_clearance_jump_and_pole() -> None:
     assert rests(pole) == []
 
 
-def test_pure_dampers_and_constant_forces_have_no_rest() -> None:
-    assert rests(spring("c*v", c=1.0)) == []
-    assert rests(spring("f0", f0=1.0)) == []
-
-
 def test_a_periodic_law_asks_for_a_range() -> None:
     pendulum = spring("F*sin(d/s)", F=1.0, s=0.1)
-    with pytest.raises(
-        StructureError, match=r'link "s": the force vanishes at more than 64 elongations; give a range of d'
-    ):
+    message = r'link "s": the force vanishes at more than 64 elongations; give a range of d'
+    with pytest.raises(StructureError, match=message):
         wells(pendulum)
     np.testing.assert_allclose(wells(pendulum, -1.0, 1.0), [-0.2 * math.pi, 0.0, 0.2 * math.pi], rtol=1e-12)
     assert barrier(pendulum, -1.0, 1.0) == pytest.approx(0.2, rel=1e-12)
@@ -97,7 +85,6 @@ def test_a_periodic_law_asks_for_a_range() -> None:
 def test_an_empty_range_and_a_missing_value_are_refused() -> None:
     with pytest.raises(StructureError, match=r'link "s": the range of d from 1.0 to 1.0 is empty'):
         wells(spring("k*d", k=1.0), 1.0, 1.0)
-    with pytest.raises(
-        StructureError, match=r'link "nes1": coefficient alpha is unknown and has no start value'
-    ):
+    message = r'link "nes1": coefficient alpha is unknown and has no start value'
+    with pytest.raises(StructureError, match=message):
         barrier(bnes_chain(2).unknown("nes").link("nes1"))
