@@ -10,13 +10,9 @@ from linkwise.modal.oscillators import SampledForce, free_motion, free_motion_de
 
 
 def test_motion_of_a_mode_is_that_of_a_simulation() -> None:
-    record = lw.simulate(
-        structure({}, hosts=[host("one", [21.0], 0.02, {"p": [1.5]})]),
-        forces={"one.p": "8*exp(-((t - 0.05)/0.002)**2)"},
-        duration=0.5,
-        rate=2000.0,
-        sensors=["x:one.p", "v:one.p", "a:one.p"],
-    )
+    subject = structure({}, hosts=[host("one", [21.0], 0.02, {"p": [1.5]})])
+    pulse, sensors = {"one.p": "8*exp(-((t - 0.05)/0.002)**2)"}, ["x:one.p", "v:one.p", "a:one.p"]
+    record = lw.simulate(subject, forces=pulse, duration=0.5, rate=2000.0, sensors=sensors)
     motion = SampledForce(record.channel("force:one.p"), record.step).motion(21.0, 0.02)
     for kind, row in zip("xva", motion, strict=True):
         shown = record.channel(f"{kind}:one.p")
@@ -38,9 +34,7 @@ def test_derivatives_by_frequency_and_damping_are_those_of_differences() -> None
         (lambda f, z: free_motion(f, z, 0.002, 400), free_motion_derivatives(21.0, 0.02, 0.002, 400)),
     ):
         for number, (df, dz) in enumerate(((step, 0.0), (0.0, step))):
-            ahead, behind = (
-                motion(21.0 * np.exp(sign * df), 0.02 * np.exp(sign * dz)) for sign in (1.0, -1.0)
-            )
+            ahead, behind = (motion(21.0 * np.exp(s * df), 0.02 * np.exp(s * dz)) for s in (1.0, -1.0))
             expected = (ahead - behind) / (2.0 * step)
             # central differences: of the second order in a step of 1e-5 of 100 radians
             assert np.abs(derivatives[number] - expected).max() < 1e-5 * np.abs(expected).max()

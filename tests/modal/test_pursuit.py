@@ -55,9 +55,8 @@ def test_derivatives_of_what_is_left_are_those_of_differences() -> None:
     for number in range(4):
         change = np.zeros(4)
         change[number] = step
-        ahead, behind = (
-            Projection(measured, logs + sign * change.reshape(2, 2)).cost(levels) for sign in (1.0, -1.0)
-        )
+        moved = (logs + sign * change.reshape(2, 2) for sign in (1.0, -1.0))
+        ahead, behind = (Projection(measured, each).cost(levels) for each in moved)
         # half the slope downwards; central differences of the second order
         expected = -(ahead - behind) / (4.0 * step)
         assert linear.slope[number] == pytest.approx(expected, rel=1e-5, abs=1e-6 * linear.cost)
@@ -75,5 +74,4 @@ def test_a_faint_mode_that_moves_like_its_neighbour_is_a_shadow_of_it() -> None:
         "stands above the noise": (frequencies, shapes, np.array([True, False, False])),
         "beside a faint one": (frequencies, shapes, np.ones(3, dtype=bool)),
     }.items():
-        of_frequencies, of_shapes, of_faint = others
-        assert shadow_mode(of_frequencies, damping, of_shapes, of_faint) is None, reason
+        assert shadow_mode(others[0], damping, *others[1:]) is None, reason
