@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from judged import masses
 from problems import chain_record, parsed
-from structures import link, structure
 
 import linkwise as lw
 
@@ -39,10 +38,6 @@ def quieted(record: lw.Record, **share: float) -> lw.Record:
     return replace(record, values=record.values * factors + noise, noise=stated, simulated=None)
 
 
-def test_a_good_record_needs_no_warning(record: lw.Record, chain: lw.Structure) -> None:
-    assert lw.discovery.check_discovery(record, masses(chain)) == ()
-
-
 def test_a_mass_without_a_sensor_is_refused_by_name(record: lw.Record, chain: lw.Structure) -> None:
     selected = record.select(("x:m1", "x:m3"))
     with pytest.raises(
@@ -58,10 +53,12 @@ def test_a_mass_without_a_sensor_is_refused_by_name(record: lw.Record, chain: lw
         )  # in one of two records
 
 
-def test_any_kind_of_sensor_shows_a_mass(chain: lw.Structure) -> None:
+def test_good_records_need_no_warning(record: lw.Record, chain: lw.Structure) -> None:
+    """Any kind of sensor shows a mass, and a record in which masses move makes up for one in which they do not."""
     every = chain_record(4, sensors=("x", "v", "a"))
     mixed = every.with_noise(20.0, seed=1000).select(("x:m1", "v:m2", "a:m3", "x:m4"))
-    assert lw.discovery.check_discovery(mixed, masses(chain)) == ()
+    for good in (record, record[:300], mixed, [quieted(record, m4=0.0), quieted(record)]):
+        assert lw.discovery.check_discovery(good, masses(chain)) == ()
 
 
 def test_a_stated_link_to_a_base_that_was_not_recorded_is_refused(
@@ -114,25 +111,15 @@ def test_motion_that_looks_like_noise_is_refused_with_the_way_out() -> None:
     )
 
 
-def test_masses_at_rest_are_named(record: lw.Record, chain: lw.Structure) -> None:
+def test_masses_that_do_not_or_hardly_move_are_named(record: lw.Record, chain: lw.Structure) -> None:
     (remark,) = lw.discovery.check_discovery(quieted(record, m4=0.0), masses(chain))
-    assert remark.startswith("m4 did not move above the noise and is left out") and remark.endswith(
-        "Excite the structure nearer to it."
-    )
+    assert remark.startswith("m4 did not move above the noise and is left out")
+    assert remark.endswith("Excite the structure nearer to it.")
     (two,) = lw.discovery.check_discovery(quieted(record, m2=0.0, m4=0.0), masses(chain))
-    assert two.startswith("m2 and m4 did not move above the noise and are left out") and two.endswith(
-        "nearer to them."
-    )
-    # another record in which they move makes up for it
-    assert lw.discovery.check_discovery([quieted(record, m4=0.0), quieted(record)], masses(chain)) == ()
-
-
-def test_masses_that_hardly_move_are_named(record: lw.Record, chain: lw.Structure) -> None:
-    rms = float(np.std(record.channel("x:m2")))
-    faint = quieted(record, m2=NOISE / rms)  # 0 dB
-    assert lw.discovery.check_discovery(faint, masses(chain)) == (
-        "m2 hardly moved above the noise: weak terms of links there will be missed.",
-    )
+    assert two.startswith("m2 and m4 did not move above the noise and are left out")
+    faint = quieted(record, m2=NOISE / float(np.std(record.channel("x:m2"))))  # 0 dB
+    (hardly,) = lw.discovery.check_discovery(faint, masses(chain))
+    assert hardly == "m2 hardly moved above the noise: weak terms of links there will be missed."
 
 
 def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
@@ -149,63 +136,46 @@ def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
     )
     fewer = lw.discovery.check_discovery(record[:39], masses(chain), terms="linear")  # or allow fewer terms
     assert len(fewer) >= 1
-    assert lw.discovery.check_discovery(record[:300], masses(chain)) == ()
-
-
-def test_two_short_records_count_together(record: lw.Record, chain: lw.Structure) -> None:
     half = record[:120]
     assert any("are few" in remark for remark in lw.discovery.check_discovery(half, masses(chain)))
-    assert not any(
-        "are few" in remark for remark in lw.discovery.check_discovery([half, record[120:240]], masses(chain))
-    )
+    both = lw.discovery.check_discovery([half, record[120:240]], masses(chain))  # which count together
+    assert not any("are few" in remark for remark in both)
 
 
-def test_masses_that_move_alike_are_named(clean: lw.Record, chain: lw.Structure) -> None:
-    """A mass that copies another: a link to the one looks like a link to the other."""
+@pytest.mark.parametrize(
+    ("factor", "said", "faint", "faintly", "loud"),
+    [
+        (1.0, "together, with differences below the noise", 4.0, "differences down to 6 dB above", None),
+        (-0.4, "in proportion, as in one mode, with deviations below the noise", 2.0, "in proportion", 8.0),
+    ],
+    ids=["alike", "in proportion"],
+)
+def test_masses_that_move_alike_are_named(
+    factor: float,
+    said: str,
+    faint: float,
+    faintly: str,
+    loud: float | None,
+    clean: lw.Record,
+    chain: lw.Structure,
+) -> None:
+    """A link to the one looks like a link to the other. With a wave of so many times the noise beside, they differ.
+
+    Of 4: 16 / 2 of the power of the noise, and the difference has that of both channels.
+    """
+    wave = np.sin(150.0 * np.arange(len(clean)) / clean.rate)
+
+    def remarks(size: float) -> tuple[str, ...]:
+        values = clean.values.copy()
+        values[:, 3] = factor * values[:, 2] + size * NOISE * wave
+        return lw.discovery.check_discovery(quieted(replace(clean, values=values)), masses(chain))
+
+    (remark,) = remarks(0.0)
+    assert remark.startswith(f"m3 and m4 moved {said}: ") and "Excite" in remark
+    (fainter,) = remarks(faint)
+    assert faintly in fainter
+    assert loud is None or remarks(loud) == ()
     assert lw.discovery.check_discovery(quieted(clean), masses(chain)) == ()
-    values = clean.values.copy()
-    values[:, 3] = values[:, 2]
-    (remark,) = lw.discovery.check_discovery(quieted(replace(clean, values=values)), masses(chain))
-    assert remark == (
-        "m3 and m4 moved together, with differences below the noise: a link to one of them may be found as a link to another. "
-        "Excite them one at a time."
-    )
-    wave = np.sin(150.0 * np.arange(len(clean)) / clean.rate)
-    values[:, 3] += (
-        4.0 * NOISE * wave
-    )  # 16 / 2 of the power of the noise, and the difference has that of both channels
-    (remark,) = lw.discovery.check_discovery(quieted(replace(clean, values=values)), masses(chain))
-    assert "m3 and m4 moved together, with differences down to 6 dB above the noise: " in remark
-
-
-def test_masses_that_move_in_proportion_are_named(clean: lw.Record, chain: lw.Structure) -> None:
-    """A mass that copies two fifths of another's motion."""
-    values = clean.values.copy()
-    values[:, 3] = -0.4 * values[:, 2]
-    (remark,) = lw.discovery.check_discovery(quieted(replace(clean, values=values)), masses(chain))
-    assert remark == (
-        "m3 and m4 moved in proportion, as in one mode, with deviations below the noise: other links may explain such motions "
-        "as well. Excite more than one mode."
-    )
-    wave = np.sin(150.0 * np.arange(len(clean)) / clean.rate)
-    for size, count in ((2.0, 1), (8.0, 0)):  # 2 and 32 times the power of the noise of m4
-        values[:, 3] = -0.4 * values[:, 2] + size * NOISE * wave
-        remarks = lw.discovery.check_discovery(quieted(replace(clean, values=values)), masses(chain))
-        assert len(remarks) == count
-
-
-def test_one_mode_decides_nothing_of_its_masses() -> None:
-    """A light mass that follows a heavy one: as an oscillator of its own, in step with it, it explains the record as well."""
-    pair = structure(
-        {"m1": 0.3, "m2": 3.3},
-        link("m1-ground", "m1-ground", "k*d + c*v", k=4e4, c=4.0),
-        link("m2-m1", "m2-m1", "k*d + c*v", k=8e3, c=1.0),
-        link("m2-ground", "m2-ground", "k*d + c*v", k=1.3e4, c=4.0),
-    )
-    clean = lw.simulate(pair, release={"x:m2": 0.05, "x:m1": 0.0084}, duration=2.0, rate=400.0)
-    discovery = lw.discover(clean.with_noise(12.0, seed=49001), masses(pair))
-    assert "m1 and m2 moved in proportion" in discovery.remarks[0]
-    assert not [term.name for term in discovery.terms if term.certain]
 
 
 def test_what_was_foreseen_stands_with_the_answer(chain: lw.Structure) -> None:

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from duffing_ring import SIZE, VALUES, ring
 from judged import graph, masses, terms
 from present import present, some
 from problems import chain_discovery, chain_record, linear_chain
 from random_structures import random_case
-from scipy.signal import lfilter
-from structures import link, row_of_masses, structure, with_links
+from structures import HARDENING, link, row_of_masses, structure, with_links
+from within import assert_within
 
 import linkwise as lw
-from linkwise.discovery import screen
 
 DURATION, RATE = 3.0, 1000.0
+Asked = tuple[lw.Structure, list[lw.Record]]
 SINE = "60*sin(150*t) + 40*sin(190*t)"
 
 
@@ -26,6 +29,19 @@ SINE = "60*sin(150*t) + 40*sin(190*t)"
 def two() -> tuple[lw.Record, lw.Discovery]:
     """The two-mass chain at 20 dB, discovered."""
     return chain_record(2, duration=DURATION).with_noise(20.0, seed=1000), chain_discovery(2, 20.0, 1000)
+
+
+def within(discovery: lw.Discovery, true: lw.Structure, most: float = 4.5) -> bool:
+    """Whether all that was kept is certain, and each value within so many of its standard errors of the truth.
+
+    Of 4.5 once in 150 000 coefficients.
+    """
+    truth = lw.discovery.align_truth(discovery.structure, true)
+    return all(
+        term.certain
+        and abs(term.value - present(truth.coefficient(term.name).value)) < most * term.standard_error
+        for term in some(discovery.kept)
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,19 +57,7 @@ def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int) ->
     discovery = chain_discovery(n, decibel, seed)
     assert discovery.trusted
     assert terms(discovery.structure) == terms(chain)
-    assert all(term.certain for term in some(discovery.kept))
-
-
-def test_what_is_found_lies_in_its_intervals(two: tuple[lw.Record, lw.Discovery]) -> None:
-    """Within four standard errors each (6e-5 of chance)."""
-    _, discovery = two
-    chain = lw.bnes_chain(2)
-    true_names = {"m1-ground.k": "spring1.k", "m1-ground.c": "spring1.c", "m2-m1.k": "nes1.alpha", "m2-m1.k3": "nes1.beta",
-            "m2-m1.c": "nes1.c"}  # fmt: skip
-    for name, true in true_names.items():
-        estimate = discovery.estimate.coefficient(name)
-        error = abs(estimate.value - present(chain.coefficient(true).value))
-        assert error < 4.0 * present(estimate.standard_error)
+    assert within(discovery, chain)
 
 
 def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
@@ -65,6 +69,7 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
     return discovery.structure if discovery.trusted else None
 
 
+@pytest.mark.slow
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
     chain = lw.bnes_chain(2)
@@ -76,15 +81,6 @@ def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     faint = trusted(chain_record(2).with_noise(0.0, seed=1000), chain)
     assert faint is None or terms(faint) == terms(chain)
     assert trusted(chain_record(2).with_noise(-8.0, seed=1000), chain) is None
-
-
-def test_one_link_has_one_set_of_coefficients(two: tuple[lw.Record, lw.Discovery]) -> None:
-    _, discovery = two
-    links = [link for link in discovery.structure.links if set(link.between) == {"m1", "m2"}]
-    assert len(links) == 1
-    names = [term.name for term in discovery.terms]
-    assert len(names) == len(set(names)) == 12
-    assert not [name for name in names if name.startswith("m1-m2")]
 
 
 def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.Record, lw.Discovery]) -> None:
@@ -111,15 +107,6 @@ def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Dis
         assert abs(ours.value - theirs.value) < 2.0 * np.sqrt(0.02) * theirs.standard_error
 
 
-@pytest.mark.parametrize("n", [2, 4])
-@pytest.mark.parametrize("seed", [1000, 1001])
-def test_a_linear_chain_has_no_nonlinear_term(n: int, seed: int) -> None:
-    true = linear_chain(n).structure
-    discovery = lw.discover(linear_chain(n).record(seed), masses(true))
-    assert terms(discovery.structure) == terms(true)
-    assert not {"d**2", "d**3"} & {term.term for term in discovery.kept}
-
-
 def apart() -> lw.Structure:
     """Two two-mass chains that do not touch, the second on a stiffer spring."""
     chain = lw.bnes_chain(2)
@@ -131,22 +118,89 @@ def apart() -> lw.Structure:
     )
 
 
-@pytest.mark.parametrize("seed", [1000, 1001])
-def test_structures_that_do_not_touch_have_no_link_between_them(seed: int) -> None:
-    true = apart()
-    record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
-    discovery = lw.discover(record.with_noise(20.0, seed=seed), masses(true))
-    assert graph(discovery.structure) == graph(true)
-    assert terms(discovery.structure) == terms(true)
+def moved(true: lw.Structure, snr_db: float, seed: int, duration: float = DURATION, **drives: Any) -> Asked:
+    """A structure, and its record."""
+    record = lw.simulate(true, **{"duration": duration, "rate": RATE, **drives})
+    return true, [record.with_noise(snr_db, seed=seed)]
 
 
-def test_where_they_do_touch_the_link_is_found() -> None:
-    """A tenth of the weaker spring's stiffness between the two frames, and no damper with it."""
-    true = apart()
-    true = with_links(true, link("touch", "m3-m1", "k*d", k=3000.0))
-    record = lw.simulate(true, release={"v:m1": 1.0, "v:m3": 0.8}, duration=DURATION, rate=RATE)
-    discovery = lw.discover(record.with_noise(20.0, seed=1000), masses(true))
+def apart_or(*links: lw.Link, seed: int) -> Asked:
+    return moved(with_links(apart(), *links), 20.0, seed, release={"v:m1": 1.0, "v:m3": 0.8})
+
+
+def driven(end: str, **drives: Any) -> Asked:
+    """The chain of four, whose first spring ends at the ground or at a base."""
+    chain = lw.bnes_chain(4)
+    frame, *others = chain.links
+    return moved(replace(chain, links=(replace(frame, between=("m1", end)), *others)), 30.0, 1000, **drives)
+
+
+def linear(n: int, seed: int) -> Asked:
+    return linear_chain(n).structure, [linear_chain(n).record(seed)]
+
+
+def twice() -> Asked:
+    """The chain of four, hit at one mass and at another."""
+    hits = chain_record(4, duration=3.0), chain_record(4, duration=3.0, hit="m3", speed=2.0)
+    return lw.bnes_chain(4), [hit.with_noise(20.0, seed=1000 + k) for k, hit in enumerate(hits)]
+
+
+def coupled_ring(snr_db: float, seed: int, duration: float = 29.8) -> Asked:
+    """Duffing oscillators at 2 Hz: few samples a period, where sums are no integrals of powers of them."""
+    true = ring(*VALUES.reshape(3, SIZE))
+    release = {f"x:{name}": 1.0 for name in true.mass_names}
+    return moved(true, snr_db, seed, duration, rate=2.0, release=release)
+
+
+CHAINS: dict[str, Callable[[], Asked]] = {
+    "two structures that do not touch": lambda: apart_or(seed=1000),
+    "two structures that do not touch, another noise": lambda: apart_or(seed=1001),
+    "a tenth of a spring between them": lambda: apart_or(link("touch", "m3-m1", "k*d", k=3000.0), seed=1000),
+    "driven by a force": lambda: driven("ground", forces={"m1": SINE}),
+    "driven by the base": lambda: driven("base", base="0.01*sin(150*t) + 0.006*sin(190*t)"),
+    "two records": twice,
+    "sixty samples of a ring": lambda: coupled_ring(40.0, 5_003_010),
+    "sixty samples of a ring with more noise": lambda: coupled_ring(24.0, 5_003_010),
+    "five samples a period": lambda: moved(
+        lw.bnes_chain(2), 24.0, 5_003_011, 0.5, rate=137.5, release={"v:m1": 1.0}
+    ),
+    **{f"{n} linear, seed {seed}": partial(linear, n, seed) for n in (2, 4) for seed in (1000, 1001)},
+}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_structure_is_found_exactly(name: str) -> None:
+    """And trusted from few samples, where sums over them as measured gave other terms."""
+    true, records = CHAINS[name]()
+    discovery = lw.discover(records, masses(true))
     assert terms(discovery.structure) == terms(true)
+    assert discovery.trusted or "samples" not in name
+
+
+def test_known_links_need_no_starts_at_few_samples() -> None:
+    true, [record] = coupled_ring(24.0, 5_003_012, 59.8)
+    assert_within(lw.identify(record, true.unknown("all")), true)
+
+
+def known_not_to_be(true: lw.Structure, *pairs: str) -> lw.Structure:
+    return structure(dict(masses(true)), *(link(pair, pair, "0") for pair in pairs))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("given", ["all links", "which are none", "further terms"])
+def test_what_is_stated_or_offered_besides_changes_nothing(given: str, four: lw.Record) -> None:
+    chain, none = lw.bnes_chain(4), ("m2-ground", "m4-m1", "m3-ground")
+    stated = {"all links": chain.unknown("all"), "which are none": known_not_to_be(chain, *none)}.get(given)
+    offer = "quintic, friction(0.01)" if given == "further terms" else "cubic"
+    discovery = lw.discover(four, stated or masses(chain), terms=offer)
+    assert terms(discovery.structure) == terms(chain)
+    assert discovery.trusted or given != "all links"
+    if given == "all links":
+        assert not discovery.kept
+        assert [link.name for link in discovery.structure.links] == [link.name for link in chain.links]
+    if given == "which are none":
+        assert len(discovery.terms) == (10 - 3) * 4
+        asked = {frozenset(term.between) for term in discovery.terms}
+        assert not asked & {frozenset(pair.split("-")) for pair in none}
 
 
 @pytest.mark.parametrize("n", [2, 4])
@@ -190,14 +244,6 @@ def four() -> lw.Record:
     return chain_record(4, duration=3.0).with_noise(20.0, seed=1000)
 
 
-def test_a_stated_structure_is_kept_and_nothing_joins_it(four: lw.Record) -> None:
-    stated = lw.bnes_chain(4).unknown("all")
-    discovery = lw.discover(four, stated)
-    assert [link.name for link in discovery.structure.links] == [link.name for link in stated.links]
-    assert terms(discovery.structure) == terms(lw.bnes_chain(4))
-    assert not discovery.kept and discovery.trusted
-
-
 def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
     """The sinks are stated without their cubic springs, the second frame without its damper."""
     chain, unknown = lw.bnes_chain(4), lw.Coefficient.unknown()
@@ -217,69 +263,32 @@ def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
     assert {term.name for term in discovery.kept} == {"nes1.k3", "nes2.k3", "spring2.c"}
 
 
-def known_not_to_be(masses_: tuple[lw.Mass, ...], *pairs: tuple[str, str]) -> lw.Structure:
-    none = (link("-".join(pair), "-".join(pair), "0") for pair in pairs)
-    return structure({mass.name: mass.mass for mass in masses_}, *none)
-
-
-def test_a_link_that_is_known_not_to_be_is_not_found(four: lw.Record) -> None:
-    chain = lw.bnes_chain(4)
-    pairs = [("m2", "ground"), ("m4", "m1"), ("m3", "ground")]
-    discovery = lw.discover(four, known_not_to_be(chain.masses, *pairs))
-    assert terms(discovery.structure) == terms(chain)
-    assert len(discovery.terms) == (10 - 3) * 4
-    assert not {frozenset(pair) for pair in pairs} & {frozenset(term.between) for term in discovery.terms}
-
-
 def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
     two: tuple[lw.Record, lw.Discovery],
 ) -> None:
     """Without the sink's link to its frame the record cannot be explained."""
     record, _ = two
-    discovery = lw.discover(record[:1000], known_not_to_be(lw.bnes_chain(2).masses, ("m2", "m1")))
+    discovery = lw.discover(record[:1000], known_not_to_be(lw.bnes_chain(2), "m2-m1"))
     assert frozenset({"m1", "m2"}) not in graph(discovery.structure)
     assert not discovery.trusted
 
 
-def test_terms_that_are_not_there_cost_nothing(four: lw.Record) -> None:
-    discovery = lw.discover(four, masses(lw.bnes_chain(4)), terms="quintic, friction(0.01)")
-    assert terms(discovery.structure) == terms(lw.bnes_chain(4))
-
-
 @pytest.mark.parametrize(
-    ("end", "drives", "channel"),
-    [("ground", {"forces": {"m1": SINE}}, "force:m1"), ("base", {"base": "0.01*sin(150*t) + 0.006*sin(190*t)"}, "x:base")],
-)  # fmt: skip
-def test_a_structure_that_is_driven_is_found_from_the_record_of_what_drives_it(
-    end: str, drives: dict[str, Any], channel: str
+    ("n", "sensor", "seed", "rounds"),
+    [(2, "v", 1000, None), (2, "a", 1000, None), (2, "a", 1002, None), (4, "v", 2001, 2)],
+    ids=["velocities", "accelerations", "a first fit in the other well", "a first tree from forces"],
+)
+def test_what_was_integrated_is_trusted_where_the_laws_leave_only_noise(
+    n: int, sensor: str, seed: int, rounds: int | None
 ) -> None:
-    chain = lw.bnes_chain(4)
-    frame, *others = chain.links
-    chain = replace(chain, links=(replace(frame, between=("m1", end)), *others))
-    record = lw.simulate(chain, duration=DURATION, rate=RATE, **drives).with_noise(30.0, seed=1000)
-    assert channel in record.channels
-    discovery = lw.discover(record, masses(chain))
-    assert terms(discovery.structure) == terms(chain)
-
-
-def test_two_records_of_one_structure_tell_together(four: lw.Record) -> None:
-    chain = lw.bnes_chain(4)
-    second = chain_record(4, duration=3.0, hit="m3", speed=2.0)
-    records = [
-        chain_record(4, duration=3.0).with_noise(20.0, seed=1000), second.with_noise(20.0, seed=1001),
-    ]  # fmt: skip
-    assert terms(lw.discover(records, masses(chain)).structure) == terms(chain)
-
-
-@pytest.mark.parametrize("sensor", ["v", "a"])
-def test_what_was_integrated_is_trusted_where_the_laws_leave_only_noise(sensor: str) -> None:
     """Neither velocity nor acceleration says where its mass is; the likelihood needs neither."""
-    chain = lw.bnes_chain(2)
-    record = chain_record(2, duration=DURATION, sensors=(sensor,)).with_noise(30.0, seed=1000)
+    chain = lw.bnes_chain(n)
+    record = chain_record(n, duration=DURATION, sensors=(sensor,)).with_noise(30.0, seed=seed)
     discovery = lw.discover(record, masses(chain))
     assert terms(discovery.structure) == terms(chain)
     assert discovery.trusted and lw.Verdict.DISPLACEMENTS_INTEGRATED not in discovery.verdicts
     assert all(term.certain for term in some(discovery.kept))
+    assert rounds in (None, discovery.rounds)
 
 
 def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise() -> None:
@@ -290,13 +299,6 @@ def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise
     assert lw.Verdict.DISPLACEMENTS_INTEGRATED in discovery.verdicts and not discovery.trusted
     assert any(remark.startswith("Some displacements were integrated") for remark in discovery.remarks)
     assert not any(term.certain for term in some(discovery.terms))
-
-
-def test_states_that_accelerations_put_on_a_wrong_branch_are_computed_again() -> None:
-    """The first fit of this record leaves a part of the motion in the other well, and later ones start from its states."""
-    chain = lw.bnes_chain(2)
-    record = chain_record(2, duration=DURATION, sensors=("a",)).with_noise(30.0, seed=1002)
-    assert terms(lw.discover(record, masses(chain)).structure) == terms(chain)
 
 
 def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
@@ -339,65 +341,40 @@ def test_random_structures_are_found(seed: int) -> None:
     assert graph(discovery.structure) == graph(case.structure)
 
 
-def test_candidates_that_were_never_tested_are_counted(
-    four: lw.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Beyond some masses each is screened by itself before; here beyond one."""
-    monkeypatch.setattr(screen, "_TOGETHER", 1)
+def test_of_many_masses_the_candidates_that_were_never_tested_are_counted() -> None:
+    """Each mass is screened by itself before; links that are asked for are tested whatever the screen says."""
+    law = "k*d + c*v"
+    links = {f"l{k}": (law, {"k": 3000.0 - 90.0 * k, "c": 1.0}) for k in range(13)}
+    true = row_of_masses([1.0 + 0.1 * k for k in range(13)], **links)
+    release = {f"v:{name}": (-1.0) ** k for k, name in enumerate(true.mass_names) if k % 3}
+    record = lw.simulate(true, release=release, duration=1.0, rate=200.0).with_noise(40.0, seed=1)
     reports: list[lw.estimates.ProgressReport] = []
-    discovery = lw.discover(four, masses(lw.bnes_chain(4)), progress=reports.append)
-    assert terms(discovery.structure) == terms(lw.bnes_chain(4))
-    untested = 40 - len(discovery.terms)
+    discovery = lw.discover(record, masses(true), terms="v, d", progress=reports.append)
+    assert terms(discovery.structure) == terms(true)
+    untested = 13 * 14 - len(discovery.terms)
     assert untested == len(discovery.untested) == len(discovery.to_dict()["untested"]) > 0
     assert {term.name for term in discovery.terms}.isdisjoint(discovery.untested)
-    activities = [report.activity for report in reports]
-    assert activities[1:9] == [
-        f"screening the links of m{number}{again}" for again in ("", " again") for number in range(1, 5)
+    assert [
+        remark for remark in discovery.remarks if remark.startswith(f"{untested} candidates that were sig")
     ]
-    assert activities[9].endswith(" candidates together")
-    fractions = [report.fraction for report in reports]
-    assert fractions == sorted(fractions)
-    remark = (
-        f"{untested} candidates that were significant in the equation of neither of their masses were dropped without "
-        "a test by likelihood. The result folder lists them as untested; one or all of these links can be asked for."
-    )
-    assert remark in discovery.remarks
-
-
-def test_links_that_are_asked_for_are_tested_whatever_the_screen_says(
-    four: lw.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By their ends in either order; the answer remains."""
-    monkeypatch.setattr(screen, "_TOGETHER", 1)
-    kilograms, found = masses(lw.bnes_chain(4)), terms(lw.bnes_chain(4))
-    before = lw.discover(four, kilograms)
-    dropped = sorted({name.rpartition(".")[0] for name in before.untested})[0]
-    first, second = dropped.split("-")
-    asked = lw.discover(four, kilograms, tested=f"{second}-{first}")
-    gained = {name for name in before.untested if name.startswith(f"{dropped}.")}
-    assert set(before.untested) - set(asked.untested) == gained
-    assert gained <= {term.name for term in asked.terms}
-    everything = lw.discover(four, kilograms, tested=["all"])
-    assert not everything.untested and len(everything.terms) == 40
-    assert terms(asked.structure) == terms(everything.structure) == found
+    assert_one_way(reports, first="screening 182 candidates")
+    assert reports[1].activity == "screening the links of m1"
+    first, second = discovery.untested[0].partition(".")[0].split("-")
+    asked = lw.discover(record, masses(true), terms="v, d", tested=f"{second}-{first}")
+    gained = {name for name in discovery.untested if name.startswith(f"{first}-{second}.")}
+    assert set(discovery.untested) - set(asked.untested) == gained
+    assert gained <= {term.name for term in asked.terms} and terms(asked.structure) == terms(true)
     with pytest.raises(
-        lw.StructureError, match='"m1-m9" is not a link that is looked for: give its two ends'
+        lw.StructureError, match='"m1-m99" is not a link that is looked for: give its two ends'
     ):
-        lw.discover(four, kilograms, tested="m1-m9")
+        lw.discover(record, masses(true), tested="m1-m99")
 
 
-def test_progress_goes_one_way_and_names_its_stages(four: lw.Record) -> None:
-    reports: list[lw.estimates.ProgressReport] = []
-    lw.discover(four, masses(lw.bnes_chain(4)), progress=reports.append)
-    progress = [(report.fraction, report.activity) for report in reports]
-    assert [fraction for fraction, _ in progress] == sorted(fraction for fraction, _ in progress)
-    assert progress[0] == (0.0, "screening 40 candidates")
-    assert all(0.0 <= fraction < 1.0 for fraction, _ in some(progress))
-    assert progress[-3][1].startswith("round 1: q ")
-    assert [activity for _, activity in progress[-2:]] == [
-        "round 1: testing 40 candidates",
-        "judging the terms selected",
-    ]
+def assert_one_way(reports: list[lw.estimates.ProgressReport], first: str) -> None:
+    """Fractions rise from zero, and the last stage is the judgement."""
+    fractions = [report.fraction for report in reports]
+    assert fractions == sorted(fractions) and fractions[0] == 0.0 and fractions[-1] < 1.0
+    assert (reports[0].activity, reports[-1].activity) == (first, "judging the terms selected")
 
 
 @pytest.mark.parametrize(
@@ -418,55 +395,30 @@ def test_no_record_is_refused() -> None:
         lw.discover([], {"m1": 1.0})
 
 
-def two_of_four_joined() -> lw.Structure:
-    """Four masses, the last two of which are all but rigidly joined: which of them holds the spring to the others cannot be
-    told."""
-    values = {"m1-ground": (4e3, 0.4), "m2-m1": (2e3, 0.2), "m3-m2": (500.0, 0.1), "m4-m3": (4e5, 0.5)}
-    links = {name: ("k*d + c*v", {"k": k, "c": c}) for name, (k, c) in values.items()}
-    return row_of_masses([1.0, 0.5, 0.3, 0.1], **links)
+@pytest.mark.slow
+def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was() -> None:
+    """A second round that would start from -31 g, and trials that come to 0: no warning of a division either.
 
-
-def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
-    true = two_of_four_joined()
-    record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
-    discovery = lw.discover(record, masses(true))
-    assert discovery.trusted and "m1-ground" not in discovery.in_doubt and discovery.in_doubt
-    for estimate in some(discovery.estimate.links):
-        doubtful = estimate.link.name in discovery.in_doubt
-        assert (estimate.covariance is None) == doubtful
-        assert all(
-            (coefficient.standard_error is None) == doubtful for coefficient in some(estimate.coefficients)
-        )
-
-
-def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
-    """What a wrong link leaves looks as such noise does: on a record with white noise alone a wrong set of links was excused
-    by it, with a damping 6.6 standard errors off."""
-    true = two_of_four_joined()
-    clean = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE)
-    rng = np.random.default_rng(1000)
-    noise = rng.normal(size=clean.values.shape)
-    noise[:, 0] = lfilter([np.sqrt(1.0 - 0.7**2)], [1.0, -0.7], noise[:, 0])  # AR(1) of unit power
-    size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0**-1.5  # 30 dB
-    discovery = lw.discover(replace(clean, values=clean.values + size * noise), masses(true))
-    assert "correlated from sample to sample in x:m1" in discovery.estimate.message
-    assert discovery.estimate.trusted and not discovery.trusted
-    assert discovery.verdicts[-1] is lw.Verdict.LINKS_IN_DOUBT
-    assert not any(term.certain for term in some(discovery.terms))
-
-
-def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
-    """Two masses all but rigidly joined on a soft spring to the ground: on which of them it sits cannot be told."""
-    law = "k*d + c*v"
-    true = row_of_masses([0.5, 0.1], soft=(law, {"k": 1e3, "c": 0.2}), stiff=(law, {"k": 4e5, "c": 0.5}))
-    record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
-    discovery = lw.discover(record, masses(true))
-    assert discovery.in_doubt and "m1 and m2 moved together" in discovery.remarks[0]
-    assert set(discovery.in_doubt) == {link.name for link in discovery.structure.links}
-    assert lw.Verdict.LINKS_IN_DOUBT in discovery.verdicts and not discovery.trusted
-    assert not any(term.certain for term in some(discovery.terms))
-    assert str(discovery).splitlines()[0].endswith(": NOT to be trusted") and "No link is certain" in str(
-        discovery
+    The record tells the mass to 8 % and other unknowns a thousand times better, so that rounding of sensitivities in single
+    precision may leave equations that are not positive definite. A search that this ends says so; others are right.
+    """
+    true = structure(
+        {"m1": 3.2555, "m2": 0.13649},
+        link("m1-ground", "m1-ground", "k*d + c*v", k=342050.0, c=18.966),
+        link("m2-m1", "m2-m1", HARDENING, k=569.61, k3=-587900.0, c=0.068113),
+        link("m2-ground", "m2-ground", HARDENING, k=5311.5, k3=-5288900.0, c=0.3622),
     )
-    firm = chain_discovery(2, 20.0, 1000)
-    assert firm.in_doubt == () and str(firm).splitlines()[0].endswith(": can be trusted")
+    record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
+    right = 0
+    for seed in (5081, 600, 604):
+        try:
+            discovery = lw.discover(record.with_noise(34.15, seed=seed), {"m1": 3.2555, "m2": "unknown"})
+        except lw.IdentificationError as error:
+            assert "equations became singular" in str(error)
+            continue
+        assert discovery.trusted
+        mass = discovery.estimate.coefficient("m2.mass")
+        # four standard errors: 1e-4 of normal errors are larger
+        assert abs(mass.value - 0.13649) < 4.0 * present(mass.standard_error)
+        right += 1
+    assert right >= 2

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from judged import masses, terms
 from present import some
-from problems import bent_chain, chain_record
+from problems import bent_chain
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
-from linkwise.discovery.evidence import exchange_remarks, term_evidence
 from linkwise.discovery.result import CERTAIN
-from linkwise.discovery.selection import Penalty, QuadraticModel, Selection
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 
@@ -109,25 +107,20 @@ def test_the_margin_of_a_term_that_was_dropped_is_what_it_would_not_earn(case: C
 
 
 def test_the_path_is_lowest_at_the_choice(case: Case) -> None:
+    """One term less is the weakest without its margin, one more the best of those dropped, if z ranks as margins."""
     path = case.discovery.path
     assert [point.terms for point in path] == list(range(path[0].terms, path[0].terms + len(path)))
     costs = np.array([point.cost for point in path])
     rounding = 1e-9 * costs[0]  # the path takes differences of whole costs
     assert np.all(np.diff(costs) <= rounding) and costs.min() == 0.0 and costs[-1] <= rounding
-    (chosen,) = [point for point in path if point.chosen]
-    assert chosen.terms == 6 and chosen.criterion == 0.0 and chosen.step == ""
-    assert all(point.criterion > 0.0 for point in some(point for point in path if not point.chosen))
-
-
-def test_the_neighbours_on_the_path_are_the_margins(case: Case) -> None:
-    """One term less is the weakest without its margin, one more the best of those that were dropped, if z ranks as margins."""
-    path = {point.terms: point for point in case.discovery.path}
-    rounding = 1e-9 * path[min(path)].cost  # the path takes differences of whole costs
+    smaller, chosen, larger = path[4 - path[0].terms + 1 :][:3]
+    assert chosen.chosen and (chosen.terms, chosen.criterion, chosen.step) == (6, 0.0, "")
+    assert all((point.criterion > 0.0) is not point.chosen for point in path)
     weakest = case.discovery.kept[-1]
-    assert path[5].step == f"- {weakest.name}"
-    assert abs(path[5].criterion - weakest.margin) < rounding
+    assert smaller.step == f"- {weakest.name}"
+    assert abs(smaller.criterion - weakest.margin) < rounding
     added = {f"+ {term.name}": term for term in case.discovery.terms if not term.kept}
-    assert abs(path[7].criterion - added[path[7].step].margin) < rounding
+    assert abs(larger.criterion - added[larger.step].margin) < rounding
 
 
 def test_runners_up_are_one_step_away_best_first(case: Case) -> None:
@@ -142,65 +135,3 @@ def test_runners_up_are_one_step_away_best_first(case: Case) -> None:
     for runner_up in shown:
         assert runner_up.margin == pytest.approx(single[runner_up.change], rel=1e-8)
     assert min(single, key=single.__getitem__) in [runner_up.change for runner_up in near]
-
-
-def select_structure(h: np.ndarray, g: np.ndarray) -> Selection:
-    """A choice of the first two of some terms of the two-mass chain, about a parabola that is made up."""
-    pool = candidates_for([chain_record(2, duration=0.1, speed=0.0)], masses(lw.bnes_chain(2)), "linear")
-    names = ("m1-ground.k", "m2-m1.k", "m2-ground.k")
-    structure = pool.structure(names[:2])
-    penalty = Penalty.of(pool, names, 4000)
-    return Selection(frozenset(names[:2]), structure, None, QuadraticModel(names, h, g), penalty, True, 1)  # type: ignore[arg-type]
-
-
-def test_what_this_record_hardly_tells_apart_is_said() -> None:
-    h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.99], [0.0, 0.99, 1.0]])
-    (sentence,) = exchange_remarks(select_structure(h, np.array([100.0, 50.0, 49.95])))
-    assert sentence == (
-        "This record hardly distinguishes m2-m1.k from m2-ground.k: with the other in its place the criterion is only 5.0 "
-        "higher."
-    )
-
-
-@pytest.mark.parametrize(("lean", "certain"), [(0.999, {"m1-ground.k"}), (0.0, {"m1-ground.k", "m2-m1.k"})])
-def test_what_another_term_could_replace_is_not_certain(lean: float, certain: set[str]) -> None:
-    """However much would be lost without it and without the other."""
-    h = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, lean], [0.0, lean, 1.0]])
-    selection = select_structure(h, np.array([100.0, 50.0, 49.95 if lean else 1.0]))
-    pool = candidates_for([chain_record(2, duration=0.1, speed=0.0)], masses(lw.bnes_chain(2)), "linear")
-    evidence = term_evidence(selection, pool, trusted=True)
-    selected = [term for term in evidence if term.kept]
-    assert {term.name for term in selected if term.certain} == certain
-    # 50^2 would be lost without both, of which no penalty takes more than a few tens
-    assert len(selected) == 2 and min(term.margin for term in selected) > 1000.0
-    (dropped,) = (term for term in evidence if not term.kept)
-    assert dropped.margin > CERTAIN and dropped.certain == (lean == 0.0)
-    assert not any(term.certain for term in some(term_evidence(selection, pool, trusted=False)))
-
-
-def test_a_mass_with_links_to_several_that_moved_together_has_no_certain_one() -> None:
-    """How its force is shared among them is not known, so that a link to the ground may make up for a wrong share."""
-    structure = lw.bnes_chain(4)
-    pool = candidates_for([lw.simulate(structure, duration=0.1, rate=1000.0)], masses(structure), "d")
-    names = ("m1-ground.k", "m2-ground.k", "m3-ground.k", "m2-m1.k", "m3-m1.k", "m4-m1.k", "m4-ground.k")
-    quadratic, penalty = QuadraticModel(names, np.eye(7), np.full(7, 100.0)), Penalty.of(pool, names, 4000)
-    selection = Selection(frozenset(names), pool.structure(names), None, quadratic, penalty, True, 1)  # type: ignore[arg-type]
-
-    def certain(*collinear: str, in_proportion: tuple[str, ...] = ()) -> set[str]:
-        evidence = term_evidence(
-            selection, pool, trusted=True, collinear=collinear, in_proportion=in_proportion
-        )
-        return {term.name for term in evidence if term.certain}
-
-    assert certain() == set(names)
-    assert certain("m2", "m3") == {"m4-ground.k"}  # m1 is linked to both
-    assert certain("m3", "m4") == {"m2-ground.k"}
-    assert certain("m2") == set(names) - {"m2-ground.k", "m2-m1.k"}
-    assert certain("m2", in_proportion=("m2",)) == {
-        "m3-ground.k",
-        "m4-ground.k",
-    }  # m1 is linked to the ground too
-
-
-def test_what_it_tells_apart_is_not() -> None:
-    assert exchange_remarks(select_structure(np.eye(3), np.array([100.0, 50.0, 1.0]))) == ()

@@ -1,16 +1,17 @@
-"""Stated values that are a little wrong, for which terms that are not there stand in."""
+"""Stated values and zeros of sensors that are a little wrong, for which terms that are not there stand in."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import pytest
+from judged import masses
 from present import some
 from structures import row_of_masses
 
 import linkwise as lw
-from linkwise.discovery.rivals import RivalError
 
 FRAME = row_of_masses(
     [1.0, 0.5, 0.3],
@@ -20,17 +21,19 @@ FRAME = row_of_masses(
         "m3-m2": ("k*d + c*v", {"k": 9e3, "c": 0.5}),
     },
 )
-MASSES = dict(zip(FRAME.mass_names, FRAME.mass_values, strict=True))
+FORCE = "3*sin(13*t) + 2*sin(24*t + 1) + 2*sin(37*t + 2) + sin(48*t + 3)"
+OFFSET = 1e-3  # m
+HARDLY = "This record hardly distinguishes m1-ground.f0 from a zero offset"
 
 
 @cache
-def record() -> lw.Record:
+def released() -> lw.Record:
     return lw.simulate(FRAME, release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
 
 
 @pytest.mark.parametrize("seed", [11, 12])
 def test_right_values_have_no_rival(seed: int) -> None:
-    discovery = lw.discover(record().with_noise(30.0, seed=seed), MASSES)
+    discovery = lw.discover(released().with_noise(30.0, seed=seed), masses(FRAME))
     assert discovery.trusted
     assert lw.discovery.term_score(discovery.structure, FRAME).exact
     assert all(term.certain for term in some(discovery.kept))
@@ -40,57 +43,108 @@ def test_right_values_have_no_rival(seed: int) -> None:
 @pytest.mark.parametrize(("mass", "factor", "message"), [("m2", 0.99, "more"), ("m3", 1.01, "less")])
 def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float, message: str) -> None:
     """Springs that are not there were called certain, beside coefficients many standard errors off."""
-    discovery = lw.discover(record().with_noise(30.0, seed=11), {**MASSES, mass: factor * MASSES[mass]})
+    stated = {**masses(FRAME), mass: factor * float(masses(FRAME)[mass])}
+    discovery = lw.discover(released().with_noise(30.0, seed=11), stated)
     false = lw.discovery.term_score(discovery.structure, FRAME).extra
-    assert false
-    assert not [term.name for term in discovery.terms if term.certain and term.name in false]
-    assert not discovery.trusted
-    assert lw.Verdict.MEASUREMENT_ERROR in discovery.verdicts
-    assert all(
-        coefficient.standard_error is None for coefficient in some(discovery.estimate.links[0].coefficients)
-    )
-    named = [
-        remark
-        for remark in discovery.remarks
-        if f"If the mass of {mass} were 1 % {message} than stated" in remark
-    ]
-    assert len(named) == 1
-    assert all(name in named[0] for name in false)
+    assert false and not [term for term in discovery.terms if term.certain and term.name in false]
+    assert not discovery.trusted and lw.Verdict.MEASUREMENT_ERROR in discovery.verdicts
+    coefficients = some(discovery.estimate.links[0].coefficients)
+    assert all(coefficient.standard_error is None for coefficient in coefficients)
+    said = f"If the mass of {mass} were 1 % {message} than stated"
+    [named] = [remark for remark in discovery.remarks if said in remark]
+    assert all(name in named for name in false)
 
 
 def test_a_stiffness_that_is_stated_wrong_is_named() -> None:
     stated = FRAME.link("m2-m1")
     wrong = replace(stated, coefficients={**stated.coefficients, "k": lw.Coefficient.number(1.02 * 1.2e4)})
-    noisy = record().with_noise(18.0, seed=11)  # with less noise the diagnosis of the fit tells it
+    noisy = released().with_noise(18.0, seed=11)  # with less noise the diagnosis of the fit tells it
     discovery = lw.discover(noisy, lw.model.PartialStructure(FRAME.masses, (wrong,)))
     assert not discovery.trusted
     assert any("If m2-m1.k were 1.9 % less than stated" in remark for remark in discovery.remarks)
 
 
+@cache
+def shaken(k3: float, force: float = 0.0, sensors: Sequence[str] = (), number: int = 1) -> lw.Record:
+    """One or two masses, the first on a spring and under a constant force in N, `sensors` off their zeros."""
+    values = {"k": 800.0 if number == 1 else 2000.0, "k3": k3, "c": 4.0 / number, "f0": force}
+    links = {"m1-ground": ("k*d + k3*d**3 + c*v + f0", values)}
+    if number == 2:
+        links["m2-m1"] = ("k*d + c*v", {"k": 900.0, "c": 1.0})
+    structure = row_of_masses([1.0, 0.5][:number], **links)
+    record = lw.simulate(structure, forces={"m1": FORCE}, duration=8.0, rate=200.0).with_noise(40.0, seed=5)
+    moved = record.values.copy()
+    moved[:, [record.channels.index(sensor) for sensor in sensors]] += OFFSET
+    return replace(record, values=moved, simulated=None)
+
+
+def discovered(record: lw.Record, **options: list[str]) -> lw.Discovery:
+    kilograms = {"m1": 1.0, "m2": 0.5} if "x:m2" in record.channels else {"m1": 1.0}
+    return lw.discover(record, kilograms, terms="1, cubic", **options)  # type: ignore[arg-type]
+
+
+def about_zeros(discovery: lw.Discovery) -> list[str]:
+    return [remark for remark in discovery.remarks if "zero offset" in remark or "were off by" in remark]
+
+
+BOTH = ("x:m1", "x:m2")
+
+
 @pytest.mark.parametrize(
-    ("rival", "said"),
+    ("record", "offset"),
     [
-        (
-            RivalError("mass", "m2", 0.012, (0, 1), -25.0),
-            "If the mass of m2 were 1.2 % more than stated, a.k and b.c would not be needed and the criterion would be 25 "
-            "lower: check the value, or let it be unknown.",
-        ),
-        (
-            RivalError("force gain", "force:m1", -0.03, (1,), -25.0),
-            "If force:m1 were 3 % less than recorded, b.c would not be needed and the criterion would be 25 lower: check its "
-            "calibration.",
-        ),
-        (
-            RivalError("coefficient", "l.k", 0.02, (0,), 4.0),
-            "This record hardly distinguishes a.k from an error of what is stated: if l.k were 2 % more than stated, the "
-            "criterion would be only 4.0 higher without it.",
-        ),
-        (
-            RivalError("mass", "m2", -0.01, (0, 1), -2.5),
-            "This record hardly distinguishes a.k and b.c from an error of what is stated: if the mass of m2 were 1 % less "
-            "than stated, the criterion would be 2.5 lower without them.",
-        ),
+        (shaken(0.0, 0.8), -0.8 / 800.0),
+        (shaken(0.0, 0.0, ("x:m1",)), OFFSET),
+        (shaken(0.0, -2.0, (), 2), OFFSET),
+        (shaken(0.0, 0.0, BOTH, 2), OFFSET),
     ],
+    ids=["force", "offset", "force on a chain", "offset of both sensors"],
 )
-def test_a_rival_is_told_with_what_to_do(rival: RivalError, said: str) -> None:
-    assert rival.remark(("a.k", "b.c")) == said
+def test_linear_springs_do_not_tell_a_force_from_an_offset(record: lw.Record, offset: float) -> None:
+    """A force of -0.8 N that was an offset of 1 mm was called certain, and one of 2 N that was one of both sensors."""
+    discovery = discovered(record)
+    assert discovery.trusted
+    assert {term.name for term in discovery.kept if not term.certain} == {"m1-ground.f0"}
+    [remark] = about_zeros(discovery)
+    assert remark.startswith(HARDLY)
+    assert ("all sensors" in remark) is ("x:m2" in record.channels)
+    assert float(remark.split(" m, ")[0].rpartition(" ")[2]) == pytest.approx(offset, rel=0.02)
+
+
+@pytest.mark.parametrize("record", [shaken(3e5, 0.8), shaken(2e6, -2.0, (), 2)], ids=["one", "chain"])
+def test_a_constant_force_beside_a_cubic_spring_is_certain(record: lw.Record) -> None:
+    discovery = discovered(record)
+    [force] = [term for term in discovery.kept if term.term == "1"]
+    assert force.decision is lw.discovery.Decision.CERTAIN
+    assert not about_zeros(discovery)
+
+
+@pytest.mark.parametrize(
+    ("k3", "sensors", "number", "said", "sizes"),
+    [
+        (3e5, ("x:m1",), 1, "If x:m1 had a zero offset of ", ["m1-ground.f0 and m1-ground.k2"]),
+        (0.0, ("x:m1",), 2, "If x:m1 had a zero offset of ", []),
+        (2e6, BOTH, 2, "If all displacements were off by ", ["m1-ground.f0 and m1-ground.k2"]),
+    ],
+    ids=["one mass", "one of two sensors", "both sensors"],
+)
+def test_an_offset_is_told_in_place_of_forces_and_estimated_where_it_is_asked_for(
+    k3: float, sensors: tuple[str, ...], number: int, said: str, sizes: list[str]
+) -> None:
+    """A constant and a quadratic force were called certain, beside a stiffness three standard errors off."""
+    record = shaken(k3, 0.0, sensors, number)
+    discovery = discovered(record)
+    assert not discovery.trusted and not any(term.certain for term in discovery.terms)
+    assert lw.Verdict.MEASUREMENT_ERROR in discovery.verdicts
+    [remark] = [remark for remark in about_zeros(discovery) if remark.startswith(said)]
+    size, _, would = remark.removeprefix(said).partition(" m, ")
+    assert float(size) == pytest.approx(OFFSET, rel=0.02)
+    assert all(would.startswith(f"{stand_ins} would not be needed") for stand_ins in sizes)
+    told = discovered(record, offsets=list(sensors))
+    assert told.trusted
+    links = {("m1-ground", term) for term in ("d", "v", *(["d**3"] if k3 else []))}
+    links |= {("m2-m1", "d"), ("m2-m1", "v")} if number == 2 else set()
+    assert {(term.link, term.term) for term in told.kept} == links
+    assert [error.value for error in told.estimate.sensor_errors] == pytest.approx(
+        [OFFSET] * len(sensors), rel=0.02
+    )

@@ -9,7 +9,6 @@ from random_force import random_force
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.discovery.rivals import RivalForm, best_rivals
 
 RATE, DURATION = 200.0, 10.0
 OFFERED = "d, d**3, v, v**3"
@@ -97,16 +96,3 @@ def test_a_term_of_which_another_form_is_as_good_is_in_doubt(k3: float, q: float
     assert {term.term for term in discovery.kept if term.certain} == certain
     told = [remark for remark in discovery.remarks if "explains the record as well as m1-ground.k3" in remark]
     assert len(told) == ("d**3" not in certain)
-
-
-def test_a_form_that_replaces_no_term_does_not_hide_a_weaker_one_that_does() -> None:
-    def rival(form: str, terms: tuple[int, ...], gain: float) -> RivalForm:
-        return RivalForm("m1-ground", form, terms, gain, np.zeros(3))
-
-    undefined = rival("d**5", (2,), float("nan"))
-    joining, replacing = rival("d*abs(d)", (), 80.0), rival("d**2", (2,), 20.0)
-    weak, worse = rival("d**4", (2,), 9.0), rival("d**5", (2,), -11.0)
-    assert best_rivals([undefined, joining, replacing, weak], 4 * [(1, 2)]) == (replacing,)
-    assert best_rivals([undefined, joining, weak], 3 * [(1, 2)]) == (weak,)
-    assert replacing.is_better and not weak.is_better
-    assert best_rivals([undefined, joining, worse], 3 * [(1, 2)]) == ()

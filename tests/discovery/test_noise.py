@@ -1,30 +1,80 @@
-"""Discovery where forces act that no channel shows, or shows with noise."""
+"""Discovery from sensors whose noise is correlated, and where forces act that no channel shows, or shows with noise."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-import scipy
-from present import some
+import scipy.linalg
+from judged import masses
+from present import present, some
+from problems import chain_record
+from scipy.signal import lfilter
 from structures import row_of_masses
 
 import linkwise as lw
-from linkwise.arrays import Floats
 
 RATE, STIFFNESS, DAMPING = 100.0, 1000.0, 3.0  # N/m, N s/m of both links; masses of 1 kg
 STEADY = 2000  # samples before a record, after which its start is forgotten
-MASSES = {"m1": 1.0, "m2": 1.0}
 NOISE = 1e-4  # m, of displacements of some mm
+
+
+def remembering(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    """AR(1) of 0.7 in the first sensor, white in the second, of unit power."""
+    noise = rng.normal(size=shape)
+    noise[:, 0] = lfilter([np.sqrt(1.0 - 0.7**2)], [1.0, -0.7], noise[:, 0])
+    return noise
+
+
+def differenced(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return np.asarray(np.diff(rng.normal(size=(shape[0] + 1, shape[1])), axis=0) / np.sqrt(2.0))
+
+
+def noisy(record: lw.Record, draw: Callable[..., np.ndarray], seed: int) -> lw.Record:
+    """`record` with noise 30 dB below the power of each channel, which it does not state."""
+    size = np.sqrt(np.mean(record.values**2, axis=0)) * 10.0**-1.5
+    return replace(
+        record, values=record.values + size * draw(np.random.default_rng(seed), record.values.shape)
+    )
+
+
+@pytest.mark.parametrize("draw", [remembering, differenced])
+def test_coloured_noise_is_told_from_missing_terms(draw: Callable[..., np.ndarray]) -> None:
+    chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
+    discovery = lw.discover(noisy(clean, draw, 7), masses(chain))
+    assert discovery.trusted and discovery.estimate.model_error == 0.0
+    assert lw.discovery.term_score(discovery.structure, chain).exact
+    assert all(term.certain for term in some(discovery.kept))
+    truth = lw.discovery.align_truth(discovery.structure, chain)
+    for term in some(discovery.kept):
+        true = present(truth.coefficient(term.name).value)
+        assert abs(term.value - true) < 4.0 * term.standard_error  # one in 16 000 normal errors is larger
+
+
+def test_the_evidence_counts_how_well_gains_are_known() -> None:
+    """A gain that both sensors share scales the cubic term alone, by the square of it."""
+    chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
+    discovery = lw.discover(noisy(clean, remembering, 7), masses(chain), calibration={"common": 0.005})
+    assert discovery.trusted
+    cubic = next(term for term in discovery.kept if term.name == "m2-m1.k3")
+    assert abs(cubic.value / cubic.z) == pytest.approx(
+        2.0 * 0.005 * cubic.value, rel=0.03
+    )  # beside noise of 0.1 %
+    for term in some(discovery.kept):  # of one fit in two ways
+        assert term.standard_error == pytest.approx(
+            present(discovery.estimate.coefficient(term.name).standard_error), rel=0.01
+        )
 
 
 def truth() -> lw.Structure:
     link = "k*d + c*v", {"k": STIFFNESS, "c": DAMPING}
-    return row_of_masses([*MASSES.values()], l1=link, l2=link)
+    return row_of_masses([1.0, 1.0], l1=link, l2=link)
 
 
-def displacements(forces: Floats) -> Floats:
+def displacements(forces: np.ndarray) -> np.ndarray:
     """(N, 2) in forces (N, 2) that are constant in each sample."""
     pulls, still = np.array([[2.0, -1.0], [-1.0, 1.0]]), np.zeros((2, 2))
     matrix = np.block(
@@ -68,14 +118,14 @@ def assert_found(discovery: lw.Discovery) -> None:
 
 
 def test_ambient_vibration_gives_the_structure() -> None:
-    discovery = lw.discover(ambient(11), MASSES, terms="v, d, d**3", ambient="all")
+    discovery = lw.discover(ambient(11), masses(truth()), terms="v, d, d**3", ambient="all")
     assert_found(discovery)
     assert [force.where for force in discovery.estimate.random_forces] == ["m1", "m2"]
     assert any("it is not tested whether terms stand in for a form" in remark for remark in discovery.remarks)
 
 
 def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_trusted() -> None:
-    discovery = lw.discover(ambient(11), MASSES, terms="v, d, d**3", ambient=["m1"])
+    discovery = lw.discover(ambient(11), masses(truth()), terms="v, d, d**3", ambient=["m1"])
     assert not discovery.trusted
     [cause] = [cause for cause in discovery.diagnosis if cause.kind == "ambient"]
     assert cause.where == "m2"
@@ -83,7 +133,7 @@ def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_tr
 
 
 def test_noise_of_a_load_cell_gives_no_false_term() -> None:
-    discovery = lw.discover(load_cell(12), MASSES, input_noise={"force:m1": 0.1})
+    discovery = lw.discover(load_cell(12), masses(truth()), input_noise={"force:m1": 0.1})
     assert_found(discovery)
     assert [force.where for force in discovery.estimate.random_forces] == ["force:m1"]
     assert all(term.certain for term in some(discovery.kept))
@@ -103,5 +153,5 @@ def test_noise_of_a_load_cell_gives_no_false_term() -> None:
 )
 def test_what_cannot_be_is_refused(options: dict[str, object], words: str) -> None:
     with pytest.raises(lw.IdentificationError) as error:
-        lw.discover(ambient(11), MASSES, **{"ambient": "all", **options})  # type: ignore[arg-type]
+        lw.discover(ambient(11), masses(truth()), **{"ambient": "all", **options})  # type: ignore[arg-type]
     assert words in str(error.value)

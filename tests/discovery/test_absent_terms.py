@@ -1,0 +1,99 @@
+"""A term is told as absent only where the record would have shown one that matters; else errors allow for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judged import masses
+from present import present, some
+from structures import link, row_of_masses, structure
+
+import linkwise as lw
+from linkwise.discovery.result import CERTAIN
+
+DAMPING = 0.03  # N s/m of the link between both masses: 0.1 % of its force
+LAW = "k*d + c*v"
+ROW = row_of_masses(
+    [1.0, 0.5], **{"m1-ground": (LAW, {"k": 2000.0, "c": 1.0}), "m2-m1": (LAW, {"k": 3000.0, "c": DAMPING})}
+)
+
+
+@pytest.fixture(scope="module")
+def clean() -> lw.Record:
+    return lw.simulate(ROW, release={"v:m1": 1.0, "v:m2": -1.0}, duration=2.0, rate=400.0)
+
+
+@pytest.fixture(scope="module")
+def precise(clean: lw.Record) -> lw.Discovery:
+    return lw.discover(clean.with_noise(50.0, seed=1), masses(ROW))
+
+
+def test_a_damper_that_the_record_cannot_show_is_not_told_as_absent(clean: lw.Record) -> None:
+    """At 5 dB the damper is within its standard error: the criterion prefers the model without it by more than CERTAIN."""
+    discoveries = [lw.discover(clean.with_noise(5.0, seed=seed), masses(ROW)) for seed in range(4)]
+    dropped = [
+        term
+        for discovery in discoveries
+        for term in discovery.terms
+        if discovery.trusted and term.name == "m2-m1.c" and not term.kept and term.margin > CERTAIN
+    ]
+    for term in some(dropped):
+        assert term.may_matter and term.decision is lw.discovery.Decision.DOUBTFUL
+        assert abs(DAMPING - term.value) < 5.0 * term.standard_error
+
+
+def test_what_a_precise_record_does_not_show_is_absent(precise: lw.Discovery) -> None:
+    """The share of a term is that of the far end of its interval, of the force along the motion that was identified."""
+    motion = precise.estimate.motion
+    place = {frozenset(link.between): number for number, link in enumerate(precise.structure.links)}
+    dropped = [term for term in precise.terms if not term.kept and frozenset(term.between) in place]
+    for term in some(dropped):
+        # of the force of the link: a damper below it is as good as absent
+        assert 0.0 < term.possible_share < 0.001 and not term.may_matter
+        assert term.certain == (term.unambiguous and term.margin > CERTAIN)
+        number = place[frozenset(term.between)]
+        link, d, v = precise.structure.links[number], motion.d[:, number], motion.v[:, number]
+        forces = (lw.Law.parse(term.term).force(d, v, {}), link.law.force(d, v, link.values))
+        own, whole = (np.sqrt(np.mean(force**2)) for force in forces)
+        expected = (abs(term.value) + 1.96 * term.standard_error) * own / whole
+        assert term.possible_share == pytest.approx(expected, rel=0.01)  # ends of steps, against samples
+    assert any(term.certain for term in dropped)
+    for term in some(term for term in precise.terms if term.between == ("m2", "ground")):
+        assert term.possible_share == 0.0 and term.certain
+
+
+@pytest.mark.parametrize(
+    ("share", "spring", "damper"), [(5e-4, False, False), (5e-3, False, True), (5e-2, True, True)]
+)
+def test_a_small_damper_matters_where_a_small_spring_does_not(
+    share: float, spring: bool, damper: bool, precise: lw.Discovery
+) -> None:
+    term = replace(next(term for term in precise.terms if term.name == "m2-m1.k3"), possible_share=share)
+    assert (term.may_matter, replace(term, term="v").may_matter) == (spring, damper)
+
+
+def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> None:
+    """Three dampers of two masses in two modes: most often one is dropped, and the others take its part."""
+    true = structure(
+        {"m1": 1.0, "m2": 0.5},
+        link("m1-ground", "m1-ground", LAW, k=4e3, c=0.4),
+        link("m2-m1", "m2-m1", "k*d + k3*d**3 + c*v", k=4e3, k3=1e6, c=0.3),
+        link("m2-ground", "m2-ground", LAW, k=2e3, c=0.05),
+    )
+    exact = lw.simulate(true, release={"v:m1": 0.5}, duration=3.0, rate=400.0)
+    far, far_alone = [], []
+    for seed in range(100, 106):
+        discovery = lw.discover(exact.with_noise(25.0, seed=seed), masses(true))
+        assert discovery.trusted
+        for term in some(discovery.kept):
+            error = discovery.estimate.coefficient(term.name).standard_error
+            # of one fit in two ways, the model of the selection and the covariance of the optimum
+            assert error is not None and error == pytest.approx(term.standard_error, rel=0.01)
+            distance = abs(term.value - present(true.coefficient(term.name).value))
+            far.append(distance / error)
+            far_alone.append(distance * abs(term.z / term.value))
+    assert max(far_alone) > 8.0  # ten in five of six other seeds, where the damper was dropped
+    assert max(far) < 4.0  # 1e-4 of normal errors are larger; some thirty are looked at
+    assert "mostly by" in " ".join(discovery.remarks)

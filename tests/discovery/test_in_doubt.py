@@ -1,0 +1,140 @@
+"""Links and terms that a record leaves in doubt: they have no intervals, or take trust from the whole answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from judged import masses
+from present import some
+from problems import chain_discovery
+from scipy.signal import lfilter
+from structures import link, oscillator, row_of_masses, structure
+
+import linkwise as lw
+
+RATE = 1000.0
+ALPHA, BETA = -100.0, 1e6
+WELL = (-ALPHA / BETA) ** 0.5
+
+
+def two_of_four_joined() -> lw.Structure:
+    """Four masses, the last two of which are all but rigidly joined: which of them holds the spring to the others cannot be
+    told."""
+    values = {"m1-ground": (4e3, 0.4), "m2-m1": (2e3, 0.2), "m3-m2": (500.0, 0.1), "m4-m3": (4e5, 0.5)}
+    links = {name: ("k*d + c*v", {"k": k, "c": c}) for name, (k, c) in values.items()}
+    return row_of_masses([1.0, 0.5, 0.3, 0.1], **links)
+
+
+def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
+    true = two_of_four_joined()
+    record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
+    discovery = lw.discover(record, masses(true))
+    assert discovery.trusted and "m1-ground" not in discovery.in_doubt and discovery.in_doubt
+    for estimate in some(discovery.estimate.links):
+        doubtful = estimate.link.name in discovery.in_doubt
+        assert (estimate.covariance is None) == doubtful
+        assert all(
+            (coefficient.standard_error is None) == doubtful for coefficient in some(estimate.coefficients)
+        )
+
+
+def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
+    """What a wrong link leaves looks as such noise does: on a record with white noise alone a wrong set of links was excused
+    by it, with a damping 6.6 standard errors off."""
+    true = two_of_four_joined()
+    clean = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE)
+    rng = np.random.default_rng(1000)
+    noise = rng.normal(size=clean.values.shape)
+    noise[:, 0] = lfilter([np.sqrt(1.0 - 0.7**2)], [1.0, -0.7], noise[:, 0])  # AR(1) of unit power
+    size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0**-1.5  # 30 dB
+    discovery = lw.discover(replace(clean, values=clean.values + size * noise), masses(true))
+    assert "correlated from sample to sample in x:m1" in discovery.estimate.message
+    assert discovery.estimate.trusted and not discovery.trusted
+    assert discovery.verdicts[-1] is lw.Verdict.LINKS_IN_DOUBT
+    assert not any(term.certain for term in some(discovery.terms))
+
+
+def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
+    """Two masses all but rigidly joined on a soft spring to the ground: on which of them it sits cannot be told."""
+    law = "k*d + c*v"
+    true = row_of_masses([0.5, 0.1], soft=(law, {"k": 1e3, "c": 0.2}), stiff=(law, {"k": 4e5, "c": 0.5}))
+    record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
+    discovery = lw.discover(record, masses(true))
+    assert discovery.in_doubt and "m1 and m2 moved together" in discovery.remarks[0]
+    assert set(discovery.in_doubt) == {link.name for link in discovery.structure.links}
+    assert lw.Verdict.LINKS_IN_DOUBT in discovery.verdicts and not discovery.trusted
+    assert not any(term.certain for term in some(discovery.terms))
+    assert str(discovery).splitlines()[0].endswith(": NOT to be trusted") and "No link is certain" in str(
+        discovery
+    )
+    firm = chain_discovery(2, 20.0, 1000)
+    assert firm.in_doubt == () and str(firm).splitlines()[0].endswith(": can be trusted")
+
+
+def test_a_link_beside_another_of_its_mass_is_in_doubt_where_noise_hides_which() -> None:
+    """The sink, by half a second at 8 dB: a cubic spring to the ground beside a spring to the primary explains it as well."""
+    study = lw.read_study("reach")
+    subject = study.subject("1 sink, 0.5 s, 687.5 Hz")
+    record = subject.simulate(8).select(["x:m1", "x:m2"]).with_noise(8.0, seed=7008)
+    discovery = lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in subject.structure.masses})
+    assert {link.name for link in discovery.structure.links} == {"m1-ground", "m2-m1", "m2-ground"}
+    assert discovery.trusted and "m2-ground" in discovery.in_doubt
+
+
+def test_one_mode_decides_nothing_of_its_masses() -> None:
+    """A light mass that follows a heavy one: as an oscillator of its own, in step with it, it explains the record as well."""
+    pair = structure(
+        {"m1": 0.3, "m2": 3.3},
+        link("m1-ground", "m1-ground", "k*d + c*v", k=4e4, c=4.0),
+        link("m2-m1", "m2-m1", "k*d + c*v", k=8e3, c=1.0),
+        link("m2-ground", "m2-ground", "k*d + c*v", k=1.3e4, c=4.0),
+    )
+    clean = lw.simulate(pair, release={"x:m2": 0.05, "x:m1": 0.0084}, duration=2.0, rate=400.0)
+    discovery = lw.discover(clean.with_noise(12.0, seed=49001), masses(pair))
+    assert "m1 and m2 moved in proportion" in discovery.remarks[0]
+    assert not [term.name for term in discovery.terms if term.certain]
+
+
+def with_stiffness(alpha: float) -> lw.Structure:
+    return oscillator("alpha*d + beta*d**3 + c*v", mass=0.01, alpha=alpha, beta=BETA, c=0.02)
+
+
+def discovered(structure: lw.Structure, sensors: tuple[str, ...]) -> lw.Discovery:
+    record = lw.simulate(structure, release={"x:m1": 1.35 * WELL}, duration=2.0, rate=500.0, sensors=sensors)
+    return lw.discover(record.with_noise(40.0, seed=22), {"m1": 0.01})
+
+
+def test_a_motion_in_one_well_does_not_tell_that_there_are_two() -> None:
+    """About the well the force is -2 alpha d + 3 beta w d**2 + beta d**3, as far as accelerations tell."""
+    discovery = discovered(with_stiffness(ALPHA), ("a",))
+    (link,) = discovery.structure.links
+    assert link.coefficients["k"].value == pytest.approx(-2.0 * ALPHA, rel=0.01)
+    assert abs(float(link.coefficients["k2"].value or 0.0)) == pytest.approx(3.0 * BETA * WELL, rel=0.01)
+    assert not any(term.certain for term in some(discovery.kept)) and not discovery.trusted
+    assert discovery.in_doubt == ("m1-ground",)
+    assert any(remark.startswith("The law of m1-ground is not odd") for remark in discovery.remarks)
+
+
+@pytest.mark.parametrize(("alpha", "sensors"), [(ALPHA, ("x", "a")), (-ALPHA, ("a",))])
+def test_wells_that_displacements_tell_and_laws_that_are_odd_are_certain(
+    alpha: float, sensors: tuple[str, ...]
+) -> None:
+    discovery = discovered(with_stiffness(alpha), sensors)
+    assert {term.term for term in discovery.kept} == {"d", "d**3", "v"}
+    assert discovery.trusted and all(term.certain for term in some(discovery.kept))
+    assert not any("not odd" in remark for remark in discovery.remarks)
+
+
+def test_a_constant_force_beside_all_powers_starts_from_these() -> None:
+    """It only shifts an elongation that accelerations do not tell: the equations of the start were singular."""
+    true = oscillator("k*d + k3*d**3 + c*v", mass=1.0, k=4000.0, k3=4e7, c=1.5)
+    drive = {"m1": "8*sin(2*pi*(2 + 1.5*t)*t)"}
+    record = lw.simulate(true, forces=drive, duration=10.0, rate=200.0, sensors=("a",)).with_noise(
+        40.0, seed=2
+    )
+    discovery = lw.discover(record, {"m1": 1.0}, terms="1, v, d, d**2, d**3, v*abs(v)")
+    assert {term.term for term in discovery.kept} == {"v", "d", "d**3"} and discovery.trusted
+    constant = next(term for term in discovery.terms if term.term == "1")
+    assert not constant.kept and constant.margin > 10.0
