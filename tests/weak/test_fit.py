@@ -1,4 +1,4 @@
-"""Weak least squares: standard errors against many records, bounds, sharing, and what cannot be told."""
+"""Identification by the weak form: exact motions, standard errors against many records, and what cannot be told."""
 
 from __future__ import annotations
 
@@ -8,19 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 from problems import chain_record
-from structures import oscillator
+from structures import oscillator, with_links
+from within import assert_within
 
 import linkwise as lw
-from linkwise.weak import fit as weakfit
-from linkwise.weak.displacements import read_displacements
-from linkwise.weak.equations import weak_equations
-from linkwise.weak.fit import WeakFit, weak_fit
 
 UNKNOWN = lw.Coefficient.unknown
+RATE, SAMPLES = 1000.0, 1200
+TIME = np.arange(SAMPLES) / RATE
+#: A motion of two tones with its first two derivatives.
+X = 0.01 * np.sin(40 * TIME) + 0.006 * np.cos(77 * TIME)
+V = 0.4 * np.cos(40 * TIME) - 0.462 * np.sin(77 * TIME)
+A = -16 * np.sin(40 * TIME) - 35.574 * np.cos(77 * TIME)
 
 
-def fit(record: lw.Record, structure: lw.Structure) -> WeakFit:
-    return weak_fit(weak_equations(record, structure, read_displacements(record, structure)), structure)
+def identify(record: lw.Record, structure: lw.Structure) -> lw.Estimate:
+    return lw.identify(record, structure, method="weak")
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +36,43 @@ def clean() -> lw.Record:
     return chain_record(4, duration=3.0)
 
 
+@pytest.mark.parametrize(
+    ("law", "values", "exact"),
+    [
+        ("k*d + c*v", {"k": 900.0, "c": 3.0}, 1e-6),
+        (
+            "k*d + k2*d**2 + k3*d**3 + c3*v*d**2 + f0",
+            {"k": 900.0, "k2": 4e3, "k3": 2e6, "c3": 5e3, "f0": -0.7},
+            1e-4,
+        ),
+        ("k*sin(d/0.02)", {"k": 9.0}, 1e-6),
+        ("k*d + c*v*abs(v)", {"k": 900.0, "c": 2.0}, 1e-3),
+        ("F*tanh(v/0.3)", {"F": 2.0}, 1e-3),
+    ],
+)
+def test_the_force_that_makes_a_motion_gives_the_law(law: str, values: dict[str, Any], exact: float) -> None:
+    """m x'' + f(x, x') = w is an identity, to the alias of the test functions, where v is integrated by parts.
+
+    Where it is not, to the smoothing of v. With a force that is 1 % wrong the law is.
+    """
+    true = oscillator(law, mass=2.0, **values)
+    force = 2.0 * A + true.links[0].force(X, V)
+    record = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.stack([X, force], axis=1))
+    fit = identify(record, true.unknown("link"))
+    expected = [values[parameter.name.removeprefix("link.")] for parameter in fit.parameters]
+    assert fit.values == pytest.approx(expected, rel=exact)
+    wrong = identify(replace(record, values=record.values * [1.0, 1.01]), true.unknown("link"))
+    assert np.abs(wrong.values / expected - 1.0).max() > 5e-3
+
+
+def test_the_motion_of_the_base_counts() -> None:
+    """x = u + d with d known: m x'' + k d = 0 asks for the u'' that gives it."""
+    base = X + 2.0 * A / 800.0
+    record = lw.Record(0.0, RATE, ("x:m1", "x:base"), np.stack([X, base], axis=1))
+    fit = identify(record, oscillator("k*d", mass=2.0, to="base"))
+    assert fit.coefficient("link.k").value == pytest.approx(800.0, rel=1e-5)
+
+
 @pytest.mark.parametrize("decibel", [20.0, 40.0])
 def test_standard_errors_of_a_linear_oscillator(decibel: float) -> None:
     """z over 60 records: rms 1 within 0.25, mean 0 within 4/sqrt(60): under three and four of their standard errors.
@@ -43,33 +83,65 @@ def test_standard_errors_of_a_linear_oscillator(decibel: float) -> None:
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=4.0, rate=1000.0)
     z = []
     for seed in range(60):
-        estimate = fit(record.with_noise(decibel, seed=seed), true.unknown("all"))
-        z.append((estimate.values - [1000.0, 2.0]) / np.sqrt(np.diag(estimate.covariance)))
+        fit = identify(record.with_noise(decibel, seed=seed), true.unknown("all"))
+        z.append((fit.values - [1000.0, 2.0]) / np.sqrt(np.diag(fit.covariance)))
     assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
     assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(60)
 
 
-def test_excess_is_one_for_a_law_that_fits(chain: lw.Structure, clean: lw.Record) -> None:
-    """Over 12 records within 2 %: it is a mean over 4000 windows."""
-    excesses = [fit(clean.with_noise(25.0, seed=seed), chain.unknown("all")).excess for seed in range(12)]
-    assert np.mean(excesses) == pytest.approx(1.0, abs=0.02)
+@pytest.mark.parametrize("law", ["tanh(v/0.02)", "v*abs(v)"])
+def test_damping_by_the_rate_is_unbiased_where_the_motion_decays_into_noise(law: str) -> None:
+    """z over 24 records: mean 0 within 4/sqrt(24), and none trusted that is 4.5 standard errors off.
+
+    The damper and the friction were 2.7 standard errors off in the root mean square, all to the same side.
+    """
+    true = oscillator(f"k*d + c*v + F*{law}", k=1000.0, c=1.0, F=0.5)
+    record = lw.simulate(true, release={"v:m1": 1.5}, duration=6.0, rate=1000.0)
+    z = []
+    for seed in range(24):
+        fit = identify(record.with_noise(20.0, seed=seed), true.unknown("all"))
+        assert fit.trusted, fit.message
+        z.append((fit.values - [1000.0, 1.0, 0.5]) / np.sqrt(fit.covariance.diagonal()))
+    assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(24)
+    assert np.abs(z).max() < 4.5
+
+
+def test_maximum_likelihood_agrees() -> None:
+    """Of a nonlinear oscillator, to three standard errors of the weak form, which sees less of the record."""
+    truth = oscillator("k*d + c*v + k3*d**3", k=900.0, c=1.5, k3=2e6)
+    exact = lw.simulate(truth, duration=6.0, rate=1000.0, forces={"m1": "1*sin(33*t)"})
+    record, asked = exact.with_noise(30.0, seed=61), truth.unknown("all")
+    weak, likeliest = identify(record, asked), lw.identify(record, asked)
+    assert weak.trusted and likeliest.trusted
+    assert np.abs((weak.values - likeliest.values) / np.sqrt(weak.covariance.diagonal())).max() < 3.0
+
+
+def test_windows_that_miss_a_sample_are_left_out(chain: lw.Structure, clean: lw.Record) -> None:
+    """Whether samples are missing in a row or singly everywhere, with no stretch of 256 samples whole."""
+    record = clean.with_noise(30.0, seed=1)
+    whole = identify(record, chain.unknown("all"))
+    for missing in (slice(1000, 1100), slice(100, None, 150)):
+        values = record.values.copy()
+        values[missing, 1] = np.nan
+        fit = identify(replace(record, values=values, simulated=None), chain.unknown("all"))
+        assert_within(fit, chain)
+        apart = np.abs(fit.values - whole.values) / np.sqrt(fit.covariance.diagonal())
+        assert 0.0 < apart.max() < 3.0
 
 
 def test_large_and_small_structures_are_solved_alike(
     chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The sparse way gives the dense way's values, and its covariances within each link."""
+    """The sparse way, beyond some hundreds of unknowns, gives the values of the dense one, and its standard errors."""
     record = clean.with_noise(20.0, seed=3)
-    dense = fit(record, chain.unknown("all"))
-    monkeypatch.setattr(weakfit, "_DENSE", 5)
-    sparse = fit(record, chain.unknown("all"))
+    dense = identify(record, chain.unknown("all"))
+    monkeypatch.setattr("linkwise.weak.fit._DENSE", 5)
+    sparse = identify(record, chain.unknown("all"))
     assert sparse.values == pytest.approx(dense.values, rel=1e-8)
-    links = [parameter.name.partition(".")[0] for parameter in chain.unknown("all").parameters]
-    same_link = np.equal.outer(links, links)
-    covariance: Any = sparse.covariance  # a sparse matrix here, an array above
-    # same numerics: an inverse loses more digits than a solution
-    assert covariance.toarray()[same_link] == pytest.approx(dense.covariance[same_link], rel=1e-6)
-    assert not covariance.toarray()[~same_link].any()
+    for name in (parameter.name for parameter in dense.parameters):
+        # same numerics: an inverse loses more digits than a solution
+        error = sparse.coefficient(name).standard_error
+        assert error == pytest.approx(dense.coefficient(name).standard_error, rel=1e-6)
 
 
 def test_a_parameter_at_its_bound_leaves_the_others_free(clean: lw.Record, chain: lw.Structure) -> None:
@@ -79,19 +151,12 @@ def test_a_parameter_at_its_bound_leaves_the_others_free(clean: lw.Record, chain
     sink = free.link("nes1")
 
     def with_damper(c: lw.Coefficient) -> lw.Structure:
-        return replace(
-            free,
-            links=tuple(
-                replace(sink, coefficients={**sink.coefficients, "c": c}) if link.name == "nes1" else link
-                for link in free.links
-            ),
-        )
+        return with_links(free, replace(sink, coefficients={**sink.coefficients, "c": c}))
 
-    bounded = fit(record, with_damper(UNKNOWN(lower=0.05)))
-    given = fit(record, with_damper(lw.Coefficient.number(0.05)))
+    bounded = identify(record, with_damper(UNKNOWN(lower=0.05)))
+    given = identify(record, with_damper(lw.Coefficient.number(0.05)))
     assert bounded.values == pytest.approx([*given.values, 0.05], rel=1e-9)  # same numerics
-    assert bounded.free.tolist() == [True, True, False]
-    assert not bounded.covariance[2].any() and (np.diag(bounded.covariance)[:2] > 0.0).all()
+    assert bounded.coefficient("nes1.c").standard_error is None
 
 
 def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.Structure) -> None:
@@ -99,53 +164,57 @@ def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.
     alone = chain.unknown("nes")
     second = alone.link("nes2")
     followed = {name: lw.Coefficient.shared(f"nes1.{name}") for name in second.coefficients}
-    shared = replace(
-        alone,
-        links=tuple(
-            replace(link, coefficients=followed) if link.name == "nes2" else link for link in alone.links
-        ),
-    )
-    single, both = fit(record, alone), fit(record, shared)
+    shared = with_links(alone, replace(second, coefficients=followed))
+    single, both = identify(record, alone), identify(record, shared)
     assert len(both.values) == 3
     errors = np.sqrt(np.diag(single.covariance))
     pooled = 1.0 / np.sqrt(1.0 / errors[:3] ** 2 + 1.0 / errors[3:] ** 2)
-    assert np.sqrt(np.diag(both.covariance)) == pytest.approx(
-        pooled, rel=0.06
-    )  # 1.2 to 2.6 % on seeds 2000 to 2005
+    # 1.2 to 2.6 % on seeds 2000 to 2005
+    assert np.sqrt(np.diag(both.covariance)) == pytest.approx(pooled, rel=0.06)
     # three coefficients within 3.5 standard errors: wrong once in 700
     assert np.abs((both.values - [-100.0, 1e6, 0.02]) / np.sqrt(np.diag(both.covariance))).max() < 3.5
 
 
-def test_terms_that_move_together_are_named() -> None:
+@pytest.mark.parametrize(
+    ("law", "mass", "message"),
+    [
+        ("k1*d + k2*d + c*v", 1.0, r"cannot distinguish link\.k1, link\.k2: their terms are collinear"),
+        ("k*d + s*max(d - 1, 0)", 1.0, r"does not determine link\.s: its term is not above the noise"),
+        ("k*d", UNKNOWN(), r"nothing sets the scale of the forces.*or a channel force:MASS"),
+    ],
+)
+def test_what_the_record_does_not_tell_is_named(law: str, mass: Any, message: str) -> None:
     record = lw.simulate(oscillator("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    noisy = record.with_noise(30.0, seed=1)
-    with pytest.raises(
-        lw.IdentificationError, match=r"cannot distinguish link\.k1, link\.k2: their terms are collinear"
-    ):
-        fit(noisy, oscillator("k1*d + k2*d + c*v", k1=UNKNOWN(), k2=UNKNOWN(), c=UNKNOWN()))
+    with pytest.raises(lw.IdentificationError, match=message):
+        identify(record.with_noise(30.0, seed=1), oscillator(law, mass=mass))
 
 
-def test_a_term_that_was_never_reached_is_named() -> None:
-    record = lw.simulate(oscillator("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    law = "k*d + s*max(d - 1, 0)"
-    with pytest.raises(
-        lw.IdentificationError, match=r"does not determine link\.s: its term is not above the noise"
-    ):
-        fit(record, oscillator(law, k=UNKNOWN(), s=UNKNOWN()))
+def gone(record: lw.Record, missing: slice, column: int | slice) -> lw.Record:
+    values = record.values.copy()
+    values[missing, column] = np.nan
+    return replace(record, values=values, simulated=None)
 
 
-def test_without_a_scale_it_says_what_would_set_one() -> None:
-    record = lw.simulate(oscillator("k*d", k=900.0), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    with pytest.raises(
-        lw.IdentificationError, match=r"nothing sets the scale of the forces.*or a channel force:MASS"
-    ):
-        fit(record, oscillator("k*d", mass=UNKNOWN(), k=UNKNOWN()))
-
-
-def test_a_parameter_in_no_equation_names_the_missing_channel(clean: lw.Record, chain: lw.Structure) -> None:
-    record = clean.select(["x:m1", "x:m2", "x:m3"])
-    with pytest.raises(
-        lw.IdentificationError,
-        match=r"has no information on nes2\.alpha, nes2\.beta, nes2\.c: .* missing x:m4",
-    ):
-        fit(record, chain.unknown("nes"))
+@pytest.mark.parametrize(
+    ("record", "message"),
+    [
+        (chain_record(2, duration=0.033), r"too short: its 34 samples give \d windows of \d+ samples, and 8"),
+        (gone(chain_record(2, duration=1.0), slice(None, None, 10), 0), "no mass has 8 complete windows"),
+        (
+            gone(chain_record(2, duration=1.0), slice(None), slice(None)),
+            "too many samples are missing|no sample",
+        ),
+        (
+            chain_record(2, duration=1.0, sensors=("a",)),
+            r"needs displacements, and the record has a:m1, a:m2",
+        ),
+        (
+            chain_record(2, duration=1.0).select(["x:m1"]),
+            r"has no information on nes1\.alpha, nes1\.beta, nes1\.c: .* missing x:m2",
+        ),
+    ],
+    ids=["short", "broken", "empty", "no displacements", "no sensor"],
+)
+def test_records_that_give_no_equations_are_refused(record: lw.Record, message: str) -> None:
+    with pytest.raises(lw.LinkwiseError, match=message):
+        identify(record, lw.bnes_chain(2).unknown("nes"))
