@@ -7,8 +7,8 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+from fuzz.case import complaints
 from fuzz.cases import make_case
-from fuzz.checks import complaints
 from fuzz.pool import outcomes
 from linkwise.runtime import processors
 

@@ -62,6 +62,12 @@ def damaged_text(rng: Random, text: str) -> str:
     return text
 
 
+def damaged_file(rng: Random, text: str, binary: float) -> bytes:
+    """A text with words exchanged, and with a chance of `binary` its bytes changed too."""
+    content = damaged_text(rng, text).encode("utf-8", "surrogatepass")
+    return damaged_bytes(rng, content) if rng.random() < binary else content
+
+
 def hostile(rng: Random) -> str:
     """A word that nobody means; at times a very long one."""
     word = rng.choice(HOSTILE)

@@ -6,9 +6,8 @@ from random import Random
 
 from fuzz.case import Case, Kind
 from fuzz.damage import hostile
-from fuzz.mapping_files import SENSORS
 from fuzz.record_files import sound_record
-from fuzz.structures import sound_structures
+from fuzz.text_files import SENSORS, sound_structures
 
 _DRIVE = ("--release", "--impulse", "--force", "--base", "--sensors", "--noise", "--rate", "--duration")
 _RECORD = (

@@ -76,17 +76,20 @@ def _groups(path: Path) -> None:
             item.attrs["unit"] = "kN" if name.startswith("force") else "mm"
 
 
-def _universal(path: Path) -> None:
+def write_universal(
+    path: Path, channels: Mapping[str, np.ndarray] | None = None, functions: Mapping[str, int] | None = None
+) -> None:
+    """A universal file of channels, sampled at `RATE`, as data sets of these functions; 1 is a time response."""
     units = ("len_unit_exp", "force_unit_exp", "temp_unit_exp", "spec_data_type")
     axes = ("abscissa", "ordinate", "orddenom", "z_axis")
     rest: dict[str, object] = {f"{axis}_{unit}": 0 for axis in axes for unit in units}
-    rest |= {f"{axis}_axis_units_lab": "NONE" for axis in axes}
-    for k, (name, values) in enumerate(_values().items()):
+    rest |= {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "NONE" for k in range(2, 6)}
+    for k, (name, values) in enumerate((channels or _values()).items()):
         data = {
-            **rest, "type": 58, "binary": 0, "id1": name, "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE",
-            "func_type": 1, "ver_num": 1, "load_case_id": 0, "rsp_ent_name": "NONE", "rsp_node": 1, "rsp_dir": 3,
-            "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0, "ord_data_type": 4, "num_pts": N, "abscissa_spacing": 1,
-            "abscissa_min": 0.0, "abscissa_inc": 1.0 / RATE, "z_axis_value": 0.0, "x": TIME, "data": values,
+            **rest, "type": 58, "binary": 0, "id1": name, "func_type": (functions or {}).get(name, 1), "ver_num": 1,
+            "load_case_id": 0, "rsp_ent_name": "NONE", "rsp_node": 1, "rsp_dir": 3, "ref_ent_name": "NONE", "ref_node": 0,
+            "ref_dir": 0, "ord_data_type": 4, "num_pts": len(values), "abscissa_spacing": 1, "abscissa_min": 0.0,
+            "abscissa_inc": 1.0 / RATE, "z_axis_value": 0.0, "x": np.arange(len(values)) / RATE, "data": values,
         }  # fmt: skip
         pyuff.UFF(str(path)).write_sets(data, "add" if k else "overwrite")
 
@@ -129,7 +132,12 @@ def sound_records() -> tuple[tuple[str, bytes], ...]:
     """Suffix and content of files that can be read."""
     names = ",".join(CHANNELS)
     own = [(suffix, _own(suffix)) for suffix in (".csv", ".mat", ".h5", ".parquet")]
-    written = {".mat": (_matlab, _matlab_73), ".h5": (_groups,), ".uff": (_universal,), ".tdms": (_labview,)}
+    written = {
+        ".mat": (_matlab, _matlab_73),
+        ".h5": (_groups,),
+        ".uff": (write_universal,),
+        ".tdms": (_labview,),
+    }
     written |= {".npz": (_archive,), ".xlsx": (_workbook,)}
     others = [(suffix, _written(suffix, write)) for suffix, writers in written.items() for write in writers]
     texts = [

@@ -12,9 +12,8 @@ import pytest
 
 import linkwise as lw
 from fuzz import pool, worker
-from fuzz.case import Case, Kind, Outcome
+from fuzz.case import Case, Kind, Outcome, complaints
 from fuzz.cases import make_case
-from fuzz.checks import complaints
 
 INPUTS = 40  # all families and kinds; `make fuzz` throws 10 000
 

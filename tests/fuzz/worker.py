@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import sys
 import traceback
 from contextlib import redirect_stderr, redirect_stdout
@@ -96,8 +97,9 @@ def _hold(law: lw.Law) -> None:
 
 
 def _allow(seconds: int) -> None:
-    """Let the system end this process when it has used so many more seconds of processor time."""
+    """Let the system end this process after so many more seconds of processor time, or twelve times as many of a clock."""
     if sys.platform != "win32":
+        signal.alarm(12 * seconds)
         used = resource.getrusage(resource.RUSAGE_SELF)
         limit = int(used.ru_utime + used.ru_stime) + seconds + 1
         resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
