@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import random
 import re
@@ -10,11 +9,8 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, Protocol
 
 from problems import chain_record
 
@@ -68,98 +64,11 @@ main()
 """
 
 
-class Run(Protocol):
-    """A running process, as `subprocess.Popen` describes one."""
-
-    stdout: IO[bytes] | None
-    returncode: int | None
-
-    def communicate(self, *, timeout: float | None = None) -> tuple[bytes, bytes]: ...
-
-    def kill(self) -> None: ...
-
-
-def started_anew(code: str, arguments: list[str], home: Path, environment: dict[str, str]) -> Run:
-    """A run of Python, as a user starts one."""
-    run: Run = subprocess.Popen(
-        [sys.executable, "-c", code, *arguments],
-        cwd=home,
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        bufsize=0,  # what is left after its first line is for `communicate`
-    )
-    return run
-
-
-_LOADED = [
-    "linkwise.cli.identify",
-    "linkwise.report.estimate",
-    "linkwise.weak.estimate",
-    "linkwise.plot.links",
-    "linkwise.plot.records",
-    "matplotlib.backends.backend_agg",
-    "matplotlib.backends.backend_svg",
-]
-
-
-def forked(code: str, arguments: list[str], home: Path, environment: dict[str, str]) -> Run:
-    """The same in a copy of a process that has loaded already what the command loads."""
-    return _Forked(code, arguments, home, environment)
-
-
-class _Forked:
-    """A process of a server that forks; its error stream goes to a file."""
-
-    def __init__(self, code: str, arguments: list[str], home: Path, environment: dict[str, str]) -> None:
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(_LOADED)
-        inlet, outlet = context.Pipe(duplex=False)
-        self._errors = home / f"errors-{time.monotonic_ns()}"
-        self._process = context.Process(
-            target=_execute, args=(code, arguments, home, environment, outlet, self._errors)
-        )
-        self._process.start()
-        outlet.close()
-        self.stdout: IO[bytes] | None = os.fdopen(os.dup(inlet.fileno()), "rb", buffering=0)
-        inlet.close()
-        self.returncode: int | None = None
-
-    def communicate(self, *, timeout: float | None = None) -> tuple[bytes, bytes]:
-        assert self.stdout is not None
-        with self.stdout:
-            rest = self.stdout.read()
-        self._process.join(timeout)
-        self.returncode = self._process.exitcode
-        return rest, self._errors.read_bytes() if self._errors.exists() else b""
-
-    def kill(self) -> None:
-        self._process.kill()
-
-
-def _execute(
-    code: str, arguments: list[str], home: Path, environment: dict[str, str], outlet: Connection, errors: Path
-) -> None:
-    """In the copy: run `code` as Python would after `-c`."""
-    with open(errors, "wb") as file:
-        os.dup2(file.fileno(), 2)
-    os.dup2(outlet.fileno(), 1)
-    os.chdir(home)
-    os.environ.update(environment)
-    sys.argv = ["-c", *arguments]
-    with open(1, "w", closefd=False) as sys.stdout, open(2, "w", closefd=False) as sys.stderr:
-        exec(code, {"__name__": "__main__"})
-
-
 @dataclass
 class DamagedRuns:
-    """Two records of one structure, in `home`, and the folder and the printed text of an undisturbed run of each.
-
-    `start` starts a run: `started_anew`, or `forked`, which saves what it takes to load everything.
-    """
+    """Two records of one structure, in `home`, and the folder and the printed text of an undisturbed run of each."""
 
     home: Path
-    start: Callable[[str, list[str], Path, dict[str, str]], Run] = started_anew
     folders: dict[str, Path] = field(default_factory=dict)
     printed: dict[str, bytes] = field(default_factory=dict)
     writing: float = 0.0  # s that it took the last undisturbed run
@@ -184,15 +93,21 @@ class DamagedRuns:
             raise RuntimeError(error.decode(errors="replace"))
         return _TIMES.sub(b"", first + rest)
 
-    def started(self, name: str, folder: Path, code: str = _COMMAND, *before: str) -> Run:
+    def started(self, name: str, folder: Path, code: str = _COMMAND, *before: str) -> subprocess.Popen[bytes]:
         """A run on the record `name` that writes to `folder`."""
         temporary = self.home / "kept"
         temporary.mkdir(exist_ok=True)
         arguments = ["identify", f"{name}.csv", "unknown.toml", "--method", "weak", "-o", str(folder)]
-        environment = {"OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)}
-        return self.start(code, [*before, *arguments], self.home, environment)
+        return subprocess.Popen(
+            [sys.executable, "-c", code, *before, *arguments],
+            cwd=self.home,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(temporary)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            bufsize=0,  # what is left after its first line is for `communicate`
+        )
 
-    def answer(self, run: Run) -> bytes:
+    def answer(self, run: subprocess.Popen[bytes]) -> bytes:
         """The first line of the answer, which is printed when the fit is done and nothing is written yet."""
         assert run.stdout is not None
         return run.stdout.readline()

@@ -97,18 +97,10 @@ def test_a_force_may_be_a_long_expression(
     is compiled in no time."""
     monkeypatch.chdir(files)
     force = " + ".join(["20*sin(20*t)"] * 99)
-    arguments = [
-        "simulate",
-        "chain.toml",
-        "--duration",
-        "0.5",
-        "--rate",
-        "100",
-        "-o",
-        str(tmp_path / "o.csv"),
-    ]
+    out = str(tmp_path / "o.csv")
+    arguments = ["simulate", "chain.toml", "--duration", "0.5", "--rate", "100", "-o", out]
     assert run([*arguments, "--force", f"m1={force}"]) == 0
-    assert lw.read_record(tmp_path / "o.csv").inputs == ("force:m1",)
+    assert lw.read_record(out).inputs == ("force:m1",)
 
 
 @pytest.mark.parametrize("force", ["\0", "x" * 300 + ":f", ":" * 300])
@@ -130,9 +122,6 @@ def test_a_number_of_400_digits_is_no_finite_one(digits: str) -> None:
         with pytest.raises(lw.StructureError) as error:
             lw.parse_structure(text.replace(old, f"{key} = {digits}", 1))
         assert len(str(error.value)) < 600
-
-
-def test_a_coefficient_of_400_digits_is_no_finite_one() -> None:
     with pytest.raises(lw.StructureError, match="finite"):
         lw.Coefficient.number(10**400)
     with pytest.raises(lw.LinkwiseError, match="finite"):

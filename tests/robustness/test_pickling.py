@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,31 +41,20 @@ MAKERS: dict[str, Callable[[lw.Record], Any]] = {
 
 
 @pytest.mark.parametrize("name", MAKERS)
-@pytest.mark.parametrize("copied", [lambda it: pickle.loads(pickle.dumps(it)), copy.deepcopy, copy.copy])
-def test_a_copy_prints_itself_as_the_original(
-    name: str, copied: Callable[[Any], Any], record: lw.Record
-) -> None:
+def test_a_copy_prints_itself_as_the_original(name: str, record: lw.Record) -> None:
+    """An estimate still answers: forces and their bands, profiles."""
     original = MAKERS[name](record)
-    again = copied(original)
-    assert type(again) is type(original)
-    assert str(again) == str(original) and repr(again) == repr(original)
-
-
-@pytest.mark.parametrize("method", ["ml", "weak", "sindy"])
-def test_a_copy_of_an_estimate_still_answers(
-    method: Literal["ml", "weak", "sindy"], record: lw.Record
-) -> None:
-    """What it computes when asked: forces and their bands, wells, motion of links, profiles."""
-    original = lw.identify(record, CHAIN.unknown("nes"), method=method)
-    again = pickle.loads(pickle.dumps(original))
-    d = np.linspace(-0.02, 0.02, 5)
-    for mine, its in zip(original.force_band("nes1", d), again.force_band("nes1", d), strict=True):
-        np.testing.assert_array_equal(mine, its)
-    assert again.to_dict() == original.to_dict()
-    if method == "ml":
-        assert lw.likelihood.profile_interval(again, "nes1.alpha") == lw.likelihood.profile_interval(
-            original, "nes1.alpha"
-        )
+    for again in (pickle.loads(pickle.dumps(original)), copy.deepcopy(original), copy.copy(original)):
+        assert type(again) is type(original)
+        assert str(again) == str(original) and repr(again) == repr(original)
+        if isinstance(original, lw.Estimate):
+            d = np.linspace(-0.02, 0.02, 5)
+            np.testing.assert_array_equal(original.force_band("nes1", d), again.force_band("nes1", d))
+            assert again.to_dict() == original.to_dict()
+    if name == "ml":
+        again = pickle.loads(pickle.dumps(original))
+        profile = lw.likelihood.profile_interval
+        assert profile(again, "nes1.alpha") == profile(original, "nes1.alpha")
 
 
 def test_a_copy_of_a_record_is_as_immutable(record: lw.Record) -> None:
