@@ -1,128 +1,304 @@
-"""`linkwise identify`: from files to the answer, to the folder, and to the exit code."""
+"""`linkwise identify`: from files to the answer, to the folder, and to the exit code; and how it is interrupted."""
 
 from __future__ import annotations
 
-import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from commands import document, said
+from present import present, some
+from problems import chain_record
+from structures import asked_oscillator
 
 import linkwise as lw
-from linkwise.cli import run
+from linkwise.likelihood.options import errors_to_find
+from linkwise.likelihood.shooting import steps as stepping
 
-pytestmark = pytest.mark.usefixtures("unrendered")
+pytestmark = pytest.mark.usefixtures("unrendered", "inside")
+
+command = import_module("linkwise.cli.identify")  # the package holds the command under that name
+IDENTIFY = "identify run.csv unknown.toml"
+PROFILE = "linkwise.likelihood.optima.profiles.profile_interval"
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure, fitted: lw.Estimate) -> Path:
-    """A folder with the true chain, the one to identify, and the record as a file."""
+def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure) -> Path:
+    """A folder with the chain, two records of it, and others: an offset, a gain, outliers, a late channel."""
     folder = tmp_path_factory.mktemp("identify")
     lw.write_structure(chain, folder / "chain.toml")
     lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
-    lw.write_record(fitted.record, folder / "run.csv")
+    for name, speed, seed in (("run", 1.0, 1), ("run2", 0.7, 2)):
+        clean = chain_record(2, duration=1.0, speed=speed)
+        lw.write_record(clean.with_noise(30.0, seed=seed), folder / f"{name}.csv")
+    record = lw.read_record(folder / "run.csv")
+    spoilt, late = record.values.copy(), record.values.copy()
+    spoilt[::50] += 0.01
+    late[2:, 1] = late[:-2, 1]
+    for name, values in (
+        ("offset", record.values + np.array([5e-4, 0.0])),
+        ("gain", record.values * np.array([1.2, 1.0])),
+        ("outliers", spoilt),
+        ("late", late),
+    ):
+        changed = replace(record, values=values)
+        lw.write_record(changed[2:] if name == "late" else changed, folder / f"{name}.csv")
     return folder
 
 
-def arguments(files: Path, *options: str) -> list[str]:
-    return ["identify", str(files / "run.csv"), str(files / "unknown.toml"), "--method", "weak", *options]
+@pytest.fixture
+def inside(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(files)
 
 
-def test_prints_the_table_of_the_library(
-    files: Path, fitted: lw.Estimate, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arguments(files)) == 0
-    out, err = capsys.readouterr()
-    assert "nes1" in out and "alpha" in out and "N/m" in out and err == ""
-
-
-def test_json_is_all_that_is_printed(
-    files: Path, fitted: lw.Estimate, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arguments(files, "--json")) == 0
-    out, err = capsys.readouterr()
-    result = json.loads(out)
+def alpha(result: dict[str, Any]) -> Any:
     sink = next(link for link in result["links"] if link["name"] == "nes1")
-    alpha = sink["coefficients"]["alpha"]["value"]
-    assert alpha == pytest.approx(fitted.coefficient("nes1.alpha").value, rel=1e-8)  # same numerics
-    assert err == "" and "nmse_percent" not in result
+    return sink["coefficients"]["alpha"]
 
 
-def test_compares_with_the_truth(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(arguments(files, "--truth", str(files / "chain.toml"))) == 0
-    assert "against the truth: NMSE of the force (paper Eq. 8)" in capsys.readouterr().out
-    assert run(arguments(files, "--truth", str(files / "chain.toml"), "--json")) == 0
-    assert set(json.loads(capsys.readouterr().out)["nmse_percent"]) == {"spring1", "nes1"}
+def library(*records: str, **keywords: Any) -> Any:
+    """The same coefficient from the library, with the same numerics."""
+    given = [lw.read_record(f"{name}.csv") for name in records]
+    fit = lw.identify(given, lw.read_structure("unknown.toml"), **keywords)
+    return pytest.approx(fit.coefficient("nes1.alpha").value, rel=1e-8)
 
 
-def test_writes_the_folder_and_its_structure_is_the_next_input(
-    files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_maximum_likelihood_is_the_default() -> None:
+    result = document(IDENTIFY)
+    assert result["method"] == "ml" and result["status"] == "converged" and "nmse_percent" not in result
+    assert alpha(result)["value"] == library("run")
+    both = document(f"{IDENTIFY} --with run2.csv")
+    assert alpha(both)["value"] == library("run", "run2")
+    assert both["fit"]["samples"] == 2 * result["fit"]["samples"]
+
+
+def test_other_methods_are_chosen_by_name() -> None:
+    assert alpha(document(f"{IDENTIFY} --method weak"))["value"] == library("run", method="weak")
+    classical = f"{IDENTIFY} --method sindy --derivative savgol --regressor l1"
+    expected = library("run", method=lw.PhysicsInformedSindy("savgol", "l1"))
+    assert alpha(document(classical, 3))["value"] == expected
+
+
+def test_prints_the_table_and_compares_with_the_truth() -> None:
+    out, err = said(f"{IDENTIFY} --method weak --truth chain.toml")
+    assert "nes1" in out and "alpha" in out and "N/m" in out and err == ""
+    assert "against the truth: NMSE of the force (paper Eq. 8)" in out
+    result = document(f"{IDENTIFY} --method weak --truth chain.toml")
+    assert set(result["nmse_percent"]) == {"spring1", "nes1"}
+
+
+def test_writes_the_folder_and_its_structure_is_the_next_input(tmp_path: Path) -> None:
     answer = tmp_path / "answer"
-    assert run(arguments(files, "-o", str(answer))) == 0
-    assert str(answer / "report.html") in capsys.readouterr().err
-    again = ["simulate", str(answer / "structure.toml"), "--duration", "0.1", "--rate", "500"]
-    assert run([*again, "--release", "v:m1=1", "-o", str(tmp_path / "run.csv")]) == 0
+    assert str(answer / "report.html") in said(f"{IDENTIFY} --method weak -o {answer}").err
+    again = f"simulate {answer}/structure.toml --duration 0.1 --rate 500 --release v:m1=1"
+    said(f"{again} -o {tmp_path}/run.csv")
 
 
-def test_part_of_the_record(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(arguments(files, "--from", "0.5", "--to", "2.5", "--json")) == 0
-    whole, part = 2 * 3001, 2 * 2001
-    assert json.loads(capsys.readouterr().out)["fit"]["samples"] in range(part - 200, whole - 1000)
+def test_part_of_a_record_whose_columns_are_mapped(tmp_path: Path) -> None:
+    record = lw.read_record("run.csv")
+    table = np.column_stack([record.time, 1e3 * record.values])
+    np.savetxt(tmp_path / "laser.csv", table, delimiter=",", header="time,Laser 1,Laser 2", comments="")
+    mapping = "--channel 'x:m1[mm]=Laser 1' --channel 'x:m2[mm]=Laser 2'"
+    printed = document(f"identify {tmp_path}/laser.csv unknown.toml {mapping} --method weak")
+    expected = document(f"{IDENTIFY} --method weak")
+    # the file has 18 digits
+    assert alpha(printed)["value"] == pytest.approx(alpha(expected)["value"], rel=1e-6)
+    part = document(f"{IDENTIFY} --from 0.2 --to 0.8")
+    assert part["fit"]["samples"] == 2 * 601
 
 
-def test_columns_are_mapped(
-    files: Path, fitted: lw.Estimate, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    table = np.column_stack([fitted.record.time, 1e3 * fitted.record.values])
-    path = tmp_path / "laser.csv"
-    np.savetxt(path, table, delimiter=",", header="time,Laser 1,Laser 2", comments="")
-    mapping = ["--channel", "x:m1[mm]=Laser 1", "--channel", "x:m2[mm]=Laser 2"]
-    assert run(["identify", str(path), *arguments(files, *mapping, "--json")[2:]]) == 0
-    sink = next(link for link in json.loads(capsys.readouterr().out)["links"] if link["name"] == "nes1")
-    alpha = sink["coefficients"]["alpha"]["value"]
-    assert alpha == pytest.approx(fitted.coefficient("nes1.alpha").value, rel=1e-6)  # the file has 18 digits
+def test_errors_of_sensors_are_found_where_they_are_asked_for() -> None:
+    offset = document("identify offset.csv unknown.toml --offset x:m1")
+    assert alpha(offset)["value"] == library("offset", offsets=("x:m1",))
+    # 2000 samples scatter by sqrt(2/2000) = 0.03, three of them
+    assert offset["fit"]["chi_square_per_sample"] == pytest.approx(1.0, abs=0.1)
+    low, high = alpha(offset)["interval"]
+    assert low < -100.0 < high  # the truth
+
+    gain = document("identify gain.csv unknown.toml --gain x:m1")
+    assert alpha(gain)["value"] == library("gain", gains=("x:m1",))
+    findings = [re.match(r"x:m1 shows (\S+) of its motion", line) for line in gain["findings"]]
+    [factor] = [float(match[1]) for match in findings if match]
+    # 1000 samples at 30 dB: five deviations of 3 %, over their root
+    assert factor == pytest.approx(1.2, rel=0.005)
+
+    assert not document("identify gain.csv unknown.toml", 3)["trusted"]
+    admitted = document("identify gain.csv unknown.toml --let offset,gain")
+    assert alpha(admitted)["value"] == library("gain", admit=("gain",))
+
+    late = document("identify late.csv unknown.toml --delay x:m2")
+    assert alpha(late)["value"] == library("late", delays=("x:m2",))
+    assert any(line.startswith("x:m2 is late by ") for line in late["findings"])
+    known = alpha(document("identify late.csv unknown.toml --delay 'x:m2=2 ms'"))
+    # the same record, less two samples
+    assert known["value"] == pytest.approx(alpha(late)["value"], abs=known["standard_error"])
 
 
-def test_an_answer_not_to_be_trusted_has_exit_code_3(
-    files: Path, fitted: lw.Estimate, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bad = replace(fitted, fit_verdicts=(lw.Verdict.NOT_CONVERGED,))
-    monkeypatch.setattr(lw, "identify", lambda record, structure, **_: bad)
-    assert run(arguments(files)) == 3
-    assert "not converged" in capsys.readouterr().out
+def test_a_calibration_is_counted_where_it_is_stated() -> None:
+    printed = document(f"{IDENTIFY} --calibration all=1% --calibration 'x:m1=0.5 %'")
+    assert alpha(printed)["value"] == library("run", calibration={"all": 0.01, "x:m1": 0.005})
+    assert sum(" of its motion (estimated" in line for line in printed["findings"]) == 2
 
 
-def test_a_folder_that_is_no_result_is_refused_before_the_work(
-    files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "thesis.tex").write_text("years of work")
-    monkeypatch.setattr(lw, "identify", lambda *_, **__: pytest.fail("the work was begun"))
-    assert run(arguments(files, "-o", str(tmp_path))) == 2
-    assert "is not a result of linkwise" in capsys.readouterr().err
+def test_the_help_says_what_a_calibration_of_all_stands_for() -> None:
+    """It said sensors of motion, and gave the load cell of a link a gain as well."""
+    channels = {"x:m1": np.arange(64.0), "f:spring": np.arange(64.0) ** 2, "force:m1": np.arange(64.0) ** 3}
+    record = lw.Record.from_arrays(np.arange(64) / 100.0, channels)
+    assert set(errors_to_find([record], calibration={"all": 0.01})["calibration"]) == {"x:m1", "f:spring"}
+    out = said("identify --help").out
+    assert '"all" stands for every response channel that is not named' in " ".join(out.split())
+    assert out.count("linkwise identify run.csv unknown.toml") == 12 and "--profile" in out
 
 
 @pytest.mark.parametrize(
-    ("record", "options", "message"),
+    ("word", "loss"), [("huber", lw.likelihood.Huber()), ("student", lw.likelihood.Student())]
+)
+def test_a_robust_loss_is_chosen_by_name(word: str, loss: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    losses: list[object] = []
+
+    def watched(*nouns: Any, **options: Any) -> None:
+        losses.append(options["method"].loss)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(lw, "identify", watched)
+    said(f"identify outliers.csv unknown.toml --robust {word}", 130)
+    assert losses == [loss]
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_exact_laws_leave_no_model_error(files: Path, chain: lw.Structure, exact: bool) -> None:
+    """A sink whose spring gets a quintic term that the law lacks: a model error stands for it, or chi-square tells it."""
+    sink = chain.link("nes1")
+    law = lw.Law.parse(f"{sink.law.text} + q*d**5")
+    bent = replace(sink, law=law, coefficients={**sink.coefficients, "q": lw.Coefficient.number(1e9)})
+    links = tuple(bent if link.name == "nes1" else link for link in chain.links)
+    clean = lw.simulate(replace(chain, links=links), release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+    lw.write_record(clean.with_noise(40.0, seed=1), "bent.csv")
+    printed = document("identify bent.csv unknown.toml" + exact * " --exact", 3)
+    assert (printed["model_error_percent"] == 0.0) == exact
+    assert (printed["fit"]["chi_square_per_sample"] > 1.2) == exact
+
+
+def test_known_noise_reaches_the_fit() -> None:
+    """The true noise is believed; noise stated a hundred times too small cannot explain what is left."""
+    noise = present(chain_record(2, duration=1.0).with_noise(30.0, seed=1).simulated).noise
+    known = " ".join(f"--noise-of={name}={sigma}" for name, sigma in noise.items())
+    chi_square = document(f"{IDENTIFY} {known}")["fit"]["chi_square_per_sample"]
+    # 2000 samples: five deviations of chi-square
+    assert chi_square == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / 2000.0))
+    too_small = " ".join(f"--noise-of={name}={sigma / 100.0}" for name, sigma in noise.items())
+    assert "NOT to be trusted" in said(f"{IDENTIFY} {too_small}", 3).out
+
+
+def test_profiles_are_printed() -> None:
+    out, err = said(f"{IDENTIFY} --profile")
+    assert err == "" and "95 % intervals that follow the likelihood (profiles)" in out
+    row = re.search(r"^  nes1\.alpha  (\S+) to (\S+) N/m", out, flags=re.MULTILINE)
+    # the truth
+    assert row is not None and float(row[1]) < -100.0 < float(row[2])
+    intervals = document(f"{IDENTIFY} --profile")["profile_intervals"]
+    assert list(intervals) == ["nes1.alpha", "nes1.beta", "nes1.c"]
+    assert intervals["nes1.alpha"] == pytest.approx([float(row[1]), float(row[2])], rel=1e-5)  # six digits
+
+
+def test_profiles_that_differ_or_cannot_be_followed_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PROFILE, lambda estimate, name: (-200.0, np.inf))
+    out = said(f"{IDENTIFY} --profile").out
+    assert "-200 to inf N/m  differs from the table: trust this one" in out
+
+    def interrupted(estimate: lw.Estimate, name: str) -> tuple[float, float]:
+        if name == "nes1.beta":
+            raise KeyboardInterrupt
+        return estimate.coefficient(name).interval or (0.0, 0.0)
+
+    monkeypatch.setattr(PROFILE, interrupted)
+    out = said(f"{IDENTIFY} --profile").out
+    assert "! No profile interval of nes1.beta, nes1.c: interrupted." in out
+    assert "nes1.alpha  -" in out.partition("(profiles)")[2] and "differs" not in out
+
+    def lost(estimate: lw.Estimate, name: str) -> tuple[float, float]:
+        raise lw.IdentificationError(f"the profile of {name} cannot be followed")
+
+    monkeypatch.setattr(PROFILE, lost)
+    out = said(f"{IDENTIFY} --profile").out
+    assert "of nes1.beta: the profile of nes1.beta cannot be followed." in out and "(profiles)" not in out
+
+
+def test_ctrl_c_returns_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The third step is never taken; what the first two found is told, without intervals."""
+    steps = iter(range(100))
+    step = stepping.damped_step
+
+    def interrupted(*nouns: Any) -> object:
+        if next(steps) == 2:
+            raise KeyboardInterrupt
+        return step(*nouns)
+
+    monkeypatch.setattr(stepping, "damped_step", interrupted)
+    out = said(IDENTIFY, 3).out
+    assert "not converged, NOT to be trusted" in out and "interrupted" in out and "alpha" in out
+
+
+def test_the_bar_shows_stage_cost_and_chi_square(monkeypatch: pytest.MonkeyPatch) -> None:
+    reports: list[tuple[float, str]] = []
+
+    @contextmanager
+    def bar(_: str) -> Iterator[lw.estimates.Progress]:
+        yield lambda report: reports.append((report.fraction, report.activity))
+
+    monkeypatch.setattr(command, "progress", bar)
+    said(IDENTIFY)
+    fractions, stages = zip(*[report for report in reports if report[1].startswith("q ")], strict=True)
+    assert len(stages) >= 3
+    shown = r"q \de[+-]\d\d, cost [\d.e+]+, chi-square \d+\.\d{3}"
+    assert all(re.fullmatch(shown, stage) for stage in some(stages))
+    assert list(fractions) == sorted(fractions) and fractions[-1] == 1.0 and fractions[0] >= 0.0
+
+
+@pytest.fixture
+def pushed(tmp_path: Path) -> Path:
+    """A record of a mass on a spring of 1000 N/m in a force that a load cell shows with noise, and its structure."""
+    rng, rate, count = np.random.default_rng(5), 100.0, 1000
+    force = rng.standard_normal(count)
+    response = np.exp(-0.5 * np.arange(count) / rate) * np.sin(np.sqrt(1000.0) * np.arange(count) / rate)
+    x = np.convolve(force, response)[:count] / (rate * np.sqrt(1000.0))
+    noisy = [x + 1e-5 * rng.standard_normal(count), force + 0.1 * rng.standard_normal(count)]
+    lw.write_record(lw.Record(0.0, rate, ("x:m1", "force:m1"), np.column_stack(noisy)), tmp_path / "run.csv")
+    lw.write_structure(asked_oscillator("k*d + c*v", 1.0), tmp_path / "unknown.toml")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("option", "code", "where", "kind", "is_found"),
     [
-        ("nowhere.csv", [], "nowhere.csv"),
-        ("run.csv", ["--channel", "x:m1"], "--channel 'x:m1' is not NAME=VALUE"),
-        ("run.csv", ["--channel", "x:m1=Laser"], "Laser"),
-        ("run.csv", ["--method", "magic"], "'magic' is not one of"),
-        ("run.csv", ["--from", "9"], "9"),
-        ("run.csv", ["--truth", "nowhere.toml"], "nowhere.toml"),
-        ("text.csv", [], "line 3"),
-        ("unit.csv", [], "x:m1"),
+        ("--ambient all", 0, "m1", "ambient", True),
+        ("--ambient m1=0.014", 0, "m1", "ambient", False),
+        (
+            "--input-noise 'force:m1=100 mN'",
+            3,
+            "force:m1",
+            "input noise",
+            False,
+        ),  # and a gain is off by chance
     ],
 )
-def test_unreadable_input_is_one_paragraph_and_exit_code_2(
-    record: str, options: list[str], message: str, files: Path, capsys: pytest.CaptureFixture[str]
+def test_forces_that_are_counted_in_are_told(
+    pushed: Path, option: str, code: int, where: str, kind: str, is_found: bool
 ) -> None:
-    rows = "\n".join(f"{k / 1000},{k % 7},{k % 5}" for k in range(100))
-    (files / "text.csv").write_text(f"time,x:m1,x:m2\n{rows}\n".replace("0.001,1,1", "0.001,one,1"))
-    (files / "unit.csv").write_text(f"time,x:m1[N],x:m2\n{rows}\n")
-    assert run(["identify", str(files / record), str(files / "unknown.toml"), *options]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and message in err
-    assert err.startswith("linkwise: ") and "Traceback" not in err and "\n\n" not in err
+    [force] = document(f"identify {pushed}/run.csv {pushed}/unknown.toml {option}", code)["random_forces"]
+    assert (force["where"], force["kind"], force["found"]) == (where, kind, is_found)
+    if not is_found:
+        # 100 mN a sample at 100 Hz are 0.1 * sqrt(2 / 100) N/sqrt(Hz), and so is 0.014 but for its digits
+        assert force["deviation"] == pytest.approx(0.1, rel=0.02)
+
+
+def test_discover_counts_them_in_too(pushed: Path) -> None:
+    stated = "--terms 'd, v' --input-noise 'force:m1=100 mN'"
+    out = said(f"discover {pushed}/run.csv --mass m1=1.0 {stated}", 3).out
+    assert "Noise of force:m1 of 0.1 N, as stated, is allowed for." in " ".join(out.split())

@@ -2,42 +2,39 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import document, said
 from problems import chain_record
+from structures import oscillator
 
 import linkwise as lw
-from linkwise.cli import run
 
-GRID = ["--duration", "0.5", "--rate", "500"]
-
-
-@pytest.fixture
-def chain(tmp_path: Path) -> Path:
-    path = tmp_path / "chain.toml"
-    lw.write_structure(lw.bnes_chain(2), path)
-    return path
+GRID = "--duration 0.5 --rate 500"
+BASE = "0.004*sin(31*t) + 0.003*sin(47*t + 1) + 0.002*sin(71*t + 2) + 0.01*sin(9*t)"
+LATE = 0.003
 
 
-def simulated(chain: Path, *options: str) -> lw.Record:
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    lw.write_structure(lw.bnes_chain(2), "chain.toml")
+
+
+def simulated(options: str) -> lw.Record:
     """The record that the command writes with these options."""
-    output = chain.parent / "run.csv"
-    assert run(["simulate", str(chain), *GRID, *options, "-o", str(output)]) == 0
-    return lw.read_record(output)
+    said(f"simulate chain.toml {GRID} {options} -o run.csv")
+    return lw.read_record("run.csv")
 
 
-def test_release_and_noise_are_those_of_the_library(chain: Path) -> None:
-    record = simulated(chain, "--release", "v:m1=1.0", "--noise", "30", "--seed", "1")
-    expected = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
+def test_what_drives_the_structure_is_that_of_the_library() -> None:
+    record = simulated("--release v:m1=1.0 --noise 30 --seed 1")
     assert record.channels == ("x:m1", "x:m2")
+    expected = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
     np.testing.assert_array_equal(record.values, expected.values)  # a file is exact
-
-
-def test_impulse_force_and_base_reach_the_structure(chain: Path) -> None:
-    forced = simulated(chain, "--impulse", "m1=0.3@0.1", "--force", "m2=0.1*sin(2*pi*20*t)")
+    forced = simulated("--impulse m1=0.3@0.1 --force m2=0.1*sin(2*pi*20*t)")
     expected = lw.simulate(
         lw.bnes_chain(2),
         impulses=(lw.model.Impulse("m1", 0.3, 0.1),),
@@ -47,109 +44,79 @@ def test_impulse_force_and_base_reach_the_structure(chain: Path) -> None:
     )
     np.testing.assert_array_equal(forced.values, expected.values)
     assert "force:m2" in forced.channels
+    sensors = simulated("--release v:m1=1.0 --sensors x,v,a").channels
+    assert set(sensors) == {f"{kind}:{mass}" for kind in "xva" for mass in ("m1", "m2")}
 
 
-def test_a_structure_that_nothing_sets_in_motion_is_told(
-    chain: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(["simulate", str(chain), *GRID, "-o", str(chain.parent / "still.csv")]) == 0
-    assert "note: nothing sets the structure in motion; give --release" in capsys.readouterr().err
-    assert simulated(chain, "--release", "v:m1=1.0").values.any()
-    assert capsys.readouterr().err == ""
+def test_a_structure_that_nothing_sets_in_motion_is_told() -> None:
+    err = said(f"simulate chain.toml {GRID} -o still.csv").err
+    assert "note: nothing sets the structure in motion; give --release" in err
+    assert said(f"simulate chain.toml {GRID} --release v:m1=1.0 -o run.csv").err == ""
+    assert lw.read_record("run.csv").values.any()
 
 
-@pytest.mark.parametrize("column", [":push", ":force:m1"])
-def test_force_from_a_file(chain: Path, column: str, tmp_path: Path) -> None:
-    drive = tmp_path / "drive.csv"
-    time = np.arange(600) / 1000.0
-    heading = column[1:]
-    rows = "\n".join(f"{t:.3f},{np.sin(60 * t):.9f}" for t in time)
-    drive.write_text(f"time,{heading}\n{rows}\n")
-    record = simulated(chain, "--force", f"m1={drive}{column}")
-    np.testing.assert_allclose(
-        record.channel("force:m1"), np.sin(60 * record.time), atol=1e-8
-    )  # 9 printed digits
+@pytest.mark.parametrize("column", ["push", "force:m1"])
+def test_force_from_a_file(column: str) -> None:
+    rows = "\n".join(f"{t:.3f},{np.sin(60 * t):.9f}" for t in np.arange(600) / 1000.0)
+    Path("drive.csv").write_text(f"time,{column}\n{rows}\n")
+    record = simulated(f"--force m1=drive.csv:{column}")
+    exact = np.sin(60 * record.time)
+    np.testing.assert_allclose(record.channel("force:m1"), exact, atol=1e-8)  # 9 printed digits
 
 
-def test_sensors_are_chosen(chain: Path) -> None:
-    record = simulated(chain, "--release", "v:m1=1.0", "--sensors", "x,v,a")
-    assert set(record.channels) == {f"{kind}:{mass}" for kind in "xva" for mass in ("m1", "m2")}
-
-
-def test_tells_energy_horizon_and_file(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    simulated(chain, "--release", "v:m1=1.0", "--noise", "30")
-    out = capsys.readouterr().out
+def test_tells_energy_horizon_and_file() -> None:
+    out = said(f"simulate chain.toml {GRID} --release v:m1=1.0 --noise 30 -o run.csv").out
     assert "bistable chain of 2 masses: 2 masses, 2 links" in out
     assert "record      251 samples at 500 Hz of x:m1, x:m2" in out
     assert "energy      0.5 J put in" in out  # m v^2 / 2
     assert "horizon     " in out and "noise       30 dB per channel, seed 0" in out
     assert out.rstrip().endswith("run.csv")
-
-
-def test_json_is_all_that_is_printed(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    simulated(chain, "--release", "v:m1=1.0", "--json")
-    out, err = capsys.readouterr()
-    document = json.loads(out)
-    assert err == "" and document["samples"] == 251 and document["channels"] == ["x:m1", "x:m2"]
-    energy = document["energy"]
+    printed = document(f"simulate chain.toml {GRID} --release v:m1=1.0 -o run.csv")
+    energy = printed["energy"]
+    assert printed["samples"] == 251 and printed["channels"] == ["x:m1", "x:m2"]
     # the energies close to rounding, 4e-16 here
     assert energy["closure"] < 1e-9
     total = energy["stored"] + sum(energy["dissipated"].values())
     assert total == pytest.approx(energy["put_in"], rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--release", "v:m1"], "--release 'v:m1' is not NAME=VALUE, as in --release v:m1=1.0."),
-        (["--release", "v:m1=fast"], "--release: 'fast' is not a number"),
-        (["--release", "v:m1=1", "--release", "v:m1=2"], "--release is given twice for 'v:m1': 1 and 2."),
-        (["--release", "v:m9=1"], "m9"),
-        (["--impulse", "m1=0.3@soon"], "--impulse: 'soon' is not a number"),
-        (["--force", "m1=sinus(t)"], "sinus"),
-        (["--force", "m9=sin(t)"], "m9"),
-        (["--force", "m1=missing.csv:F"], "linkwise: missing.csv: there is no such file"),
-        (["--force", "m1=missing.csv"], "linkwise: missing.csv: there is no such file"),
-        (["--base", "missing.mat"], "linkwise: missing.mat: there is no such file"),
-        (["--sensors", "x,w"], "w"),
-        (["--seed", "-1"], "-1 is not in the range"),
-        (["--rate", "0"], "0.0 is not in the range x>0"),
-    ],
-)
-def test_wrong_usage_is_one_paragraph(
-    chain: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    output = chain.parent / "run.csv"
-    assert run(["simulate", str(chain), *GRID, *options, "-o", str(output)]) == 2
-    err = capsys.readouterr().err
-    assert message in err and err.startswith("linkwise: ") and "Traceback" not in err
-    assert not output.exists()
+@pytest.fixture
+def storey() -> None:
+    """A structure on a moving base, and two instruments: one on the floor, the other, late, on the ground."""
+    structure = oscillator("k*d + c*v", to="base", name="frame", k=900.0, c=1.5)
+    lw.write_structure(structure, "storey.toml")
+    lw.write_structure(structure.unknown("all"), "unknown.toml")
+    record = lw.simulate(structure, base=BASE, duration=4.0, rate=200.0, sensors=["a", "a:base"])
+    record = record.with_noise(40.0, seed=1)
+    late = lw.model.TimeFunction(BASE).derivative(record.time - LATE, 2)
+    for name, values in (("top", record.channel("a:m1")), ("ground", late)):
+        np.savetxt(f"{name}.csv", values, header="AccX", comments="")
 
 
-@pytest.mark.parametrize(("option", "missing"), [("--force", "force:m1"), ("--base", "x:base")])
-def test_a_file_without_the_channel_of_the_drive_is_named(
-    chain: Path, option: str, missing: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = chain.parent / "drive.csv"
-    file.write_text("time,x:m1,x:m2\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(50)))
-    value = f"m1={file}" if option == "--force" else str(file)
-    assert run(["simulate", str(chain), *GRID, option, value, "-o", str(chain.parent / "run.csv")]) == 2
-    err = capsys.readouterr().err
-    assert err.startswith(
-        f"linkwise: {file}: has no channel {missing}, but x:m1, x:m2; name the column of it"
-    )
+def test_two_files_and_a_delay(storey: None) -> None:
+    columns = "--channel a:m1=AccX --channel a:base=ground.csv:AccX"
+    asked = f"identify top.csv unknown.toml --rate 200 {columns}"
+    cause = document(asked, 3)["diagnosis"][0]
+    assert (cause["cause"], cause["where"]) == ("delay", "a:base")
+    assert cause["size"] == pytest.approx(LATE, rel=0.1)  # to first order: a tenth of a radian at 31 rad/s
+    [link] = document(f"{asked} --delay a:base={LATE}")["links"]
+    low, high = link["coefficients"]["k"]["interval"]
+    assert low < 900.0 < high
+    for name in ("top", "ground"):
+        values = np.loadtxt(f"{name}.csv", skiprows=1)
+        stamped = np.column_stack([5000 * np.arange(len(values)), values])
+        np.savetxt(f"{name}.csv", stamped, header="Stamp,AccX", delimiter=",", comments="")
+    assert "801 samples at 200 Hz" in said(f"inspect top.csv --channel time[us]=Stamp {columns}").out
 
 
-def test_an_unknown_suffix_is_refused(chain: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert (
-        run(["simulate", str(chain), *GRID, "--release", "v:m1=1", "-o", str(chain.parent / "run.xls")]) == 2
-    )
-    assert "xls" in capsys.readouterr().err
-
-
-def test_a_structure_with_unknowns_is_not_simulated(
-    chain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lw.write_structure(lw.bnes_chain(2).unknown("nes"), chain)
-    assert run(["simulate", str(chain), *GRID, "--release", "v:m1=1", "-o", str(tmp_path / "run.csv")]) == 2
-    assert "unknown" in capsys.readouterr().err
+def test_a_file_with_the_acceleration_of_the_base_drives_a_simulation(storey: None) -> None:
+    """The base starts from rest: what is relative to it does not depend on that."""
+    time = np.arange(801) / 200.0
+    motion = lw.Record(0.0, 200.0, ("a:base",), lw.model.TimeFunction(BASE).derivative(time, 2)[:, None])
+    lw.write_record(motion, "quake.csv")
+    said("simulate storey.toml --duration 4 --rate 200 --base quake.csv --sensors rel:x,a:base -o run.csv")
+    read_back = lw.read_record("run.csv")
+    assert read_back.channels == ("rel:x:m1", "a:base")
+    assert read_back.channel("a:base")[5:-5] == pytest.approx(motion.values[5:-5, 0], abs=0.02)  # of 20 m/s^2
+    fit = lw.identify(read_back, lw.read_structure("unknown.toml"))
+    assert fit.coefficient("frame.k").value == pytest.approx(900.0, rel=1e-4)

@@ -1,0 +1,338 @@
+"""What no command does: one paragraph that quotes what was typed, an exit code, and nothing written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from commands import refusal, said
+from problems import chain_record
+
+import linkwise as lw
+from linkwise.cli import linkwise
+from linkwise.cli.options import FLAGS, with_flags
+from linkwise.errors import RecordError
+
+GRID = "--duration 1 --rate 500"
+TRIAL = f"{GRID} --release v:m1=1.0"
+BY_NAME = "--mass m1=1 --mass m2=0.01"
+MODAL = "structure host modes.csv"
+ROD = "structure host rod.npz --point mid=15"
+
+REFUSED = {
+    "": [
+        ("guess", "No such command 'guess'. Try: linkwise --help"),
+        ("--frobnicate", "No such option"),
+    ],
+    "structure": [
+        ("bnes --dof 3", "the number of masses must be even and at least 2"),
+        ("bnes", "Missing option '--dof'. Try: linkwise structure bnes --help"),
+        ("bnes --dof two", "'two' is not a valid integer"),
+        ("bnes --dof 2 --unknown k", "'k' is not one of 'nes', 'all'"),
+        ("bnes --doff 2", "? Try: linkwise structure bnes --help"),
+        ("show nowhere.toml", "nowhere.toml"),
+        ("show chain.toml --shapes chain", "has no host, whose shapes could be drawn"),
+        ("laws bouc", "unknown law 'bouc'"),
+    ],
+    "structure host": [
+        ("rod.npz", "at least one point"),
+        ("rod.npz --point mid15", "--point needs NAME=ROW"),
+        ("rod.npz --point mid=fifteen", 'the point "mid" is fifteen, but the matrices have rows 1 to 30'),
+        ("rod.npz --point mid=15 --mass Q", "holds no matrix 'Q'"),
+        ("rod.npz --point mid=15 --mass K --stiffness M", "may be swapped"),
+        ("run.csv --modes 2 --unit tip=rad", "--unit is for modes or matrices"),
+    ],
+    MODAL: [
+        ("--point mid=15", "A file of modes has its own points"),
+        ("--keep 1", "--keep is for matrices"),
+        ("--no-residual", "--no-residual is for matrices"),
+        ("--shape-sigma 2", "--shape-sigma needs a percentage, such as 2%, got '2'"),
+        ("--modes some", "a number of modes, or auto"),
+        ("--modes 2 --point tip=3", "--point is for modes or matrices"),
+        ("--modes 2 --keep 3", "--keep is for modes or matrices"),
+        ("--from 2", "--from is for records of a test: give --modes"),
+        ("--modes 2 --gain a:wing.tip", "--gain a:wing.tip has no size"),
+        ("-o run.csv", "run.csv"),  # a file of another kind
+    ],
+    ROD: [
+        ("--unit mid=deg", 'the point "mid" is displaced in "rad" or "m", got \'deg\''),
+        ("--unit top=rad", 'unknown point "top"'),
+        ("--unit mid", "is not NAME=VALUE, as in --unit tip_r=rad"),
+    ],
+    f"simulate chain.toml {GRID} -o made.csv": [
+        ("--release v:m1", "--release 'v:m1' is not NAME=VALUE, as in --release v:m1=1.0."),
+        ("--release v:m1=fast", "--release: 'fast' is not a number"),
+        ("--release v:m1=1 --release v:m1=2", "--release is given twice for 'v:m1': 1 and 2."),
+        ("--release v:m9=1", "m9"),
+        ("--impulse m1=0.3@soon", "--impulse: 'soon' is not a number"),
+        ("--force m1=sinus(t)", "sinus"),
+        ("--force m9=sin(t)", "m9"),
+        ("--force m1=missing.csv:F", "linkwise: missing.csv: there is no such file"),
+        ("--force m1=missing.csv", "linkwise: missing.csv: there is no such file"),
+        ("--force m1=run.csv", "linkwise: run.csv: has no channel force:m1, but x:m1, x:m2; name the column of it"),
+        ("--base run.csv", "linkwise: run.csv: has no channel x:base, but x:m1, x:m2; name the column of it"),
+        ("--base missing.mat", "linkwise: missing.mat: there is no such file"),
+        ("--sensors x,w", "w"),
+        ("--seed -1", "-1 is not in the range"),
+        ("--rate 0", "0.0 is not in the range x>0"),
+        ("--release v:m1=1 -o made.xls", "xls"),
+    ],
+    f"simulate unknown.toml {TRIAL} -o made.csv": [("", "unknown")],
+    f"limit chain.toml {TRIAL}": [
+        ("", "either --noise DB or --noise-of CHANNEL=SIGMA"),
+        ("--noise 20 --noise-of x:m1=1e-4", "either --noise DB or --noise-of CHANNEL=SIGMA"),
+        ("--noise-of x:m1=loud", "--noise-of: 'loud' is not a number"),
+        ("--noise 20 --unknown nes9", '"nes9" is not a link'),
+        ("--noise 20 --sensors x:m9", "unknown mass 'm9'"),
+        ("--noise 20 --segment 0", "0.0 is not in the range x>0"),
+    ],
+    "inspect": [("", "Missing argument"), ("text.csv", "text.csv")],
+    "identify": [
+        ("nowhere.csv unknown.toml", "nowhere.csv"),
+        ("text.csv unknown.toml", "line 3"),
+        ("unit.csv unknown.toml", "x:m1"),
+        ("left.csv unknown.toml", "On the command line: --channel NAME=COLUMN, --mapping FILE (inspect --write-mapping FILE"),
+    ],
+    "identify run.csv unknown.toml": [
+        ("--channel x:m1", "--channel 'x:m1' is not NAME=VALUE"),
+        ("--channel x:m1=Laser", "Laser"),
+        ("--method magic", "'magic' is not one of"),
+        ("--from 9", "9"),
+        ("--truth nowhere.toml", "nowhere.toml"),
+        ("--method weak --with run.csv", "--with is for --method ml, not for weak."),
+        ("--method sindy --profile", "--profile is for --method ml, not for sindy."),
+        ("--derivative spline", "--derivative is for --method sindy, not for ml."),
+        ("--exact --method weak", "--exact is for --method ml, not for weak."),
+        ("--let gain --method weak", "--let is for --method ml"),
+        ("--delay x:m2 --method weak", "--delay x:m2 is for --method ml, not for weak"),
+        ("--ambient m1 --method weak", "--ambient is for --method ml, not for weak"),
+        ("--robust brave", "'brave' is not one of"),
+        ("--with nowhere.csv", "nowhere.csv"),
+        ("second.csv", "argument (second.csv). State each further record with --with."),
+        ("--noise-of x:m1", "--noise-of 'x:m1' is not NAME=VALUE"),
+        ("--noise-of x:m1=loud", "--noise-of x:m1=loud: 'loud' cannot be read as a quantity"),
+        ("--noise-of x:m7=1e-4", "x:m7"),
+        ("--offset x:m1=plenty", "--offset x:m1=plenty: 'plenty' cannot be read as a quantity"),
+        ("--offset 'x:m1=3 mm+-'", "write '0.3 m' for a known offset, '0.3 m +- 0.3 m' for one that is known to within"),
+        ("--offset x:m9", "channel x:m9: is not in the record, and something is stated of it"),
+        ("--gain x:m1=", "--gain 'x:m1=' is not CHANNEL or CHANNEL=SIZE"),
+        ("--gain x:m1 --gain x:m1=2", "--gain is given twice for 'x:m1'"),
+        ("--delay 'x:m2=2 kg'", "--delay x:m2=2 kg: '2 kg' is in kg"),
+        ("--calibration x:m1=often", "--calibration takes a percentage"),
+        ("--calibration all=1", "such as x:m1=1%, got '1': is it 1% or 100%?"),
+        ("--calibration all=1%%", "--calibration takes a percentage"),
+        ("--calibration x:m1", "--calibration"),
+        ("--calibration x:m9=1%", "no calibration of x:m9 can be stated"),
+        ("--calibration x:m1=-1%", "up to 0.5, got -0.01. On the command line: --calibration CHANNEL=PERCENT%."),
+        ("--drift x:m7", "no drift or hum of x:m7 can be estimated"),
+        ("--drift x:m1=1us", "the pieces of the drift of x:m1 must be"),
+        ("--hum x:m7=50", "no drift or hum of x:m7 can be estimated"),
+        ("--ambient m1=loud", "--ambient takes a number in N/sqrt(Hz), as in m1=0.5, got 'loud'"),
+        ("--ambient m1 --ambient m1=0.5", "--ambient is given twice for 'm1'"),
+        ("--ambient m7", "no ambient force can act on m7"),
+        ("--input-noise force:m7", "no noise of an input can be estimated"),
+        ("--input-noise 'force:m1=3 kg'", "--input-noise force:m1=3 kg: '3 kg'"),
+        ("--input-noise 'a:base=3 N'", "--input-noise a:base=3 N: '3 N'"),
+        ("--input-noise force", "no noise of an input can be estimated"),
+    ],
+    "validate": [
+        ("none.csv chain.toml", "none.csv: there is no such file"),
+        ("run.csv none.toml", "none.toml"),
+        ("run.csv .", "there is no structure.toml in this folder"),
+        ("run.csv run.csv", "run.csv"),
+        ("run.csv chain.toml --burn 0.999", "On the command line: --burn S."),
+        ("run.csv chain.toml --burn 0", "--burn"),
+        ("run.csv chain.toml --offset x:m2", "--offset x:m2 has no"),
+        ("run.csv chain.toml --gain x:m2", "--gain x:m2 has no"),
+        ("run.csv chain.toml --delay x:m2", "--delay x:m2 has no"),
+    ],
+    "discover run.csv": [
+        ("", 'Give every mass by name, as in --mass m1=1.0 --mass "m2=10 g"'),
+        ("--mass m1=1", "the structure has no mass 'm2'; did you mean m1? it has m1. Add --mass m2=... for it"),
+        ("--mass m1", "--mass 'm1' is not NAME=VALUE"),
+        ("--mass m1=1 --mass m2=ten", "--mass m2: 'ten' cannot be read as a quantity: expected a number in kg"),
+        ("--mass m1=1 --mass 'm2=10 nm'", "--mass m2: '10 nm' is in nm: expected a number in kg"),
+        ("--mass m1=1 --mass m2=nan", "--mass m2: nan is not finite."),
+        ("--mass m1=1 --mass m2=-1", 'mass "m2": the mass must be positive, got -1.0 kg'),
+        ("--structure nowhere.toml", "nowhere.toml: there is no such file"),
+        ("--structure twice.toml", 'mass "m1": the name is used 2 times; each mass needs its own'),
+        ("--structure free.toml", 'mass "m1": the mass is unknown, and neither an applied force nor another mass sets'),
+        ("--structure one.toml", "it has m1. Add --mass m2=... for it"),
+        ("--structure none.toml", "none.toml: the key `mass` is missing"),
+    ],
+    f"discover run.csv {BY_NAME}": [
+        ("--mass m1=2", "--mass is given twice for 'm1': 1 and 2"),
+        ("--structure chain.toml", "The file of --structure states the masses"),
+        ("--terms magic", "--terms: the term 'magic' contains the name 'magic'"),
+        ("--terms 'friction()'", "the family friction takes the rate in m/s at which it saturates"),
+        ("--terms 'd**'", "Something is missing after '**'."),
+        ("--test m1-m7", '"m1-m7" is not a link that is looked for'),
+        ("--with nowhere.csv", "nowhere.csv: there is no such file"),
+        ("second.csv", "argument (second.csv). State each further record with --with."),
+        ("--truth nowhere.toml", "nowhere.toml: there is no such file"),
+        ("--truth other.toml", 'other.toml: unknown mass "m2"'),
+        ("--truth unknown.toml", "unknown.toml: nes1.alpha is unknown, and the truth"),
+        ("--channel x:m1[N]=x:m1", "x:m1"),
+        ("--calibration force:m1=1%", "no calibration of force:m1 can be stated"),
+        ("--let drift", 'unknown error of a sensor "drift"'),
+        ("--ambient m9", "no ambient force can act on m9"),
+    ],
+    f"absorb chain.toml {GRID}": [
+        ("", "nothing sets the structure in motion; give a release, an impulse"),
+        ("--release v:m2=1", "--without removed|locked"),
+        ("--release v:m9=1", "unknown mass 'm9'"),
+    ],
+    f"absorb chain.toml {TRIAL}": [
+        ("--sink nes2", 'unknown link "nes2"; did you mean "nes1"?'),
+        ("--harvester nes1", "--harvester 'nes1' is not NAME=VALUE, as in --harvester nes1=0.01"),
+        ("--harvester nes1=0", "the damping of a harvester must be positive, got 0.0 N s/m"),
+        ("--settle 1", "settle is a part of the peak and must be between 0 and 1, got 1.0"),
+        ("--without frozen", "'frozen' is not one of 'removed', 'locked'"),
+        ("--rate 0.5", "less than one sampling interval"),
+        ("--sweep nes1.alpha=-200:-20", "'-200:-20' is not FROM:TO:COUNT or FROM:TO:COUNT:log, as in nes1.alpha=-200"),
+        ("--sweep nes1.alpha=-200:-20:ten", "'ten' is not a number"),
+        ("--sweep nes1.alpha=-200:-20:2.5", "'2.5' is not a whole number from 2 to 100000"),
+        ("--sweep nes1.alpha=-200:20:5:log", "steps of equal ratio; both ends must have the same sign and not be zero"),
+        ("--sweep nes1.alpha=-200:20:5 --sweep nes1.alpha=1:2:3", "--sweep is given twice for 'nes1.alpha'"),
+        ("--sweep nes1.gamma=1:2:3", 'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
+        ("--sweep nes1.alpha=-9:-1:2 --sweep nes1.beta=1:2:2 --sweep nes1.c=1:2:2", "one or two parameters, got 3"),
+    ],
+    f"absorb unknown.toml {TRIAL}": [("", 'link "nes1": coefficient alpha is unknown and has no start value')],
+    f"absorb one_well.toml {TRIAL}": [("", "has more than one stable well, so there is no sink to be found; name the")],
+    f"absorb torn.toml {TRIAL}": [("", "has more than one stable well")],
+    "study": [
+        ("papr -o x", 'papr: there is no such study; did you mean "paper"?'),
+        ("paper", "Missing option '-o' / '--output'"),
+        ("paper -o x --workers 0", "0 is not in the range x>=1"),
+        ("paper -o x --workers 2 --scheduler tcp://a:1", "--scheduler on a cluster; give only one"),
+        ("paper -o x --export", "the folder does not hold a study"),
+    ],
+}  # fmt: skip
+FAILED = {
+    f"limit chain.toml {TRIAL}": [
+        ("--noise-of x:m1=1e-4", "x:m2 is missing"),
+        ("--noise 20 --segment 4 --duration 4 --rate 200", "On the command line: --segment S."),
+    ],
+    f"absorb torn.toml {TRIAL} --sink nes1": [("", "the motion diverges")],
+    f"absorb chain.toml {TRIAL} --sink nes1": [
+        ("--sweep nes1.beta=-2e6:-1e6:2", "none of the 2 runs came to its end: the motion diverges"),
+    ],
+    f"discover run.csv {BY_NAME}": [
+        ("--mass m3=1", "no channel measures the motion of m3"),
+        ("--mass m3=1", ". On the command line: --channel NAME=COLUMN.\n"),
+        ("--to 0.035 --terms 'quintic, friction(1), quadratic-damping, gap(0.1)'",
+         "the record is too short: 72 samples over 2 masses for 27 candidates"),
+    ],
+    f"discover noise.csv {BY_NAME}": [("", "no motion above the noise in any channel, so no structure can be found")],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Structures, records, modes and matrices, and files that cannot be read."""
+    folder = tmp_path_factory.mktemp("refused")
+    chain = lw.bnes_chain(2)
+    for name, structure in (
+        ("chain", chain),
+        ("unknown", chain.unknown("nes")),
+        ("one_well", lw.bnes_chain(2, alpha=100.0)),
+        ("torn", lw.bnes_chain(2, beta=-1e6)),
+    ):
+        lw.write_structure(structure, folder / f"{name}.toml")
+    (folder / "other.toml").write_text(lw.model.format_structure(chain).replace('"m2"', '"sink"'))
+    for name, masses in (
+        ("twice", "m1=1 m1=1 m2=0.01"),
+        ("free", 'm1="unknown" m2="unknown"'),
+        ("one", "m1=1"),
+        ("none", ""),
+    ):
+        entries = [entry.split("=") for entry in masses.split()]
+        text = "".join(f'[[mass]]\nname = "{mass}"\nmass = {value}\n' for mass, value in entries)
+        (folder / f"{name}.toml").write_text(text)
+    lw.write_record(chain_record(2, duration=1.0).with_noise(30.0, seed=1), folder / "run.csv")
+    rows = "\n".join(f"{k / 1000},{k % 7},{k % 5}" for k in range(100))
+    (folder / "text.csv").write_text(f"time,x:m1,x:m2\n{rows}\n".replace("0.001,1,1", "0.001,one,1"))
+    (folder / "unit.csv").write_text(f"time,x:m1[N],x:m2\n{rows}\n")
+    (folder / "left.csv").write_text("left\n" + "0.0\n" * 40)
+    noise = np.random.default_rng(1014).normal(0.0, 1e-4, (2001, 2))
+    lw.write_record(lw.Record(0.0, 1000.0, ("x:m1", "x:m2"), noise), folder / "noise.csv")
+    (folder / "modes.csv").write_text("frequency[Hz],damping,tip,joint\n5.2,0.01,1.0,0.62\n21,0.01,-1,0.3\n")
+    stiffness = 1e4 * (2.0 * np.eye(30) - np.eye(30, k=1) - np.eye(30, k=-1))
+    np.savez(folder / "rod.npz", M=0.1 * np.eye(30), K=stiffness)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "message"),
+    [
+        (f"{command} {options}", code, message)
+        for code, table in ((2, REFUSED), (1, FAILED))
+        for command, cases in table.items()
+        for options, message in cases
+    ],
+)
+def test_a_line_is_refused_with_its_reason(
+    line: str, code: int, message: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    assert message in refusal(line, code)
+    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "inspect run.csv",
+        "identify run.csv unknown.toml",
+        f"discover run.csv {BY_NAME}",
+        f"absorb chain.toml {TRIAL}",
+    ],
+)
+def test_a_folder_of_something_else_is_refused_before_the_work(
+    command: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    (tmp_path / "thesis.tex").write_text("years of work")
+    monkeypatch.setattr(lw, command.split()[0], lambda *_, **__: pytest.fail("the work was begun"))
+    assert "is not a result of linkwise" in refusal(f"{command} -o {tmp_path}")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize("place", ["", "file/chain.toml"])
+def test_a_place_that_cannot_be_written_is_named(place: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert str(tmp_path) in refusal(f"structure bnes --dof 2 -o {tmp_path / place}")
+
+
+def test_flags_of_the_arguments_are_appended() -> None:
+    error = RecordError("uneven time", "run.csv", arguments=("resample", "rate"))
+    assert with_flags(error) == "run.csv: uneven time. On the command line: --resample HZ, --rate HZ."
+    assert with_flags(RecordError("dead.", "run.csv")) == "run.csv: dead."
+    question = RecordError("is another line the header?", "a.csv", arguments=("header",))
+    assert with_flags(question) == f"{question} On the command line: --header LINE."
+    options = {
+        name
+        for command in linkwise.commands.values()
+        for parameter in command.params
+        for name in (parameter.opts if isinstance(parameter, click.Option) else [])
+    }
+    assert FLAGS and {flag.split()[0] for flag in FLAGS.values()} <= options
+
+
+def test_debug_shows_the_traceback() -> None:
+    err = said("structure bnes --dof 3 --debug", 2).err
+    assert "Traceback" in err and "linkwise: the number of masses must be even" in err
+
+
+def test_a_fault_of_linkwise_and_an_interrupt_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lw, "bnes_chain", lambda n: 1 / 0)
+    assert "internal error of linkwise: ZeroDivisionError" in refusal("structure bnes --dof 2", 1)
+
+    def interrupted(n: int) -> lw.Structure:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(lw, "bnes_chain", interrupted)
+    assert said("structure bnes --dof 2", 130).err.strip().startswith("linkwise: interrupted")
