@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from here import studies_here
@@ -30,31 +31,18 @@ def distributed() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def cluster(distributed: ModuleType) -> Iterator[object]:
-    with distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-    ) as cluster:
-        yield cluster
+def cluster(distributed: ModuleType) -> Iterator[str]:
+    """The address of the scheduler of two processes."""
+    quiet: dict[str, Any] = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **quiet) as cluster:
+        yield cluster.scheduler_address
 
 
-def test_a_cluster_gives_the_same_rows(tmp_path: Path, cluster: object) -> None:
-    file = small(tmp_path, cycles=1)
-    by_cluster = lw.run_study(file, tmp_path / "there", scheduler=cluster.scheduler_address)  # type: ignore[attr-defined]
-    with studies_here():
-        assert by_cluster == lw.run_study(file, tmp_path / "here", workers=1)
-    assert len(by_cluster) == 12 and not any(row.failed for row in by_cluster)
-
-
-def test_a_killed_worker_of_a_cluster_is_no_loss(
-    tmp_path: Path, cluster: object, distributed: ModuleType
+def test_a_cluster_gives_the_same_rows_and_a_killed_worker_is_no_loss(
+    tmp_path: Path, cluster: str, distributed: ModuleType
 ) -> None:
     file = small(tmp_path, cycles=2)
-    address = cluster.scheduler_address  # type: ignore[attr-defined]
-    with distributed.Client(address, set_as_default=False) as client:
+    with distributed.Client(cluster, set_as_default=False) as client:
         victims = list(client.run(os.getpid).values())
 
     def strike(report: lw.estimates.ProgressReport) -> None:
@@ -62,8 +50,10 @@ def test_a_killed_worker_of_a_cluster_is_no_loss(
             os.kill(victims.pop(), signal.SIGKILL)
             victims.clear()
 
-    rows = lw.run_study(file, tmp_path / "there", scheduler=address, progress=strike)
+    rows = lw.run_study(file, tmp_path / "there", scheduler=cluster, progress=strike)
     assert not victims
+    with studies_here():
+        assert rows == lw.run_study(file, tmp_path / "here", workers=1)
     assert len(rows) == 24 and not any(row.failed for row in rows)
 
 

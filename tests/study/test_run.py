@@ -11,7 +11,7 @@ from typing import Self, final
 import pytest
 from here import Here, studies_here
 from problems import chain_record
-from small_study import DIVERGING, small
+from small_study import small
 
 import linkwise as lw
 from linkwise.progress import silent
@@ -41,7 +41,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_rows_are_those_of_the_library(folder: Path) -> None:
-    row = next(row for row in lw.study.read_rows(folder) if row.case == Case("bnes4", 20.0, "ml", 1001))
+    by_case = {row.case: row for row in lw.study.read_rows(folder)}
+    row = by_case[Case("bnes4", 20.0, "ml", 1001)]
     chain = lw.bnes_chain(4)
     clean = chain_record(4, duration=0.5, speed=3.0 * (1.0 + 1e-10))  # the second cycle
     fit = lw.identify(clean.with_noise(20.0, seed=1001), chain.unknown("all"))
@@ -52,38 +53,41 @@ def test_the_rows_are_those_of_the_library(folder: Path) -> None:
     assert row.standard_errors["nes1.c"] == pytest.approx(fit.coefficient("nes1.c").standard_error, rel=1e-8)
     assert row.status == "converged" and row.reason == "" and row.seconds > 0.0 and row.masses == 4
 
-
-def test_the_classical_row_is_that_of_the_library(folder: Path) -> None:
-    row = next(
-        row
-        for row in lw.study.read_rows(folder)
-        if row.case == Case("bnes2", 40.0, "classical, states", 1001)
-    )
+    row = by_case[Case("bnes2", 40.0, "classical, states", 1001)]
     chain = lw.bnes_chain(2)
     clean = chain_record(2, duration=0.5, sensors=("x", "v", "a"))
     states = lw.sindy.noisy_states(clean, "states", 40.0, seed=1001)
-    fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(states, order=3))
+    classical = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(states, order=3))
     # same numerics, but for the solve of two columns
-    assert row.links == pytest.approx({"nes1": lw.sindy.monomial_nmse(fit, chain, "nes1", clean)}, rel=1e-6)
-    terms = fit.terms("x2''")
+    error = lw.sindy.monomial_nmse(classical, chain, "nes1", clean)
+    assert row.links == pytest.approx({"nes1": error}, rel=1e-6)
+    terms = classical.terms("x2''")
     expected = {"nes1.alpha": -0.01 * terms["x2"], "nes1.beta": -0.01 * terms["x2**3"]}
-    assert row.coefficients == pytest.approx(
-        expected, rel=1e-6
-    )  # same numerics, but for the solve of two columns
+    assert row.coefficients == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.fixture
+def study(folder: Path) -> lw.Study:
+    return lw.study.stored_study(folder)
+
+
+def run_by(executor: Executor, study: lw.Study, folder: Path) -> list[lw.study.Row]:
+    """The rows of a study whose cases this executor runs, or goes on with."""
+    with open_store(folder, study) as store, executor:
+        run(study, store, executor, silent)
+    return list(lw.study.read_rows(folder))
 
 
 @pytest.mark.parametrize("slots", [1, 5])
-def test_rows_depend_neither_on_order_nor_on_the_executor(folder: Path, tmp_path: Path, slots: int) -> None:
-    study = lw.study.stored_study(folder)
-    with open_store(tmp_path / "out", study) as store, Here(slots) as executor:
-        run(study, store, executor, silent)
-    assert lw.study.read_rows(tmp_path / "out") == lw.study.read_rows(folder)
+def test_rows_depend_neither_on_order_nor_on_the_executor(
+    folder: Path, study: lw.Study, tmp_path: Path, slots: int
+) -> None:
+    assert run_by(Here(slots), study, tmp_path / "out") == list(lw.study.read_rows(folder))
 
 
 def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
-    folder: Path, tmp_path: Path
+    folder: Path, study: lw.Study, tmp_path: Path
 ) -> None:
-    study = lw.study.stored_study(folder)
     reports: list[StudyProgress] = []
     rows = lw.run_study(
         study, tmp_path / "out", workers=2, progress=lambda report: reports.append(report.detail)
@@ -91,67 +95,36 @@ def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     assert rows == lw.study.read_rows(folder)
     assert reports[0].done == 0 and reports[0].left is None
     assert reports[-1].done == reports[-1].total == len(rows) == len(study) and reports[-1].left == 0.0
-    seconds = [row.seconds for row in rows]
     again = lw.run_study(study, tmp_path / "out", workers=2)
-    assert [row.seconds for row in again] == seconds
+    assert [row.seconds for row in again] == [row.seconds for row in rows]
 
 
-def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
-    study = lw.read_study(small(tmp_path, cycles=1, more=DIVERGING))
-    with open_store(tmp_path / "out", study) as store, Here() as executor:
-        run(study, store, executor, silent)
-    rows = lw.study.read_rows(tmp_path / "out")
-    failed = [row for row in rows if row.failed]
-    assert {row.structure for row in failed} == {"pushed away"} and len(failed) == 6
-    assert all("m1" in row.reason and row.nmse is None and row.worst is None for row in failed)
-    assert not any(row.reason.startswith("this is a fault") for row in failed)
-    assert len(rows) == len(study) == 18
-    summary = lw.study.study_summary(tmp_path / "out")
-    assert len(summary.failed_cells) == 6 and summary.complete
-    assert "! pushed away, 40 dB, weak failed 1 times: " in str(summary)
-
-
-def test_a_worker_that_dies_loses_only_what_it_was_at(folder: Path, tmp_path: Path) -> None:
-    study = lw.study.stored_study(folder)
+def test_a_worker_that_dies_loses_only_what_it_was_at(folder: Path, study: lw.Study, tmp_path: Path) -> None:
+    known = list(lw.study.read_rows(folder))
     unlucky = list(study.cases())[-1]
-    with (
-        open_store(tmp_path / "out", study) as store,
-        Here(2, {unlucky: 2}, known=lw.study.read_rows(folder)) as executor,
-    ):
-        run(study, store, executor, silent)
-    assert lw.study.read_rows(tmp_path / "out") == lw.study.read_rows(folder)
+    executor = Here(2, {unlucky: 2}, known=known)
+    assert run_by(executor, study, tmp_path / "twice") == known
     assert sum(unlucky in batch for batch in executor.batches) == 3
     assert executor.batches[-2] == (unlucky,)  # alone, once it was under suspicion
 
-
-def test_a_case_that_kills_its_worker_three_times_is_a_failure(folder: Path, tmp_path: Path) -> None:
-    study = lw.study.stored_study(folder)
     deadly = Case("bnes2", 20.0, "ml", 1001)
-    known = lw.study.read_rows(folder)
-    with open_store(tmp_path / "out", study) as store, Here(1, {deadly: 99}, known=known) as executor:
-        run(study, store, executor, silent)
-    rows = lw.study.read_rows(tmp_path / "out")
-    assert [row.case for row in rows if row.failed] == [deadly]
-    row = next(row for row in rows if row.failed)
+    rows = run_by(Here(1, {deadly: 99}, known=known), study, tmp_path / "always")
+    (row,) = (row for row in rows if row.failed)
+    assert row.case == deadly
     assert row.reason == "its worker process died 3 times while running it: killed, out of memory, or crashed"
-    assert [row for row in rows if not row.failed] == [
-        row for row in lw.study.read_rows(folder) if row.case != deadly
-    ]
+    assert [row for row in rows if not row.failed] == [row for row in known if row.case != deadly]
 
 
-def test_workers_that_cannot_work_end_the_study_and_keep_its_rows(folder: Path, tmp_path: Path) -> None:
-    study = lw.study.stored_study(folder)
-    with (
-        open_store(tmp_path / "out", study) as store,
-        Here(error=ModuleNotFoundError("No module named 'linkwise'")) as executor,
-        pytest.raises(lw.StudyError, match="a worker cannot run linkwise: ModuleNotFoundError: No module"),
+def test_workers_that_cannot_work_end_the_study(study: lw.Study, tmp_path: Path) -> None:
+    broken = Here(error=ModuleNotFoundError("No module named 'linkwise'"))
+    with pytest.raises(lw.StudyError, match="a worker cannot run linkwise: ModuleNotFoundError: No module"):
+        run_by(broken, study, tmp_path / "out")
+    with pytest.raises(lw.StudyError, match="the connection to the workers is lost"):
+        run_by(Gone(), study, tmp_path / "out")
+    with pytest.raises(
+        lw.StudyError, match=r"the worker has linkwise .*, but the study is run by 99\.0; insta"
     ):
-        run(study, store, executor, silent)
-    with (
-        open_store(tmp_path / "out", study) as store,
-        pytest.raises(lw.StudyError, match="the connection to the workers is lost"),
-    ):
-        run(study, store, Gone(), silent)
+        run_batch(CaseBatch(study.text(), (), linkwise="99.0"))
 
 
 @final
@@ -177,15 +150,7 @@ class Gone(Executor):
         pass
 
 
-def test_a_worker_with_another_version_says_so(folder: Path) -> None:
-    with pytest.raises(
-        lw.StudyError, match=r"the worker has linkwise .*, but the study is run by 99\.0; install that"
-    ):
-        run_batch(CaseBatch(lw.study.stored_study(folder).text(), (), linkwise="99.0"))
-
-
-def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    study = lw.study.stored_study(folder)
+def test_answers_that_are_not_finite_are_no_answers(study: lw.Study, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case("bnes2", 20.0, "weak", 1000)
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
@@ -196,23 +161,15 @@ def test_answers_that_are_not_finite_are_no_answers(folder: Path, monkeypatch: p
 
 
 def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, study: lw.Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And nothing else: not what had an answer."""
-    study = lw.study.stored_study(folder)
     pushed = Case("bnes2", 20.0, "ml", 1001)
-    with (
-        open_store(tmp_path / "out", study) as store,
-        Here(1, {pushed: 3}) as executor,
-        monkeypatch.context() as broken,
-    ):
+    with monkeypatch.context() as broken:
         broken.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)  # of weak and ml
-        run(study, store, executor, silent)
-    before = lw.study.read_rows(tmp_path / "out")
+        before = run_by(Here(1, {pushed: 3}), study, tmp_path / "out")
     faulty = {row.case for row in before if "ZeroDivisionError" in row.reason} | {pushed}
     assert len(faulty) == len(study) * 2 // 3 and {row.case for row in before if row.failed} == faulty
-    (died,) = (row for row in before if row.case == pushed)
-    assert died.reason.startswith("its worker process died 3 times")
     reports: list[StudyProgress] = []
     with open_store(tmp_path / "out", study) as store, Here() as executor:
         assert store.done() == set(study.cases()) - faulty
@@ -267,9 +224,8 @@ def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.M
     assert timing.left == pytest.approx(40.0)
 
 
-def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
+def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.Study) -> None:
     """The one that it was at; the next one, which it had already, can be told from that."""
-    study = lw.study.stored_study(folder)
     case = Case("bnes4", 20.0, "ml", 1000)
     with ProcessExecutor(1) as executor:
         assert executor.slots == 2
@@ -279,10 +235,8 @@ def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
         for child in multiprocessing.active_children():
             child.kill()
         wait([long, behind])
-        assert (
-            executor.failure_kind(long) is FailureKind.WORKER_DIED
-            and executor.failure_kind(behind) is FailureKind.NOT_STARTED
-        )
+        assert executor.failure_kind(long) is FailureKind.WORKER_DIED
+        assert executor.failure_kind(behind) is FailureKind.NOT_STARTED
         (again,) = executor.submit(CaseBatch(study.text(), (case,))).result()
         assert again.row == first.row
         unreadable = executor.submit(CaseBatch("no JSON", (case,)))
@@ -290,23 +244,22 @@ def test_a_process_that_is_killed_takes_one_batch_with_it(folder: Path) -> None:
         assert executor.failure_kind(unreadable) is FailureKind.CANNOT_RUN
 
 
-JOINT_AND_BEAM = """
+JOINT_AND_BEAM = '''
 snr_db = [40]
 first_seed = 31
 cycles = 2
+method = [{ kind = "ml" }, { kind = "weak" }, { kind = "monomial", convention = "states" }]
 
 [[structure]]
 name = "joint"
-toml = '''
-[[mass]]
-name = "m1"
-mass = 1.0
+toml = """
+mass = [{ name = "m1", mass = 1.0 }]
 [[link]]
 name = "joint"
 between = ["m1", "ground"]
 law = "bouc-wen"
 coefficients = { k = 400.0, c = 1.5, F = 12.0, x0 = "20 mm", s = 0.7 }
-'''
+"""
 forces = { m1 = "9*sin(17*t) + 5*sin(7.3*t) + 4*sin(41*t)" }
 duration = 4.0
 rate = 200.0
@@ -314,20 +267,18 @@ unknown = ["joint"]
 
 [[structure]]
 name = "beam"
-toml = '''
+toml = """
+mass = [{ name = "store", mass = 0.05 }]
 [[host]]
 name = "beam"
 frequency_sigma = "1 %"
 modes = [ { frequency = "5.2 Hz", damping = 0.01, shape = { tip = 1.0, joint = 0.62 } } ]
-[[mass]]
-name = "store"
-mass = 0.05
 [[link]]
 name = "payload"
 between = ["store", "beam.tip"]
 law = "k*d + k3*d**3 + c*v"
 coefficients = { k = 200.0, k3 = 2e6, c = 0.05 }
-'''
+"""
 forces = { "beam.joint" = "5*sin(33*t)" }
 duration = 2.0
 rate = 300.0
@@ -335,25 +286,17 @@ unknown = ["payload"]
 
 [[structure]]
 name = "rig"
-toml = '''
+toml = """
 [[link]]
 name = "damper"
 between = ["base", "ground"]
 law = "bouc-wen"
 coefficients = { k = 2000.0, c = 50.0, F = 100.0, x0 = "1 mm", s = 0.7 }
-'''
+"""
 base = "0.01*sin(5*t)*sin(0.7*t) + 0.003*sin(17*t)"
 duration = 6.0
 rate = 200.0
-
-[[method]]
-kind = "ml"
-[[method]]
-kind = "weak"
-[[method]]
-kind = "monomial"
-convention = "states"
-"""
+'''
 
 
 def test_links_with_memory_hosts_and_rigs_are_studied(tmp_path: Path) -> None:

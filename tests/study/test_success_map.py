@@ -6,26 +6,31 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from paper_rows import stored
 from reach_rows import EXACT, linear_answer, reach_rows, reach_study
 
 import linkwise as lw
 from linkwise.study.definition import parse_study
 from linkwise.study.row import FAILED, Row
-from linkwise.study.success_map import maps_of
+from linkwise.study.success_map import SuccessMap, maps_of
 from linkwise.study.summary import StudyTable
+
+
+def maps_from(rows: list[Row]) -> tuple[SuccessMap, ...]:
+    """The maps of the study of the reach with these rows."""
+    study = reach_study()
+    return maps_of(study, StudyTable.of(study, rows))
+
+
+def failed(row: Row) -> Row:
+    return replace(row, status=FAILED, links={}, terms={}, reason="too short")
 
 
 def test_the_maps_count_what_the_rows_say(tmp_path: Path) -> None:
     study = reach_study()
     maps = lw.study.success_maps(stored(tmp_path / "reach", study, reach_rows(study)))
-    assert [(success.name, success.method) for success in maps] == [
-        ("chain, 1 s", "discover"),
-        ("chain, 1 s", "sindy, links"),
-        ("chain, 2 s", "discover"),
-        ("chain, 2 s", "sindy, links"),
-    ]
+    named = [(success.name, success.method) for success in maps]
+    assert named == [(f"chain, {n} s", method) for n in (1, 2) for method in ("discover", "sindy, links")]
     first = maps[0]
     assert (first.snr_db == [8.0, 20.0, 40.0]).all() and (first.rates == [100.0, 500.0]).all()
     assert (first.samples == [5.0, 25.0]).all()  # of a motion of 20 Hz
@@ -41,42 +46,17 @@ def test_the_maps_count_what_the_rows_say(tmp_path: Path) -> None:
 
 
 def test_a_case_without_an_answer_is_not_exact_and_a_missing_one_is_no_case() -> None:
-    study = reach_study()
-    rows = reach_rows(study)
-    failed = [
-        Row(row.structure, 2, row.snr_db, row.method, row.seed, status=FAILED, reason="too short")
-        if row.snr_db == 40.0
-        else row
-        for row in rows
-        if row.snr_db > 8.0
-    ]
-    success = maps_of(study, StudyTable.of(study, failed))[0]
+    rows = reach_rows(reach_study())
+    success = maps_from([failed(row) if row.snr_db == 40.0 else row for row in rows if row.snr_db > 8.0])[0]
     assert (success.cases == [[0, 4, 4], [0, 4, 4]]).all()
     assert (success.exact[:, 2] == 0).all() and (success.exact_share[:, 2] == 0.0).all()
     assert np.isnan(success.exact_share[:, 0]).all()
-
-
-def test_a_method_without_any_answer_is_never_exact() -> None:
-    study = reach_study()
-    rows = [
-        replace(row, status=FAILED, links={}, terms={}, reason="too short")
-        if row.method == "discover"
-        else row
-        for row in reach_rows(study)
-    ]
-    maps = maps_of(study, StudyTable.of(study, rows))
+    maps = maps_from([failed(row) if row.method == "discover" else row for row in rows])
     assert [success.method for success in maps] == ["discover", "sindy, links"] * 2
     assert (maps[0].cases == 4).all() and (maps[0].exact_share == 0.0).all()
     assert (maps[0].wrong_trusted == 0).all()
-
-
-def test_methods_that_are_told_the_terms_have_no_map() -> None:
-    study = reach_study()
-    rows = [
-        Row(case.structure, 2, case.snr_db, case.method, case.seed, status="converged", links={"nes1": 0.1})
-        for case in study.cases()
-    ]
-    assert maps_of(study, StudyTable.of(study, rows)) == ()
+    # methods that are told the terms have no map
+    assert maps_from([replace(row, terms={}, links={"nes1": 0.1}) for row in rows]) == ()
 
 
 def test_other_structures_stand_apart_whatever_their_names() -> None:
@@ -99,8 +79,3 @@ def test_other_structures_stand_apart_whatever_their_names() -> None:
         ("d", [200.0]),
     ]
     assert maps[0].frequency is None and (maps[0].samples == maps[0].rates).all()
-
-
-def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(lw.StudyError, match="the folder does not hold a study"):
-        lw.study.success_maps(tmp_path)

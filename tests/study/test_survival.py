@@ -46,20 +46,6 @@ def test_ctrl_c_leaves_what_can_be_gone_on_with(tmp_path: Path) -> None:
     assert 0 < int(lines[0].split()[0]) <= len(rows(folder)) < 2400
 
 
-def test_a_second_process_is_refused_while_the_first_runs(tmp_path: Path) -> None:
-    file, folder = small(tmp_path, cycles=200), tmp_path / "out"
-    first = start(file, folder, slots=1)
-    wait_for_rows(first, folder, 1)
-    second = start(file, folder, slots=1)
-    out, err = second.communicate(timeout=PATIENCE)
-    assert second.returncode == 2 and out == ""
-    assert err.startswith(
-        f"linkwise: {folder}: another process is running a study in this folder; wait for it"
-    )
-    first.kill()
-    first.communicate()
-
-
 def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
     """Every worker imports the script that runs the study; without the guard each would run it again."""
     file = small(tmp_path)
