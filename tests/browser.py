@@ -49,7 +49,8 @@ class Shown:
         """Width in pixels of every image by what it is said to show; 0 where it is broken."""
         without = re.sub(r'src="[^"]*"', "", self.document)
         return {
-            name: int(width) for name, width in re.findall(r'<img +alt="([^"]*)" data-width="(\d+)"', without)
+            name: int(width)
+            for name, width in re.findall(r'<img +alt="([^"]*)"[^>]* data-width="(\d+)"', without)
         }
 
     @property

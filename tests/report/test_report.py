@@ -31,10 +31,12 @@ def page_of(estimate: lw.Estimate, **options: Any) -> str:
     return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
 
 
-def test_verdict_comes_first(fitted: lw.Estimate) -> None:
+def test_verdict_comes_first_and_what_was_found_before_what_was_known(fitted: lw.Estimate) -> None:
     body = page_of(fitted).partition("<body>")[2]
     assert fitted.trusted
     assert 0 < body.index("This answer can be trusted.") < body.index("<table>")
+    assert body.index("<h3>nes1 ") < body.index("<h3>spring1 ")
+    assert "plotly-graph-div" not in body.partition("<h2>Masses")[0]  # no link was to be pictured
 
 
 def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
@@ -46,14 +48,10 @@ def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
 
 
 def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) -> None:
-    odd = replace(
-        fitted,
-        remarks=("The sink never left one well.",),
-        compute_motion=lambda: replace(
-            fitted.motion, structure=replace(fitted.structure, name="<script>alert(1)</script>")
-        ),
-    )
-    page = page_of(odd)
+    named = replace(fitted.structure, name="<script>alert(1)</script>")
+    motion = replace(fitted.motion, structure=named)
+    remarks = ("The sink never left one well.",)
+    page = page_of(replace(fitted, remarks=remarks, compute_motion=lambda: motion))
     assert "<li>The sink never left one well.</li>" in page
     assert "<script>alert" not in page and "&lt;script&gt;alert" in page
 
@@ -77,17 +75,12 @@ def test_page_needs_nothing_else(folder: Path) -> None:
     assert len(page) < 6e6
 
 
-def test_folder_holds_what_the_interface_promises(folder: Path) -> None:
+def test_folder_holds_what_the_interface_promises(folder: Path, fitted: lw.Estimate) -> None:
     forces = {"force_spring1.csv", *(f"force_nes1.{suffix}" for suffix in ("csv", "png"))}  # one is known
-    expected = {
-        "result.json",
-        "structure.toml",
-        "covariance.csv",
-        "report.html",
-        "histories.png",
-        *forces,
-    }
-    assert {path.name for path in folder.iterdir()} == expected
+    others = {"result.json", "structure.toml", "covariance.csv", "report.html", "histories.png"}
+    assert {path.name for path in folder.iterdir()} == others | forces
+    identified = lw.read_structure(folder / "structure.toml")
+    assert identified.parameters == () and identified == fitted.structure
 
 
 def test_result_json_is_that_of_the_interface(folder: Path, fitted: lw.Estimate) -> None:
@@ -108,11 +101,6 @@ def test_result_json_is_that_of_the_interface(folder: Path, fitted: lw.Estimate)
     assert result["files"] == sorted(path.name for path in folder.iterdir() if path.name != "result.json")
 
 
-def test_structure_is_the_identified_one(folder: Path, fitted: lw.Estimate) -> None:
-    identified = lw.read_structure(folder / "structure.toml")
-    assert identified.parameters == () and identified == fitted.structure
-
-
 def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate) -> None:
     path = folder / "force_nes1.csv"
     assert path.read_text().splitlines()[0] == "d,force,lower,upper"
@@ -129,12 +117,6 @@ def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_p
     )
     # four files are written, the last report is before the last of them
     assert fractions == sorted(fractions) and fractions[0] >= 0.0 and 0.8 < fractions[-1] <= 1.0
-
-
-def test_what_was_found_stands_before_what_was_known(fitted: lw.Estimate) -> None:
-    page = page_of(fitted)
-    assert page.index("<h3>nes1 ") < page.index("<h3>spring1 ")
-    assert "plotly-graph-div" not in page.partition("<h2>Masses")[0]  # no link was to be pictured
 
 
 def test_a_discovery_from_a_simulated_record_with_memory_is_written(
