@@ -28,13 +28,14 @@ def labels(figure: Figure) -> list[str]:
 def test_decay_shows_every_primary_mass_with_and_without(eight: lw.Absorption) -> None:
     figure = decay_figure(eight)
     assert [axes.get_ylabel() for axes in figure.axes] == ["m1\nmm", "m3\nmm", "m5\nmm", "m7\nmm"]
-    without, with_sinks, *_ = figure.axes[1].get_lines()
-    np.testing.assert_allclose(
-        np.asarray(with_sinks.get_ydata()), 1000.0 * eight.with_sinks.x[:, 2], rtol=1e-12
-    )
-    np.testing.assert_allclose(np.asarray(without.get_ydata()), 1000.0 * eight.without.x[:, 1], rtol=1e-12)
+    without, with_sinks, *_ = (np.asarray(line.get_ydata()) for line in figure.axes[1].get_lines())
+    np.testing.assert_allclose(with_sinks, 1000.0 * eight.with_sinks.x[:, 2], rtol=1e-12)
+    np.testing.assert_allclose(without, 1000.0 * eight.without.x[:, 1], rtol=1e-12)
     assert "chaos: one motion of many" in labels(figure) and "settled with sinks" not in labels(figure)
     assert "envelope, 95 % of draws" not in labels(figure)
+    lower, upper = 0.9 * eight.with_sinks.envelope, 1.1 * eight.with_sinks.envelope
+    drawn = lw.absorption.AbsorptionIntervals(eight, 2, 0, (), lower, upper, diverged=0, closure=0.0)
+    assert "envelope, 95 % of draws" in labels(decay_figure(drawn))
 
 
 def test_a_structure_without_a_name_leaves_no_gap_in_the_title(eight: lw.Absorption) -> None:
@@ -47,40 +48,27 @@ def test_a_structure_without_a_name_leaves_no_gap_in_the_title(eight: lw.Absorpt
         assert title in [axes.get_title(loc=place) for place in ("left", "center")]
 
 
-def test_bands_are_drawn_where_there_are_any(eight: lw.Absorption) -> None:
-    lower, upper = 0.9 * eight.with_sinks.envelope, 1.1 * eight.with_sinks.envelope
-    drawn = lw.absorption.AbsorptionIntervals(eight, 2, 0, (), lower, upper, diverged=0, closure=0.0)
-    assert "envelope, 95 % of draws" in labels(decay_figure(drawn))
-
-
 def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.Absorption) -> None:
-    figure = energy_figure(eight)
     panels = []
-    for axes in some(figure.axes):
-        bands = {band.get_label(): band for band in axes.collections}
-        paths = [path for band in bands.values() for path in band.get_paths()]
+    for axes in some(energy_figure(eight).axes):
+        paths = [path for band in axes.collections for path in band.get_paths()]
         top = max(float(np.asarray(path.vertices)[:, 1].max()) for path in paths)
         # identity
         assert top == pytest.approx(100.0, abs=1e-6)
-        panels.append({name: tuple(np.asarray(band.get_facecolor())[0]) for name, band in bands.items()})
+        panels.append(
+            {band.get_label(): tuple(np.asarray(band.get_facecolor())[0]) for band in axes.collections}
+        )
     both = set(panels[0]) & set(panels[1])
-    assert {"spring1", "spring4", "still there"} <= both and all(
-        panels[0][name] == panels[1][name] for name in both
-    )
+    assert {"spring1", "spring4", "still there"} <= both
+    assert all(panels[0][name] == panels[1][name] for name in both)
     assert {"nes1", "nes1-harvester"} <= set(panels[0]) and "nes1" not in panels[1]
 
 
 def test_crossings_are_marked_above_each_sink(eight: lw.Absorption) -> None:
-    figure = crossings_figure(eight)
-    for axes, work in zip(some(figure.axes), eight.sinks, strict=True):
+    for axes, work in zip(some(crossings_figure(eight).axes), eight.sinks, strict=True):
         marks = next(line for line in axes.get_lines() if line.get_label() == "crossing")
         np.testing.assert_array_equal(marks.get_xdata(), work.crossings)
         assert axes.get_title("left") == f"{work.sink.link}: {len(work.crossings)} crossings"
-
-
-def test_a_sink_of_one_well_has_no_crossings_to_mark() -> None:
-    single = lw.absorb(
-        lw.bnes_chain(2, alpha=100.0), sinks=["nes1"], duration=0.2, rate=500.0, release={"v:m1": 1.0}
-    )
-    figure = crossings_figure(single)
+    one_well, trial = lw.bnes_chain(2, alpha=100.0), {"v:m1": 1.0}
+    figure = crossings_figure(lw.absorb(one_well, sinks=["nes1"], duration=0.2, rate=500.0, release=trial))
     assert labels(figure) == ["elongation"] and figure.axes[0].get_title("left") == "nes1: one well"

@@ -39,6 +39,7 @@ FIGURES = {  # of pages
     for name, draw in inspect.getmembers(import_module(f"linkwise.plot.{path.stem}"), inspect.isfunction)
     if name.endswith("_figure")
 }
+WITHOUT_LEGEND = {"prediction_profile", "runners_up", "spectrogram", "success_map"}
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 
 
@@ -46,11 +47,11 @@ def rows(method: str = "ml") -> list[lw.study.Row]:
     """Rows of a study: two structures at two noise levels."""
     return [
         lw.study.Row(
-            f"bnes-{masses}", masses, level, method, 1, status="converged", links={"nes1": masses / level}, seconds=masses
+            f"bnes-{n}", n, level, method, 1, status="converged", links={"nes1": n / level}, seconds=n
         )
-        for masses in (2, 4)
+        for n in (2, 4)
         for level in (40.0, 20.0)
-    ]  # fmt: skip
+    ]
 
 
 def compared(force: str) -> lw.inspection.LevelComparison:
@@ -111,32 +112,25 @@ def drawn(axes: Axes) -> int:
 
 def test_pictures_are_all_that_is_public_beside_saving_them() -> None:
     assert set(lw.plot.__all__) == {*PICTURES, "save"}
+    with pytest.raises(AttributeError, match=r"module 'linkwise\.plot' has no attribute 'forces'"):
+        lw.plot.forces  # type: ignore[attr-defined]  # noqa: B018
 
 
 @pytest.mark.parametrize("name", PICTURES)
-def test_a_picture_is_drawn_on_the_axes_of_the_caller(name: str, drawings: dict[str, Draw]) -> None:
+def test_a_picture_is_drawn_on_the_axes_of_the_caller_or_its_own(
+    name: str, drawings: dict[str, Draw]
+) -> None:
     figure = Figure()
     left, right = figure.subplots(1, 2)
     assert drawings[name](ax=left) is left
     assert drawn(left) > 0 and drawn(right) == 0
     figure.savefig("/dev/null", format="png")
-
-
-@pytest.mark.parametrize("name", PICTURES)
-def test_a_picture_without_axes_makes_a_figure_of_its_own(name: str, drawings: dict[str, Draw]) -> None:
     axes = drawings[name]()
     assert isinstance(axes.figure, Figure) and axes in axes.figure.axes and drawn(axes) > 0
     assert drawings[name]().figure is not axes.figure
-
-
-@pytest.mark.parametrize(
-    "name", sorted(set(PICTURES) - {"prediction_profile", "runners_up", "spectrogram", "success_map"})
-)
-def test_a_legend_can_be_left_out(name: str, drawings: dict[str, Draw]) -> None:
-    """A map without missing cells and a study of one method still have a legend argument."""
-    assert drawings[name](legend=False).get_legend() is None
-    if name != "map":
-        assert drawings[name]().get_legend() is not None
+    if name not in WITHOUT_LEGEND:
+        assert drawings[name](legend=False).get_legend() is None
+        assert name == "map" or axes.get_legend() is not None
 
 
 def test_the_style_of_the_caller_stays(drawings: dict[str, Draw]) -> None:
@@ -169,31 +163,16 @@ def test_pyplot_axes_work_and_nothing_here_imports_pyplot() -> None:
     assert result.returncode == 0, result.stderr
 
 
-def test_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match=r"module 'linkwise\.plot' has no attribute 'forces'"):
-        lw.plot.forces  # type: ignore[attr-defined]  # noqa: B018
-
-
 def test_names_with_dollar_signs_are_printed_as_they_are(fitted: lw.Estimate) -> None:
-    structure = replace(
-        fitted.structure,
-        links=tuple(
-            replace(link, name=ODD if link.name == "nes1" else link.name) for link in fitted.structure.links
-        ),
-    )
-    odd = replace(
-        fitted,
-        compute_motion=lambda: replace(fitted.motion, structure=structure),
-        record=replace(fitted.record, simulated=None, source=f"{ODD}.csv"),
-    )
+    links = (replace(each, name=ODD if each.name == "nes1" else each.name) for each in fitted.structure.links)
+    motion = replace(fitted.motion, structure=replace(fitted.structure, links=tuple(links)))
+    record = replace(fitted.record, simulated=None, source=f"{ODD}.csv")
+    odd = replace(fitted, compute_motion=lambda: motion, record=record)
     sink = lw.bnes_chain(2).link("nes1")
     compared_figure = force_comparison_figure(sink, {ODD: sink}, (-0.02, 0.02), title=ODD)
     for figure in (force_figure(odd, ODD), histories_figure(odd.record), compared_figure):
         texts = [text for text in figure.findobj(Text) if "$" in text.get_text()]
         assert texts
         assert all(text.get_text().count("$") == text.get_text().count(r"\$") for text in some(texts))
-
-
-def test_a_method_that_begins_with_an_underscore_has_its_entry() -> None:
-    legend = lw.plot.study(rows("_mine")).get_legend()
+    legend = lw.plot.study(rows("_mine")).get_legend()  # which matplotlib would leave out
     assert legend is not None and [text.get_text() for text in legend.get_texts()] == ["\u200b_mine"]

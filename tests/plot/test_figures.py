@@ -46,11 +46,7 @@ def waves(count: int, *, gap: slice | None = None, samples: int = 500) -> lw.Rec
 def test_scale_brings_numbers_near_one(largest: float, expected: tuple[float, str]) -> None:
     factor, unit = scale(largest, "m")
     assert factor == pytest.approx(expected[0], rel=1e-12) and unit == expected[1]
-
-
-@pytest.mark.parametrize("unit", ["", "?"])
-def test_scale_leaves_numbers_without_unit(unit: str) -> None:
-    assert scale(0.02, unit) == (1.0, "")
+    assert scale(largest, "") == scale(largest, "?") == (1.0, "")
 
 
 def test_envelope_keeps_every_extreme_and_every_gap() -> None:
@@ -64,17 +60,10 @@ def test_envelope_keeps_every_extreme_and_every_gap() -> None:
     # within the gap by more than the 0.2 s that a bin of 500 is wide
     assert np.isnan(thin[(thin_time > 70.3) & (thin_time < 79.7)]).all()
     np.testing.assert_array_equal(thin, values[np.searchsorted(time, thin_time)])
-
-
-def test_a_short_trace_is_left_alone() -> None:
-    time = np.arange(100.0)
-    assert envelope(time, time)[0] is time
-
-
-@pytest.mark.parametrize("count", [0, 1, 2999, 3000, 3001, 100_000])
-def test_scattered_bounds_the_number_of_points(count: int) -> None:
-    count_drawn = len(np.arange(count)[scattered(count)])
-    assert min(count, 1500) <= count_drawn <= 3000
+    short = time[:100]  # is left alone
+    assert envelope(short, short)[0] is short
+    for count in (0, 1, 2999, 3000, 3001, 100_000):
+        assert min(count, 1500) <= len(np.arange(count)[scattered(count)]) <= 3000
 
 
 def labels(figure: object) -> list[str]:
@@ -90,17 +79,11 @@ def test_force_figure_names_axes_units_and_curves(measured: lw.Estimate, chain: 
     assert figure.get_suptitle() == "nes1 (m2 – m1):  alpha*d + beta*d**3 + c*v"
     low, high = near.get_xlim()
     assert wide.get_xlim()[0] < low < -10.0 and 10.0 < high < wide.get_xlim()[1]  # wells at 10 mm
-
-
-def test_samples_are_drawn_where_there_are_any(measured: lw.Estimate) -> None:
     blind = replace(measured, compute_motion=lambda: replace(measured.motion, compute_residual=lambda: None))
     assert "measured minus damping" in labels(force_figure(measured, "nes1"))
     assert "minus damping" not in " ".join(labels(force_figure(blind, "nes1")))
-
-
-def test_a_link_without_wells_has_one_panel(fitted: lw.Estimate) -> None:
-    figure = force_figure(fitted, "spring1")
-    assert len(figure.axes) == 1 and "wells" not in labels(figure)
+    spring = force_figure(measured, "spring1")
+    assert len(spring.axes) == 1 and "wells" not in labels(spring)
 
 
 def test_histories_have_a_strip_a_channel() -> None:
@@ -108,12 +91,8 @@ def test_histories_have_a_strip_a_channel() -> None:
     assert [axes.get_ylabel() for axes in figure.axes] == [f"x:m{k}\nmm" for k in (1, 2, 3)]
     assert figure.axes[-1].get_xlabel() == "time, s"
     assert figure.axes[0].get_title(loc="left") == "waves.csv"
-
-
-def test_histories_of_many_channels_say_what_they_leave_out() -> None:
-    figure = histories_figure(waves(13))
-    assert len(figure.axes) == 10
-    assert "3 more channels not shown" in figure.axes[0].get_title(loc="left")
+    many = histories_figure(waves(13)).axes
+    assert len(many) == 10 and "3 more channels not shown" in many[0].get_title(loc="left")
 
 
 @pytest.mark.parametrize(

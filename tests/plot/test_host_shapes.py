@@ -33,16 +33,8 @@ def test_bars_are_two_standard_deviations_either_way() -> None:
     bars = some(lw.plot.shapes(wing().known_to_within(shape=0.05)).containers)[0].get_children()[-1]
     assert isinstance(bars, LineCollection)
     np.testing.assert_allclose([np.ptp(ends[:, 1]) for ends in bars.get_segments()], 4.0 * 0.05, atol=1e-12)
-
-
-def test_shapes_that_are_known_have_no_bars() -> None:
-    for container in some(lw.plot.shapes(wing()).containers):
-        assert not any(isinstance(part, LineCollection) for part in container.get_children())
-
-
-def test_every_host_has_a_panel() -> None:
-    two = structure({}, hosts=[wing(), wing("tail")])
-    assert [axes.get_title(loc="left") for axes in shapes_figure(two).axes] == ["wing", "tail"]
+    known = [part for bars in some(lw.plot.shapes(wing()).containers) for part in bars.get_children()]
+    assert not any(isinstance(part, LineCollection) for part in known)
 
 
 def test_the_legend_of_many_modes_lies_beside_the_lines() -> None:
@@ -59,16 +51,18 @@ def test_the_legend_of_many_modes_lies_beside_the_lines() -> None:
     assert box.x1 <= figure.bbox.x1
 
 
-def test_labels_have_the_units_of_the_points() -> None:
-    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0)}
-    for rotations, unit in (([], "1/√kg"), (["r"], "1/√kg or rad/(m √kg)"), (["tip", "r"], "rad/(m √kg)")):
+def test_every_host_and_unit_has_a_panel() -> None:
+    """Shapes of points that turn have another unit and size."""
+    two = structure({}, hosts=[wing(), wing("tail")])
+    assert [axes.get_title(loc="left") for axes in shapes_figure(two).axes] == ["wing", "tail"]
+    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0), "mid": (0.6, 1.2)}
+    for rotations, unit in (
+        ([], "1/√kg"),
+        (["r"], "1/√kg or rad/(m √kg)"),
+        (["tip", "r", "mid"], "rad/(m √kg)"),
+    ):
         beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=rotations)
         assert lw.plot.shapes(beam).get_ylabel() == f"shape, {unit}"
-
-
-def test_points_that_turn_have_a_panel_of_their_own() -> None:
-    """Their shapes have another unit and size."""
-    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0), "mid": (0.6, 1.2)}
     beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=["r"]).known_to_within(shape=0.02)
     panels = shapes_figure(structure({}, hosts=[beam], name="beam")).axes
     assert [panel.get_ylabel() for panel in panels] == ["shape, 1/√kg", "shape, rad/(m √kg)"]

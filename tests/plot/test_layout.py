@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations, pairwise
+from typing import Any
 
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -54,9 +55,9 @@ def faults(figure: Figure) -> list[str]:
     return cut + on
 
 
-def test_figures_of_identify_and_discover_have_no_faults(
-    discovered: lw.Discovery, fitted: lw.Estimate
-) -> None:
+def test_figures_of_answers_have_no_faults(discovered: lw.Discovery, fitted: lw.Estimate) -> None:
+    trial: dict[str, Any] = {"duration": 1.0, "rate": 500.0, "release": {"v:m1": 3.0}}
+    over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
     figures = {
         "graph": graph_figure(discovered),
         "path": path_figure(discovered),
@@ -64,27 +65,13 @@ def test_figures_of_identify_and_discover_have_no_faults(
         "histories": histories_figure(fitted.record),
         "two panels": force_figure(fitted, "nes1"),
         "one panel": force_figure(fitted, "spring1"),
+        "map": map_figure(lw.absorption.absorption_map(lw.bnes_chain(2), over, **trial)),
     }
+    for masses in (2, 8):
+        absorption = lw.absorb(lw.bnes_chain(masses), **trial)
+        for draw in (decay_figure, energy_figure, crossings_figure):
+            figures[f"{draw.__name__} of {masses}"] = draw(absorption)
     assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
-
-
-@pytest.mark.parametrize("masses", [2, 8])
-def test_figures_of_absorb_have_no_faults(masses: int) -> None:
-    answer = lw.absorb(lw.bnes_chain(masses), duration=1.0, rate=500.0, release={"v:m1": 3.0})
-    figures = {
-        "decay": decay_figure(answer),
-        "energy": energy_figure(answer),
-        "crossings": crossings_figure(answer),
-    }
-    assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
-
-
-def test_maps_have_no_faults() -> None:
-    over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
-    swept = lw.absorption.absorption_map(
-        lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0}
-    )
-    assert faults(map_figure(swept)) == []
 
 
 def test_long_names_and_large_numbers_have_their_room() -> None:
@@ -109,25 +96,13 @@ def test_what_is_cut_or_covered_is_seen() -> None:
     assert faults(figure) == ["panel 0", "panel 0 on covered"]
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (1e4, "10⁴"),
-        (1e-5, "10⁻⁵"),
-        (1000.0, "1000"),
-        (0.01, "0.01"),
-        (0.0, "0"),
-        (-100.0, "−100"),
-        (-1e5, "−10⁵"),
-        (2e-4, "2·10⁻⁴"),
-        (0.002, "0.002"),
-    ],
-)
-def test_powers_are_written_in_plain_characters(value: float, text: str) -> None:
+def test_powers_are_written_in_plain_characters() -> None:
+    values = (1e4, 1e-5, 1000.0, 0.01, 0.0, -100.0, -1e5, 2e-4, 0.002)
+    texts = ["10⁴", "10⁻⁵", "1000", "0.01", "0", "−100", "−10⁵", "2·10⁻⁴", "0.002"]
     with sheet() as (_, [axes]):
         axes.plot([-1e6, 1e6])
         log_scale(axes, "y", linear_to=1e-6)
-        assert axes.yaxis.get_major_formatter()(value) == text
+        assert [axes.yaxis.get_major_formatter()(value) for value in values] == texts
 
 
 def test_a_logarithmic_axis_of_less_than_a_decade_has_labels() -> None:

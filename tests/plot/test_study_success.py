@@ -37,31 +37,20 @@ def test_each_cell_has_its_per_cent_and_in_red_what_is_wrong_and_trusted() -> No
     np.testing.assert_allclose(colours, np.array(EXACT) / 4.0, rtol=1e-12)
 
 
-def test_cells_that_were_not_run_are_empty() -> None:
-    some_run = replace(reach_maps()[0], cases=np.array([[4, 0, 4], [4, 4, 0]]))
-    axes = lw.plot.success_map(some_run)
-    assert set(numbers(axes, "black")) == {(0, 0), (0, 2), (1, 0), (1, 1)}
-
-
-def test_without_a_frequency_the_rate_is_shown() -> None:
-    axes = lw.plot.success_map(replace(reach_maps()[0], frequency=None, name="a$b$c"))
+def test_without_a_frequency_the_rate_is_shown_and_cells_that_were_not_run_are_empty() -> None:
+    cases = np.array([[4, 0, 4], [4, 4, 0]])
+    axes = lw.plot.success_map(replace(reach_maps()[0], frequency=None, name="a$b$c", cases=cases))
     assert axes.get_ylabel() == "sampling rate, Hz" and axes.get_title(loc="left") == r"a\$b\$c: discover"
     assert [label.get_text() for label in axes.get_yticklabels()] == ["100", "500"]
+    assert set(numbers(axes, "black")) == {(0, 0), (0, 2), (1, 0), (1, 1)}
+    with pytest.raises(lw.StudyError, match="nothing to draw: no method of the study looks for terms"):
+        success_figure([])
 
 
 def test_a_row_is_a_structure_and_length_and_a_column_a_method() -> None:
     figure = success_figure(reach_maps())
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [
-        "discover\nchain, 1 s",
-        "sindy, links\n",
-        "chain, 2 s",
-        "",
-    ]
+    titles = ["discover\nchain, 1 s", "sindy, links\n", "chain, 2 s", ""]
+    assert [axes.get_title(loc="left") for axes in figure.axes] == titles
     assert [axes.get_xlabel() != "" for axes in figure.axes] == [False, False, True, True]
     assert [axes.get_ylabel() != "" for axes in figure.axes] == [True, False, True, False]
     assert numbers(figure.axes[1], WELL) == {(row, column): 100 for row in range(2) for column in range(3)}
-
-
-def test_without_a_map_there_is_no_figure() -> None:
-    with pytest.raises(lw.StudyError, match="nothing to draw: no method of the study looks for terms"):
-        success_figure([])
