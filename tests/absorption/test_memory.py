@@ -80,20 +80,18 @@ def test_intervals_hold_the_power_of_the_identified_link() -> None:
         ({"piezo": "V**/R"}, "is not a power"),
         ({"pie": "V**2/R"}, 'unknown link "pie"; did you mean "piezo"'),
         ({"piezo": -0.1}, "the damping of a harvester must be positive"),
+        # a nan beside "can be trusted" before; V is 0/0 at the start in the second
+        ({"piezo": "V**2/(R - R)"}, r"harvester on piezo: its power .* is not a finite number at 0 s"),
+        (
+            {"piezo": "V**2/R*abs(V)/abs(V)"},
+            r"harvester on piezo: its power .* is not a finite number at 0 s",
+        ),
     ],
 )
 def test_what_is_no_harvester_is_refused(harvesters: dict[str, float | str], message: str) -> None:
-    with pytest.raises(lw.StructureError, match=message):
+    numbers = "finite" in message
+    with pytest.raises(lw.SimulationError if numbers else lw.StructureError, match=message):
         lw.absorb(tower(), **RELEASE, harvesters=harvesters)
-
-
-@pytest.mark.parametrize("power", ["V**2/(R - R)", "V**2/R*abs(V)/abs(V)"])
-def test_a_power_that_is_no_number_is_refused(power: str) -> None:
-    """A nan beside "can be trusted" before; V is 0/0 at the start in the second."""
-    with pytest.raises(
-        lw.SimulationError, match=r"harvester on piezo: its power .* is not a finite number at 0 s"
-    ):
-        lw.absorb(tower(), **RELEASE, harvesters={"piezo": power})
 
 
 @pytest.mark.parametrize("power", ["2", "-V**2/R", "20*V**2/R"])
@@ -120,15 +118,12 @@ def test_equilibria_and_modes_are_those_in_a_short_circuit() -> None:
 
 def test_a_state_that_does_not_rest_is_refused() -> None:
     creep = lw.Law.parse("k*(d - z)", {"z": "r*(d - z)"})
-    creeping = link("creep", "m1-ground", creep, k=40.0, r=2.0)
-    with pytest.raises(
-        lw.StructureError, match="the state z does not rest at 0 while the ends of the link are at rest"
-    ):
+    creeping, sink = (
+        link(name, ends, creep, k=40.0, r=2.0) for name, ends in (("creep", "m1-ground"), ("sink", "m2-m1"))
+    )
+    resting = "the state z does not rest at 0 while the ends of the link are at rest"
+    with pytest.raises(lw.StructureError, match=resting):
         lw.analysis.equilibria(structure({"m1": 1.0}, creeping))
+    two = structure({"m1": 1.0, "m2": 0.1}, creeping, sink)
     with pytest.raises(lw.StructureError, match="does not rest at 0"):
-        lw.absorb(
-            structure({"m1": 1.0, "m2": 0.1}, creeping, link("sink", "m2-m1", creep, k=40.0, r=2.0)),
-            duration=1.0,
-            release={"v:m1": 1.0},
-            sinks=["sink"],
-        )
+        lw.absorb(two, duration=1.0, release={"v:m1": 1.0}, sinks=["sink"])
