@@ -64,9 +64,8 @@ def check_sinks_at_20_db(runs: Runs) -> None:
     # chi-square of z over all coefficients: they are correlated within a record, so its scatter is taken from records
     assert 0.6 < np.sqrt(np.mean(runs.z**2)) < 1.4
     chi = [fit.chi_square_per_sample for fit in runs.fits]
-    assert (
-        np.abs(np.array(chi) - 1.0).max() < 5.0 * np.sqrt(2.0 / 12002) + 0.05
-    )  # 5 % for the estimated noise
+    # 5 % for the estimated noise
+    assert np.abs(np.array(chi) - 1.0).max() < 5.0 * np.sqrt(2.0 / 12002) + 0.05
 
 
 def check_velocities(runs: Runs) -> None:

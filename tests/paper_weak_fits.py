@@ -69,9 +69,8 @@ def check_cover(records: int) -> None:
     record = chain_record(2, duration=3.0)
     truth, d = true_values(chain), np.array([-0.03, -0.01, 0.004, 0.012, 0.028])
     force = chain.link("nes1").force(d)
-    frequency = np.sqrt(200.0 / (1.0 / (1.0 / 0.01 + 1.0))) / (
-        2.0 * np.pi
-    )  # slope -2 alpha in the well, reduced mass
+    # slope -2 alpha in the well, reduced mass
+    frequency = np.sqrt(200.0 / (1.0 / (1.0 / 0.01 + 1.0))) / (2.0 * np.pi)
     is_inside = []
     fits = [
         lw.identify(record.with_noise(25.0, seed=seed), chain.unknown("all"), method="weak")

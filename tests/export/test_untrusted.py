@@ -10,10 +10,10 @@ from pathlib import Path
 import openpyxl
 import pytest
 import scipy.io
+from commands import said
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.cli import run
 
 SENTENCE = (
     "The answer is NOT to be trusted (forces unexplained), and neither is what follows from its numbers."
@@ -42,13 +42,10 @@ def answer(fit: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lw.report.write_result(fit, tmp_path_factory.mktemp("untrusted") / "answer")
 
 
-def test_every_export_of_the_folder_says_so(
-    fit: lw.Estimate, answer: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_export_of_the_folder_says_so(fit: lw.Estimate, answer: Path, tmp_path: Path) -> None:
     assert SENTENCE in lw.export_answer(fit, tmp_path / "estimate.py").read_text()
     files = {suffix: tmp_path / f"forces{suffix}" for suffix in (".py", ".m", ".mat", ".csv", ".xlsx")}
-    assert run(["export", str(answer), *map(str, files.values())]) == 3
-    assert f"note: {SENTENCE}" in capsys.readouterr().err
+    assert f"note: {SENTENCE}" in said(f"export {answer} {' '.join(map(str, files.values()))}", 3).err
     for suffix in (".py", ".m"):
         assert SENTENCE in files[suffix].read_text()
     assert SENTENCE in str(scipy.io.loadmat(files[".mat"], simplify_cells=True)["note"])
@@ -82,25 +79,19 @@ def test_a_folder_of_a_method_without_intervals_says_which_methods_give_them(tmp
 
 
 @pytest.mark.parametrize(
-    "command",
+    ("command", "code"),
     [
-        ["absorb", "FILE", "--duration", "1", "--release", "v:m1=1", "--sink", "link", "--without", "locked"],
-        ["limit", "FILE", "--duration", "1", "--rate", "500", "--release", "v:m1=1", "--noise", "40"],
-        ["simulate", "FILE", "--duration", "1", "--rate", "500", "--release", "v:m1=1", "-o", "run.csv"],
-        ["export", "FILE", "forces.py"],
-        ["validate", "given.csv", "FILE"],
+        ("absorb moved.toml --duration 1 --release v:m1=1 --sink link --without locked", 2),
+        ("limit moved.toml --duration 1 --rate 500 --release v:m1=1 --noise 40", 0),
+        ("simulate moved.toml --duration 1 --rate 500 --release v:m1=1 -o run.csv", 0),
+        ("export moved.toml forces.py", 3),
+        ("validate given.csv moved.toml", 3),
     ],
-    ids=lambda command: command[0],
 )
 def test_commands_on_its_structure_file_say_so_wherever_the_file_went(
-    command: list[str],
-    answer: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, code: int, answer: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     lw.write_record(hardening(), "given.csv")
     Path("moved.toml").write_text((answer / "structure.toml").read_text())
-    run([argument.replace("FILE", "moved.toml") for argument in command])
-    assert SENTENCE in capsys.readouterr().err
+    assert SENTENCE in said(command, code).err
