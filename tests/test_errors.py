@@ -19,6 +19,9 @@ from linkwise.errors import (
 def test_law_error_puts_the_caret_under_the_place() -> None:
     error = LawError("'foo' is not a function.", "k*d + foo(v)", 6, "Use one of abs, sign.")
     assert str(error) == "'foo' is not a function.\n  k*d + foo(v)\n        ^\nUse one of abs, sign."
+    lines = str(LawError("no", "k*d +\n\tfoo(d)", 7)).splitlines()
+    assert lines[1:] == ["   foo(d)", "   ^"]  # the line of the place only
+    assert "^" not in str(LawError("no", "k*d"))
 
 
 def test_law_error_cuts_a_long_text_and_keeps_the_caret_right() -> None:
@@ -27,15 +30,6 @@ def test_law_error_cuts_a_long_text_and_keeps_the_caret_right() -> None:
     assert len(quoted) < 90
     assert quoted.startswith("  ...") and quoted.endswith("...")
     assert quoted[caret.index("^") :].startswith("foo(d)")
-
-
-def test_law_error_quotes_the_line_of_the_place_only() -> None:
-    lines = str(LawError("no", "k*d +\n\tfoo(d)", 7)).splitlines()
-    assert lines[1:] == ["   foo(d)", "   ^"]
-
-
-def test_law_error_without_a_place_has_no_caret() -> None:
-    assert "^" not in str(LawError("no", "k*d"))
     assert str(LawError("no", "k" * 100)).endswith("...")
 
 

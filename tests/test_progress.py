@@ -30,23 +30,17 @@ def test_what_starts_again_does_not_take_back_what_was_done() -> None:
     again = rising(reports.append)
     for fraction in (0.1, 0.7, 0.2, 0.8):
         again(lw.estimates.ProgressReport(fraction, f"at {fraction}", 7))
-    assert reports == [
-        lw.estimates.ProgressReport(fraction, activity, 7)
-        for fraction, activity in ((0.1, "at 0.1"), (0.7, "at 0.7"), (0.7, "at 0.2"), (0.8, "at 0.8"))
-    ]
+    told = ((0.1, "at 0.1"), (0.7, "at 0.7"), (0.7, "at 0.2"), (0.8, "at 0.8"))
+    assert reports == [lw.estimates.ProgressReport(fraction, activity, 7) for fraction, activity in told]
 
 
 def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
-    assert {"absorb", "discover", "identify", "limit", "run_study", "simulate", "report.write_result"} <= set(
-        LONG
-    )
+    known = {"absorb", "discover", "identify", "limit", "run_study", "simulate", "report.write_result"}
+    assert known <= set(LONG)
     for name, function in LONG.items():
         parameter = inspect.signature(function).parameters["progress"]
-        assert (parameter.annotation, parameter.default, parameter.kind) == (
-            "Progress",
-            silent,
-            inspect.Parameter.KEYWORD_ONLY,
-        ), name
+        stated = parameter.annotation, parameter.default, parameter.kind
+        assert stated == ("Progress", silent, inspect.Parameter.KEYWORD_ONLY), name
 
 
 def test_a_limit_tells_how_far_it_is() -> None:

@@ -26,24 +26,18 @@ def reported(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_container_counts_without_its_cached_files(reported: Path) -> None:
+def test_the_container_counts_without_its_cached_files_and_else_the_system(reported: Path) -> None:
     assert available_memory(reported / "meminfo", reported) == 5 * GIGA
-
-
-def test_without_a_limit_the_system_counts(reported: Path) -> None:
     (reported / "memory.max").write_text("max\n")
     assert available_memory(reported / "meminfo", reported) == 16 * GIGA
+    (reported / "meminfo").unlink()
+    (reported / "memory.max").unlink()  # half of the installed memory
+    assert 0 < available_memory(reported / "meminfo", reported) < 2**50
 
 
 def test_at_least_one_gibibyte_is_always_available(reported: Path) -> None:
     (reported / "memory.current").write_text(f"{10 * GIGA}\n")
     assert available_memory(reported / "meminfo", reported) == GIGA
-
-
-def test_half_of_the_installed_memory_where_nothing_is_reported(reported: Path) -> None:
-    (reported / "meminfo").unlink()
-    (reported / "memory.max").unlink()
-    assert 0 < available_memory(reported / "meminfo", reported) < 2**50
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="what is freed is another allocator's")

@@ -75,6 +75,8 @@ def test_public_names_are_few_load_and_are_listed() -> None:
     """A screen of them, packages included, and another of pictures; what else there is lies in a package of its subject."""
     assert len(lw.__all__) <= 60 and len(lw.plot.__all__) <= 35
     assert dir(lw) == lw.__all__ and len(list(public())) > 200
+    with pytest.raises(AttributeError, match="module 'linkwise' has no attribute 'identfy'"):
+        lw.identfy  # type: ignore[attr-defined]  # noqa: B018
 
 
 @pytest.mark.parametrize("package", [lw, *(package for package in PACKAGES if package is not lw.files)])
@@ -86,11 +88,6 @@ def test_a_package_exports_what_type_checkers_see(package: ModuleType) -> None:
     exported = {alias.name: node.module for node in nodes for alias in node.names if alias.asname}
     assert exported and exported == listed_names(stub)
     assert package.__all__ == sorted(exported) == dir(package)
-
-
-def test_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="module 'linkwise' has no attribute 'identfy'"):
-        lw.identfy  # type: ignore[attr-defined]  # noqa: B018
 
 
 @pytest.mark.parametrize("package", [lw, *PACKAGES])

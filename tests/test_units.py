@@ -51,7 +51,7 @@ def test_to_si(given: object, dimension: str, value: float) -> None:
         (
             "30",
             "N/m",
-            "'30' has no unit: add one, as in '30 N/m', or remove the quotes if it is in N/m already.",
+            "'30' has no unit: add one, as in '30 N/m', or remove the quotes if it is in N/m already",
         ),
         ("30 kg", "N/m", "'30 kg' is in kg: expected a number in N/m or a text with a unit such as '1 N/m'."),
         ("30 kg", "", "'30 kg' is in kg: expected a number."),
