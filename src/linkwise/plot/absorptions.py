@@ -85,8 +85,7 @@ def absorption(
         if isinstance(result, AbsorptionIntervals):
             _draw_band(axes, result, number, factor)
         mark_chaos(axes, plain)
-        axes.set_xlabel("time, s")
-        axes.set_ylabel(f"{literal(plain.masses[number].name)}\n{unit}")
+        axes.set(xlabel="time, s", ylabel=f"{literal(plain.masses[number].name)}\n{unit}")
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.set_xlim(plain.time[0], plain.time[-1])
         axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
@@ -289,8 +288,7 @@ def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) ->
             )
     _scale_axes(axes, across, None)
     edges = _edges(across)
-    axes.set_xlim(min(edges), max(edges))
-    axes.set_ylabel(unit or "number")
+    axes.set(xlim=(min(edges), max(edges)), ylabel=unit or "number")
 
 
 def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
@@ -399,9 +397,7 @@ def crossings(
             )
         mark_chaos(axes, plain)
         count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
-        axes.set_title(literal(f"{shown.sink.link}: {count}"))
-        axes.set_xlabel("time, s")
-        axes.set_ylabel(unit)
+        axes.set(title=literal(f"{shown.sink.link}: {count}"), xlabel="time, s", ylabel=unit)
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.set_xlim(plain.time[0], plain.time[-1])
     return axes
@@ -464,8 +460,7 @@ def energy(
         _draw_bands(axes, plain, with_sinks=with_sinks)
         if with_sinks:
             mark_chaos(axes, plain, shaded=False)
-        axes.set_title("with sinks" if with_sinks else literal(f"sinks {plain.removal}"))
-        axes.set_xlabel("time, s")
+        axes.set(title="with sinks" if with_sinks else literal(f"sinks {plain.removal}"), xlabel="time, s")
         axes.set_ylabel("share of the energy put in, %")
     return axes
 

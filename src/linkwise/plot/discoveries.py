@@ -84,8 +84,7 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
             axes.plot(d * to_d, shifts[number] * to_f, color=MEASURED, linewidth=width, label=label)
         axes.plot(d * to_d, averaged * to_f, color=WELL, linewidth=1.0, label="averaged")
         axes.axhline(0.0, color=IDENTIFIED, linewidth=0.5 + 2.5 * float(average.weights[0]), label="selected")
-        axes.set_xlabel(f"elongation d, {unit_d}")
-        axes.set_ylabel(f"force less that selected, {unit_f}")
+        axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"force less that selected, {unit_f}")
         axes.set_title(
             literal(f"{link}: models that survive, the selected one with {average.weights[0]:.0%}")
         )
@@ -146,8 +145,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(False, axis="y")
         log_scale(axes, "x", linear_to=10.0)
-        axes.set_xlim(0.0, None)
-        axes.set_xlabel("reduction of the misfit by the term, in -2 log likelihood")
+        axes.set(xlim=(0.0, None), xlabel="reduction of the misfit by the term, in -2 log likelihood")
         axes.set_title(f"evidence term by term{_left_out(discovery, len(selected), len(dropped))}")
         axes.axhline(len(selected) - 0.5, color=TRUE, linewidth=0.6)
     return axes
@@ -255,9 +253,7 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
         log_scale(axes, "y", linear_to=10.0)
         axes.set_ylim(min((point.criterion for point in discovery.path), default=0.0) - 0.5, None)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_xlabel("terms")
-        axes.set_ylabel("-2 log likelihood")
-        axes.set_title("models of all sizes")
+        axes.set(xlabel="terms", ylabel="-2 log likelihood", title="models of all sizes")
     return axes
 
 
@@ -294,8 +290,7 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
         axes.grid(False, axis="y")
         if max((model.margin for model in models), default=0.0) > _FAR:
             log_scale(axes, "x", linear_to=10.0)
-        axes.set_xlabel("criterion above the chosen model's")
-        axes.set_title("the next best models")
+        axes.set(xlabel="criterion above the chosen model's", title="the next best models")
     return axes
 
 

@@ -118,8 +118,7 @@ def _over_frequency(axes: Axes, values: Floats, rate: float, **style: Any) -> No
     axes.plot(spectrogram.frequency[1:-1], density, **{"linewidth": 0.9, **style})
     if density.any():
         log_scale(axes, "y")
-    axes.set_xlim(0.0, 0.5 * rate)
-    axes.set_xlabel("frequency, Hz")
+    axes.set(xlim=(0.0, 0.5 * rate), xlabel="frequency, Hz")
 
 
 def _over_motion(axes: Axes, values: Floats, along: Floats, factor: float, **style: Any) -> Floats:
@@ -168,8 +167,7 @@ def residuals_figure(estimate: Estimate) -> Figure:
                     _by_chance(axes, *band)
                 axes.set_xlabel(f"{kind} / largest {kind}")
         _white(over_frequency)
-        over_time.set_xlabel("time, s")
-        over_time.set_ylabel(f"residual / noise, {_APART} apart")
+        over_time.set(xlabel="time, s", ylabel=f"residual / noise, {_APART} apart")
         over_time.set_yticks(-_APART * np.arange(len(left)), [literal(name) for name in left])
         over_frequency.set_ylabel("density / white")
         for axes in over_motion:

@@ -220,8 +220,7 @@ def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) 
         low, high = drawing.corners
         inch = _inches(drawing) if ax is None else float(min(axes_inches(axes) / (high - low)))
         axes.set_aspect("equal")
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.axis("off")
         _draw_links(axes, drawing, labelled=inch >= _LABELLED)
         for node, name in enumerate(drawing.fixed, start=len(drawing.bodies)):

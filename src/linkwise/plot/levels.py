@@ -193,13 +193,11 @@ def level_response(
             log_scale(axes, "y")
             axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
         else:
-            axes.set_ylabel("coherence")
-            axes.set_ylim(-0.03, 1.03)
+            axes.set(ylabel="coherence", ylim=(-0.03, 1.03))
         highest = max(
             response.frequency[np.isfinite(response.magnitude)].max() for response in comparison.responses
         )
-        axes.set_xlim(0.0, float(highest))
-        axes.set_xlabel("frequency, Hz")
+        axes.set(xlim=(0.0, float(highest)), xlabel="frequency, Hz")
     return axes
 
 

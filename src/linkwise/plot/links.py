@@ -93,8 +93,7 @@ def force(
         near = curve.between_wells
         if near_wells and near is not None:
             to_d, _, to_f, _ = _scales(curve)
-            axes.set_xlim(near[0][0] * to_d, near[0][1] * to_d)
-            axes.set_ylim(near[1][0] * to_f, near[1][1] * to_f)
+            axes.set(xlim=(near[0][0] * to_d, near[0][1] * to_d), ylim=(near[1][0] * to_f, near[1][1] * to_f))
         wrap_title(axes, force_title(curve.link))
     return axes
 
@@ -153,8 +152,7 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
     if curve.wells:
         wells = [well * to_d for well in curve.wells]
         axes.plot(wells, [0.0] * len(wells), "o", color=WELL, markersize=5, zorder=6, label="wells")
-    axes.set_xlim(d[0], d[-1])
-    axes.set_ylim(curve.frame[0] * to_f, curve.frame[1] * to_f)
+    axes.set(xlim=(d[0], d[-1]), ylim=(curve.frame[0] * to_f, curve.frame[1] * to_f))
     axes.set_xlabel(f"elongation d, {unit_d}")
     at_rest = "v = 0 and states of 0" if curve.link.states else "v = 0"
     axes.set_ylabel(f"force at {at_rest}, {unit_f}")
@@ -233,8 +231,7 @@ def loop(
             zorder=2,
             label="identified",
         )
-        axes.set_xlabel(f"{quantity}, {unit_x}")
-        axes.set_ylabel(f"force, {unit_f}")
+        axes.set(xlabel=f"{quantity}, {unit_x}", ylabel=f"force, {unit_f}")
         wrap_title(axes, force_title(estimate.link(link).link))
     return axes
 
@@ -331,8 +328,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
             rasterized=True,
             label="motion of the record",
         )
-        axes.set_xlabel(f"elongation d, {unit_d}")
-        axes.set_ylabel(f"rate v, {unit_v}")
+        axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"rate v, {unit_v}")
         wrap_title(axes, force_title(link_estimate.link))
     return axes
 
@@ -500,8 +496,7 @@ def _elongations(d_range: tuple[float, float]) -> Floats:
 def _over_elongation(axes: Axes, d: Floats, unit: str) -> Floats:
     """(G,) elongations in the unit of the axis, which is set up for them."""
     to_d, unit_d = scale(float(np.abs(d).max()), unit)
-    axes.set_xlim(d[0] * to_d, d[-1] * to_d)
-    axes.set_xlabel(f"elongation d, {unit_d}")
+    axes.set(xlim=(d[0] * to_d, d[-1] * to_d), xlabel=f"elongation d, {unit_d}")
     return d * to_d
 
 

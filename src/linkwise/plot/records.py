@@ -99,8 +99,7 @@ def histories(
         common = scale(together, units.pop())[1] if len(units) == 1 else ""
         axes.set_ylabel(_value_label(source.select(names).channels, common))
         axes.yaxis.set_major_locator(MaxNLocator(4))
-        axes.set_xlim(source.time[0], source.time[-1])
-        axes.set_xlabel("time, s")
+        axes.set(xlim=(source.time[0], source.time[-1]), xlabel="time, s")
     return axes
 
 
@@ -180,8 +179,7 @@ def spectrum(
             axes.axhline(
                 level, color=WELL if color != WELL else MEASURED, linestyle="--", linewidth=0.8, label="noise"
             )
-        axes.set_xlim(0.0, 0.5 * record.rate)
-        axes.set_xlabel("frequency, Hz")
+        axes.set(xlim=(0.0, 0.5 * record.rate), xlabel="frequency, Hz")
         axes.set_ylabel(f"{literal(name)}\n{record.unit(name)}/√Hz")
     return axes
 
@@ -240,9 +238,7 @@ def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
                 cmap="Greys",
                 rasterized=True,
             )
-        axes.set_ylim(0.0, 0.5 * record.rate)
-        axes.set_xlabel("time, s")
-        axes.set_ylabel(f"{literal(name)}\nHz")
+        axes.set(ylim=(0.0, 0.5 * record.rate), xlabel="time, s", ylabel=f"{literal(name)}\nHz")
     return axes
 
 
@@ -280,10 +276,8 @@ def coherence(
             estimate.frequency[1:], estimate.values[1:], color=SERIES[0], linewidth=0.9, label="coherence"
         )
         axes.axhline(estimate.by_chance, color=MEASURED, linestyle="--", linewidth=0.8, label="noise")
-        axes.set_xlim(0.0, 0.5 * record.rate)
-        axes.set_ylim(0.0, 1.0)
-        axes.set_xlabel("frequency, Hz")
-        axes.set_ylabel(f"{literal(first)}\n{literal(second)}")
+        axes.set(xlim=(0.0, 0.5 * record.rate), ylim=(0.0, 1.0))
+        axes.set(xlabel="frequency, Hz", ylabel=f"{literal(first)}\n{literal(second)}")
     return axes
 
 
@@ -378,9 +372,7 @@ def displacement(
         for motion, (name, color) in zip(shown, names, strict=True):
             x = _displacement(motion, mass) * factor
             axes.plot(motion.record.time, x, color=color, linewidth=0.8, zorder=3, label=name)
-        axes.set_xlim(time[0], time[-1])
-        axes.set_xlabel("time, s")
-        axes.set_ylabel(f"x, {unit}")
+        axes.set(xlim=(time[0], time[-1]), xlabel="time, s", ylabel=f"x, {unit}")
         axes.yaxis.set_major_locator(MaxNLocator(4))
     return axes
 

@@ -164,8 +164,7 @@ def draw_curves(
     ticks = [str(count) for count in counts] if distinct else [literal(name) for name in table.structures]
     slanted: dict[str, Any] = {} if distinct else {"rotation": 25, "ha": "right", "rotation_mode": "anchor"}
     axes.set_xticks(range(len(ticks)), ticks, **slanted)
-    axes.set_xlim(-0.3, len(ticks) - 0.7)
-    axes.set_xlabel("degrees of freedom" if distinct else "structure")
+    axes.set(xlim=(-0.3, len(ticks) - 0.7), xlabel="degrees of freedom" if distinct else "structure")
     if axes.lines:
         log_scale(axes, "y")
     axes.set_ylabel(QUANTITIES[quantity])

@@ -165,8 +165,7 @@ def _frame(axes: Axes, validation: Validation, name: str) -> None:
     )
     axes.set_ylabel(name)
     axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.set_xlim(record.time[0], record.time[-1])
-    axes.set_xlabel("time, s")
+    axes.set(xlim=(record.time[0], record.time[-1]), xlabel="time, s")
 
 
 _MOST_PROFILES = 4  # links or channels that still can be read on one page
@@ -213,8 +212,7 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
         axes.stairs(
             profile.error_percent, profile.edges * factor, color=IDENTIFIED, linewidth=1.4, baseline=None
         )
-        axes.set_xlabel(f"{literal(quantity)}, {unit}")
-        axes.set_ylabel("error, % of the motion")
+        axes.set(xlabel=f"{literal(quantity)}, {unit}", ylabel="error, % of the motion")
         axes.set_xlim(profile.edges[0] * factor, profile.edges[-1] * factor)
         axes.set_ylim(bottom=0.0)
     return axes
@@ -265,8 +263,7 @@ def prediction_spectrum(
         axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, linewidth=1.0, label="error")
         axes.axhline(noise, color=WELL, linestyle=(0, (4, 3)), linewidth=1.0, label="noise")
         log_scale(axes, "y")
-        axes.set_xlim(0.0, spectrum.frequency[-1])
-        axes.set_xlabel("frequency, Hz")
+        axes.set(xlim=(0.0, spectrum.frequency[-1]), xlabel="frequency, Hz")
         axes.set_ylabel(f"{literal(channel)}, ({score.unit})²/Hz")
     return axes
 
