@@ -4,7 +4,7 @@ random forces, noise, missing terms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, TypeAlias, get_args
@@ -104,7 +104,41 @@ class Cause:
     @property
     def description(self) -> str:
         """In words, with its size."""
-        return CAUSE_KINDS.lookup(self.kind).describe(self)
+        size = abs(self.size)
+        larger, later, above = (
+            ("larger", "later", "above") if self.size > 0.0 else ("smaller", "earlier", "below")
+        )
+        return CAUSE_KINDS.lookup(self.kind).text.format(
+            self,
+            size=size,
+            percent=100.0 * self.size,
+            size_percent=100.0 * size,
+            ms=1e3 * self.size,
+            size_ms=1e3 * size,
+            plural="" if self.size == 1.0 else "s",
+            remark=f" ({self.remark})" if self.remark else "",
+            larger=larger,
+            later=later,
+            above=above,
+        )
+
+    @property
+    def _corner(self) -> float:
+        """Hz of the low pass of first order that delays and weakens as much."""
+        return float(1.0 / (2.0 * np.pi * np.sqrt(2.0 * abs(self.size))))
+
+    @property
+    def _modes(self) -> str:
+        return in_words(self.where)
+
+    @property
+    def _times(self) -> str:
+        """By how much values in another unit are wrong, with an example."""
+        large = self.size >= 1.0
+        times = f"{self.size if large else 1.0 / self.size:g}"
+        examples = {f"{1000.0:g}": ", as mm taken for m", f"{DEGREES:g}": ", as deg taken for rad"}
+        example = examples.get(times, "") if large and self.where.startswith("x:") else ""
+        return f"{times} times too {'large' if large else 'small'}{example}"
 
     def to_dict(self) -> dict[str, str | float]:
         """What result.json holds of it.
@@ -126,147 +160,62 @@ class Cause:
 
 @dataclass(frozen=True)
 class CauseKind:
-    """A kind of cause: its description, the `unit` of its size, "" for that of its channel, and whether it is `relative`.
+    """A kind of cause: its description, a template (see `Cause.description`), the `unit` of its size, "" for that of its
+    channel, and whether it is `relative`.
 
     A relative size is that of an error of a calibration, which is small where the first order holds.
     """
 
-    describe: Callable[[Cause], str]
+    text: str
     unit: str = ""
     relative: bool = False
 
 
-def _off(subject: str, *, relative: bool = True) -> CauseKind:
-    """Something of the place that is off by a part of itself."""
-    return CauseKind(lambda cause: f"{subject}{cause.where} that is off by {_percent(cause)}", "1", relative)
-
-
-def _noise(source: str) -> CauseKind:
-    """A random force or motion, by its place, size and what else looks like it."""
-    return CauseKind(
-        lambda cause: f"{source} {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
-    )
-
-
-def _late(cause: Cause) -> str:
-    return f"a delay of {1e3 * cause.size:.3g} ms in {cause.where}{_remarked(cause)}"
-
-
-def _other_force(cause: Cause) -> str:
-    side = "larger" if cause.size > 0.0 else "smaller"
-    return f"a force {100.0 * abs(cause.size):.3g} % {side} than {cause.where} shows"
-
-
-def _late_force(cause: Cause) -> str:
-    side = "later" if cause.size > 0.0 else "earlier"
-    return f"a force {1e3 * abs(cause.size):.3g} ms {side} than {cause.where} shows{_remarked(cause)}"
-
-
-def _stated(cause: Cause) -> str:
-    side, sigma = "above" if cause.size > 0.0 else "below", f"{cause.standard_error:.3g}"
-    return f"{cause.where} {abs(cause.size):.3g} {cause.unit} {side} the value that is stated with a sigma of {sigma}"
-
-
-def _low_pass(cause: Cause) -> str:
-    corner = 1.0 / (2.0 * np.pi * np.sqrt(2.0 * abs(cause.size)))
-    return f"a filter of {cause.where}, as a low pass of first order at {corner:.3g} Hz{_remarked(cause)}"
-
-
-def _in_other_unit(cause: Cause) -> str:
-    large = cause.size >= 1.0
-    times, side = f"{cause.size if large else 1.0 / cause.size:g}", "large" if large else "small"
-    examples = {f"{1000.0:g}": ", as mm taken for m", f"{DEGREES:g}": ", as deg taken for rad"}
-    example = examples.get(times, "") if large and cause.where.startswith("x:") else ""
-    return f"another unit of {cause.where}, values {times} times too {side}{example}"
-
-
-def _clipped(cause: Cause) -> str:
-    return f"{cause.size:.0f} clipped sample{'' if cause.size == 1.0 else 's'} of {cause.where}"
-
-
-def _in_channel(error: str) -> CauseKind:
-    """What is added to a channel, in its unit."""
-    return CauseKind(lambda cause: f"{error} of {cause.size:.3g} {cause.unit} in {cause.where}")
-
-
-def _percent(cause: Cause) -> str:
-    return f"{100.0 * cause.size:+.3g} %"
-
-
-def _remarked(cause: Cause) -> str:
-    return f" ({cause.remark})" if cause.remark else ""
-
+_OFF = "{0.where} that is off by {percent:+.3g} %"
+_SIZED = "{0.where} of {size:.3g} {0.unit}{remark}"
 
 CAUSE_KINDS: Registry[CauseKind] = Registry(
     "kind of cause",
     {
-        "gain": _off("a gain of "),
-        "offset": _in_channel("an offset"),
-        "drift": _in_channel("a drift"),
-        "delay": CauseKind(_late, unit="s"),
-        "crosstalk": CauseKind(
-            lambda cause: f"{_percent(cause)} of {cause.source} in {cause.where}", unit="1", relative=True
+        "gain": CauseKind(f"a gain of {_OFF}", "1", relative=True),
+        "offset": CauseKind("an offset of {0.size:.3g} {0.unit} in {0.where}"),
+        "drift": CauseKind("a drift of {0.size:.3g} {0.unit} in {0.where}"),
+        "delay": CauseKind("a delay of {ms:.3g} ms in {0.where}{remark}", "s"),
+        "crosstalk": CauseKind("{percent:+.3g} % of {0.source} in {0.where}", "1", relative=True),
+        "filter": CauseKind(
+            "a filter of {0.where}, as a low pass of first order at {0._corner:.3g} Hz{remark}", "s^2"
         ),
-        "filter": CauseKind(_low_pass, unit="s^2"),
-        "sign": CauseKind(lambda cause: f"the wrong sign of {cause.where}", unit="1"),
-        "unit": CauseKind(_in_other_unit, unit="1"),
-        "swapped": CauseKind(
-            lambda cause: f"{cause.where} and {cause.source} in each other's place", unit="1"
+        "sign": CauseKind("the wrong sign of {0.where}", "1"),
+        "unit": CauseKind("another unit of {0.where}, values {0._times}", "1"),
+        "swapped": CauseKind("{0.where} and {0.source} in each other's place", "1"),
+        "high pass": CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
+        "clipped": CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
+        "mass": CauseKind(f"a mass of {_OFF}", "1", relative=True),
+        "coefficient": CauseKind(_OFF, "1"),
+        "frequency": CauseKind(f"a frequency of {_OFF}", "1"),
+        "damping": CauseKind(f"a damping of {_OFF}", "1"),
+        "damping between modes": CauseKind("damping of {0.size:.3g} {0.unit} {0._modes}", "N s/m"),
+        "shape": CauseKind(f"a shape of {{0.source}} at {_OFF}", "1", relative=True),
+        "mode": CauseKind("a mode near {0.size:.3g} Hz that the host {0.where} lacks", "Hz"),
+        "force gain": CauseKind(
+            "a force {size_percent:.3g} % {larger} than {0.where} shows", "1", relative=True
         ),
-        "high pass": CauseKind(
-            lambda cause: f"a high pass of {cause.where} at {cause.size:.3g} Hz, as AC coupling is", unit="Hz"
-        ),
-        "clipped": CauseKind(_clipped, unit="1"),
-        "mass": _off("a mass of "),
-        "coefficient": _off("", relative=False),
-        "frequency": _off("a frequency of ", relative=False),
-        "damping": _off("a damping of ", relative=False),
-        "damping between modes": CauseKind(
-            lambda cause: f"damping of {cause.size:.3g} {cause.unit} {in_words(cause.where)}", unit="N s/m"
-        ),
-        "shape": CauseKind(
-            lambda cause: f"a shape of {cause.source} at {cause.where} that is off by {_percent(cause)}",
-            unit="1",
-            relative=True,
-        ),
-        "mode": CauseKind(
-            lambda cause: f"a mode near {cause.size:.3g} Hz that the host {cause.where} lacks", unit="Hz"
-        ),
-        "force gain": CauseKind(_other_force, unit="1", relative=True),
-        "force delay": CauseKind(_late_force, unit="s"),
-        "input noise": _noise("noise of"),
-        "ambient": _noise("an ambient force on"),
-        "coloured force": CauseKind(
-            lambda cause: f"an ambient force on {cause.where} that is not white{_remarked(cause)}", unit="1"
-        ),
+        "force delay": CauseKind("a force {size_ms:.3g} ms {later} than {0.where} shows{remark}", "s"),
+        "input noise": CauseKind(f"noise of {_SIZED}"),
+        "ambient": CauseKind(f"an ambient force on {_SIZED}"),
+        "coloured force": CauseKind("an ambient force on {0.where} that is not white{remark}", "1"),
         "correlated forces": CauseKind(
-            lambda cause: (
-                f"a correlation of {cause.size:.2g} between the ambient forces on {cause.where} and {cause.source}"
-            ),
-            unit="1",
+            "a correlation of {0.size:.2g} between the ambient forces on {0.where} and {0.source}", "1"
         ),
         "unsteady force": CauseKind(
-            lambda cause: (
-                f"an ambient force on {cause.where} whose level changes with time{_remarked(cause)}"
-            ),
-            unit="1",
+            "an ambient force on {0.where} whose level changes with time{remark}", "1"
         ),
-        "change": CauseKind(
-            lambda cause: (
-                f"a change of {cause.where} by {cause.size:+.3g} {cause.unit} near {cause.source}{_remarked(cause)}"
-            )
+        "change": CauseKind("a change of {0.where} by {0.size:+.3g} {0.unit} near {0.source}{remark}"),
+        "prior": CauseKind(
+            "{0.where} {size:.3g} {0.unit} {above} the value that is stated with a sigma of {0.standard_error:.3g}"
         ),
-        "prior": CauseKind(_stated),
-        "term": CauseKind(
-            lambda cause: (
-                f"a force like {cause.term} in {cause.where} of {abs(cause.size):.3g} {cause.unit}{_remarked(cause)}"
-            )
-        ),
-        "link": CauseKind(
-            lambda cause: (
-                f"a link {cause.where} with a force like {cause.term} of {abs(cause.size):.3g} {cause.unit}"
-            )
-        ),
+        "term": CauseKind(f"a force like {{0.term}} in {_SIZED}"),
+        "link": CauseKind("a link {0.where} with a force like {0.term} of {size:.3g} {0.unit}"),
     },
 )
 """What a diagnosis may name."""
@@ -421,22 +370,15 @@ class SensorErrorEstimate:
     @property
     def description(self) -> str:
         """In words, with its standard error."""
+        kind, late = self.channel.partition(":")[0], self.kind == "delay"
+        shown = {"force": "force", "f": "force", "state": "value"}.get(kind, "motion")
         size = {
             "offset": f"is off by {self.value:.4g} {self.unit.replace('?', '')}".rstrip() + " throughout",
-            "gain": f"shows {self.value:.6g} of its {self._shown}",
+            "gain": f"shows {self.value:.6g} of its {shown}",
             "delay": f"is late by {1e3 * self.value:.4g} ms",
         }[self.kind]
-        error = (
-            f"{1e3 * self.standard_error:.2g} ms" if self.kind == "delay" else f"{self.standard_error:.2g}"
-        )
+        error = f"{1e3 * self.standard_error:.2g} ms" if late else f"{self.standard_error:.2g}"
         return f"{self.channel} {size} (estimated with the other unknowns, standard error {error})."
-
-    @property
-    def _shown(self) -> str:
-        """What the channel shows."""
-        return {"force": "force", "f": "force", "state": "value"}.get(
-            self.channel.partition(":")[0], "motion"
-        )
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> SensorErrorEstimate:
@@ -470,13 +412,7 @@ class SensorErrorEstimate:
         dict
             Its part of result.json.
         """
-        return {
-            "channel": self.channel,
-            "kind": self.kind,
-            "value": self.value,
-            "standard_error": self.standard_error,
-            "unit": self.unit,
-        }
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -520,23 +456,17 @@ class RandomForceEstimate:
     @property
     def description(self) -> str:
         """In words, with its size."""
-        if self.upper_limit is not None and self.deviation == 0.0:
-            return self._absence(self.upper_limit)
         origin = "found with the other unknowns" if self.found else "as stated"
-        unit, chance = (f"{self.unit}/sqrt(Hz)" if self.ambient else self.unit), ""
-        if self.upper_limit is not None:
-            chance = f"; it may be chance, and is below {self.upper_limit:.2g} {unit} (95 %)"
-        if self.ambient:
-            size = f"An ambient force on {self.where} of {self.spectral_density:.3g} {unit}"
-        else:
-            size = f"Noise of {self.where} of {self.deviation:.3g} {unit}"
-        return f"{size}, {origin}, is allowed for{chance}."
-
-    def _absence(self, limit: float) -> str:
-        """That there is none, and the largest that there may be."""
-        kind = "ambient force on" if self.ambient else "noise of"
         unit = f"{self.unit}/sqrt(Hz)" if self.ambient else self.unit
-        return f"No {kind} {self.where} was found: it is below {limit:.2g} {unit} (95 %)."
+        limit = "" if self.upper_limit is None else f"is below {self.upper_limit:.2g} {unit} (95 %)"
+        if limit and self.deviation == 0.0:
+            return (
+                f"No {'ambient force on' if self.ambient else 'noise of'} {self.where} was found: it {limit}."
+            )
+        size = self.spectral_density if self.ambient else self.deviation
+        kind = "An ambient force on" if self.ambient else "Noise of"
+        chance = f"; it may be chance, and {limit}" if limit else ""
+        return f"{kind} {self.where} of {size:.3g} {unit}, {origin}, is allowed for{chance}."
 
     def to_dict(self) -> dict[str, str | float | bool | None]:
         """What result.json holds of it.
@@ -627,9 +557,8 @@ class NoiseEstimate:
             The noise.
         """
         motion = power - sigma**2
-        ratio = (
-            10.0 * np.log10(motion / sigma**2)
-            if sigma > 0.0 and motion > 0.0
-            else (np.inf if sigma == 0.0 else -np.inf)
-        )
-        return cls(float(sigma), unit, float(ratio))
+        if sigma > 0.0:
+            return cls(
+                float(sigma), unit, float(10.0 * np.log10(motion / sigma**2)) if motion > 0.0 else -np.inf
+            )
+        return cls(float(sigma), unit, np.inf)

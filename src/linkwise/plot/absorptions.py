@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,9 +33,11 @@ from linkwise.plot.style import (
     legend_below,
     literal,
     log_scale,
+    not_shown,
     place_legend,
     scale,
     sheet,
+    strips,
     wrap_title,
 )
 
@@ -96,18 +99,9 @@ def absorption(
 def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """The primary masses, each in a strip of its own; of more than 8 the first."""
     plain = without_intervals(result)
-    names = [mass.name for mass in plain.masses[:_MOST]]
-    with sheet(len(names), height=1.3 + 1.25 * len(names), share_time=True) as (figure, strips):
-        for axes, name in zip(strips, names, strict=True):
-            absorption(result, name, legend=False, ax=axes)
-            axes.set_title("")
-            axes.label_outer()
-        hidden = len(plain.masses) - len(names)
-        more = f" ({hidden} more masses not shown)" if hidden else ""
-        wrap_title(strips[0], _title(plain) + more)
-        figure.align_ylabels()
-        legend_below(figure, *strips)
-    return figure
+    names = [mass.name for mass in plain.masses]
+    title = _title(plain) + not_shown(names, _MOST, "masses")
+    return strips(names[:_MOST], partial(absorption, result, legend=False), (1.3, 1.25), title=title)
 
 
 def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
@@ -406,13 +400,7 @@ def crossings(
 def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first."""
     names = [entry.sink.link for entry in without_intervals(result).sinks[:_MOST]]
-    with sheet(len(names), height=1.2 + 1.3 * len(names), share_time=True) as (figure, strips):
-        for axes, name in zip(strips, names, strict=True):
-            crossings(result, name, legend=False, ax=axes)
-            axes.label_outer()
-        figure.align_ylabels()
-        legend_below(figure, *strips)
-    return figure
+    return strips(names, partial(crossings, result, legend=False), (1.2, 1.3))
 
 
 _SINKS, _OTHERS = 5, 4  # bands of links that can be told apart

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -31,9 +32,10 @@ from linkwise.plot.style import (
     legend_below,
     literal,
     log_scale,
+    not_shown,
     scale,
     sheet,
-    wrap_title,
+    strips,
 )
 from linkwise.records.channel import KINDS, Channel
 from linkwise.records.record import Record
@@ -105,16 +107,15 @@ def histories(
 
 def histories_figure(record: Record) -> Figure:
     """Each channel over time in a strip of its own; of more than 10 channels the first."""
-    names = _shown(record)
-    with sheet(len(names), height=0.9 + 0.95 * len(names), share_time=True) as (figure, strips):
-        for axes, name in zip(strips, names, strict=True):
-            histories(record, [name], ax=axes)
-            axes.label_outer()
-        hidden = len(record.channels) - len(names)
-        more = f" ({hidden} more channels not shown)" if hidden else ""
-        wrap_title(strips[0], f"{record.source or 'record'}{more}")
-        figure.align_ylabels()
-    return figure
+    channels = (*record.inputs, *record.responses)
+    title = f"{record.source or 'record'}{not_shown(channels, _MOST, 'channels')}"
+    return strips(
+        [[name] for name in channels[:_MOST]],
+        partial(histories, record),
+        (0.9, 0.95),
+        title=title,
+        legend=False,
+    )
 
 
 def _shown(record: Record) -> tuple[str, ...]:
@@ -187,14 +188,12 @@ def spectrum(
 def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first."""
     record = inspection.records[number]
-    names = (*record.inputs, *record.responses)[:_MOST]
     of = {summary.name: summary.noise for summary in inspection.channels_of(number)}
-    with sheet(len(names), height=0.9 + 1.1 * len(names), share_time=True) as (figure, strips):
-        for axes, name in zip(strips, names, strict=True):
-            spectrum(record, name, of[name], legend=False, ax=axes)
-            axes.label_outer()
-        figure.align_ylabels()
-    return figure
+
+    def draw(name: str, *, ax: Axes) -> Axes:
+        return spectrum(record, name, of[name], legend=False, ax=ax)
+
+    return strips(_shown(record), draw, (0.9, 1.1), legend=False)
 
 
 _DECADES = 8.0  # of the power that colours tell apart, below its largest value
@@ -284,28 +283,18 @@ def coherence(
 def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
     """Each channel of one record over time and frequency, in a strip of its own; of more than 10 channels the first."""
     record = inspection.records[number]
-    names = (*record.inputs, *record.responses)[:_MOST]
-    with sheet(len(names), height=0.9 + 1.3 * len(names), share_time=True) as (figure, strips):
-        for axes, name in zip(strips, names, strict=True):
-            spectrogram(record, name, ax=axes)
-            axes.label_outer()
-        figure.align_ylabels()
-    return figure
+    return strips(_shown(record), partial(spectrogram, record), (0.9, 1.3), legend=False)
 
 
 def coherences_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The coherence of each channel of one record with the next; of more than 10 pairs the first."""
     record = inspection.records[number]
+
+    def draw(pair: tuple[str, str], *, ax: Axes) -> Axes:
+        return coherence(record, *pair, legend=False, ax=ax)
+
     pairs = list(pairwise((*record.inputs, *record.responses)))[:_MOST]
-    with sheet(max(len(pairs), 1), height=0.9 + 1.1 * max(len(pairs), 1), share_time=True) as (
-        figure,
-        strips,
-    ):
-        for axes, (first, second) in zip(strips, pairs, strict=False):
-            coherence(record, first, second, legend=False, ax=axes)
-            axes.label_outer()
-        figure.align_ylabels()
-    return figure
+    return strips(pairs, draw, (0.9, 1.1), legend=False)
 
 
 _PANEL_HEIGHT = 1.5  # inches

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from io import BytesIO
 from pathlib import Path
@@ -69,6 +69,33 @@ def sheet(
     with rc_context(_STYLE):
         figure = Figure(figsize=(width, height))
         yield figure, list(figure.subplots(rows, columns, squeeze=False, sharex=share_time).flat)
+
+
+def strips(
+    shown: Sequence[Any],
+    draw: Callable[..., Axes],
+    height: tuple[float, float],
+    *,
+    title: str = "",
+    legend: bool = True,
+) -> Figure:
+    """A figure of strips with one horizontal axis, each by ``draw(item, ax=axes)``; `height` inches around all and of each.
+
+    A `title` stands in place of those of the strips.
+    """
+    count = max(len(shown), 1)
+    with sheet(count, height=height[0] + height[1] * count, share_time=True) as (figure, panels):
+        for axes, item in zip(panels, shown, strict=False):
+            draw(item, ax=axes)
+            axes.label_outer()
+            if title:
+                axes.set_title("")
+        if title:
+            wrap_title(panels[0], title)
+        figure.align_ylabels()
+        if legend:
+            legend_below(figure, *panels)
+    return figure
 
 
 @contextmanager
@@ -165,6 +192,11 @@ class SparsePowerFormatter(PowerFormatter):
 def _exponent(x: float) -> int:
     """The power of ten at or below the size of `x`; 0 for 0."""
     return math.floor(math.log10(abs(x)) + 1e-9) if x else 0
+
+
+def not_shown(names: Sequence[object], most: int, kind: str) -> str:
+    """What a title adds where only the first `most` of the names are drawn."""
+    return f" ({len(names) - most} more {kind} not shown)" if len(names) > most else ""
 
 
 def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:

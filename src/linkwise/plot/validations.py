@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,12 +20,12 @@ from linkwise.plot.style import (
     WELL,
     axes_for,
     envelope,
-    legend_below,
     literal,
     log_scale,
+    not_shown,
     scale,
     sheet,
-    wrap_title,
+    strips,
 )
 
 _MOST = 6  # channels that still can be read on one page
@@ -129,33 +129,18 @@ def prediction_error(
 
 def prediction_figure(validation: Validation) -> Figure:
     """Measured and predicted channels over time, one below the other."""
-    with _strips(validation, "measured and predicted") as (figure, strips):
-        for name, axes in strips.items():
-            prediction(validation, name, legend=False, ax=axes)
-    return figure
+    return _channel_strips(validation, prediction, "measured and predicted")
 
 
 def prediction_error_figure(validation: Validation) -> Figure:
     """The errors of the channels over time, one below the other."""
-    with _strips(validation, "measured less predicted") as (figure, strips):
-        for name, axes in strips.items():
-            prediction_error(validation, name, legend=False, ax=axes)
-    return figure
+    return _channel_strips(validation, prediction_error, "measured less predicted")
 
 
-@contextmanager
-def _strips(validation: Validation, title: str) -> Iterator[tuple[Figure, dict[str, Axes]]]:
-    """A figure with axes for each channel, of many for the first; what is around them is added when they are drawn."""
-    names = list(validation.channels)[:_MOST]
-    hidden = len(validation.channels) - len(names)
-    with sheet(len(names), height=1.3 + 1.15 * len(names), share_time=True) as (figure, strips):
-        yield figure, dict(zip(names, strips, strict=True))
-        for axes in strips:
-            axes.label_outer()
-        more = f" ({hidden} more channels not shown)" if hidden else ""
-        wrap_title(strips[0], f"{title}{more}")
-        figure.align_ylabels()
-        legend_below(figure, strips[0])
+def _channel_strips(validation: Validation, draw: Callable[..., Axes], title: str) -> Figure:
+    names = list(validation.channels)
+    title += not_shown(names, _MOST, "channels")
+    return strips(names[:_MOST], partial(draw, validation, legend=False), (1.3, 1.15), title=title)
 
 
 def _frame(axes: Axes, validation: Validation, name: str) -> None:
@@ -283,9 +268,4 @@ def prediction_profile_figure(validation: Validation) -> Figure:
 def prediction_spectrum_figure(validation: Validation) -> Figure:
     """The spectra of the channels; of more than 4 the first."""
     names = list(validation.spectra)[:_MOST_PROFILES]
-    with sheet(len(names), height=0.9 + 1.9 * len(names), share_time=True) as (figure, panels):
-        for axes, name in zip(panels, names, strict=True):
-            prediction_spectrum(validation, name, legend=False, ax=axes)
-            axes.label_outer()
-        legend_below(figure, panels[0])
-    return figure
+    return strips(names, partial(prediction_spectrum, validation, legend=False), (0.9, 1.9))
