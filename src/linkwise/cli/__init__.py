@@ -24,25 +24,37 @@ from linkwise.registry import Registry
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
+HELP = {
+    "absorb": "Compare the vibration of a structure with and without its sinks.",
+    "discover": "Discover which masses are linked, and by which laws, from records.",
+    "export": "Write an answer for other programs.",
+    "identify": "Identify the unknown coefficients of a structure from a record.",
+    "inspect": "Check records without a model: what their channels hold.",
+    "limit": "Compute how well a planned test can determine the unknowns.",
+    "simulate": "Simulate a structure and write the record of its sensors.",
+    "structure": "Write or show a structure file.",
+    "study": "Run a Monte Carlo study.",
+    "validate": "Predict a record with an identified structure.",
+}
+"""What each command does; `linkwise --help` shows it without loading any."""
+
 COMMANDS: Registry[click.Command] = Registry(
-    "command",
-    {
-        "structure": "linkwise.cli.structure:structure",
-        "limit": "linkwise.cli.limit:limit",
-        "simulate": "linkwise.cli.simulate:simulate",
-        "inspect": "linkwise.cli.inspect:inspect",
-        "identify": "linkwise.cli.identify:identify",
-        "validate": "linkwise.cli.validate:validate",
-        "discover": "linkwise.cli.discover:discover",
-        "export": "linkwise.cli.export:export",
-        "absorb": "linkwise.cli.absorb:absorb",
-        "study": "linkwise.cli.study:study",
-    },
+    "command", {name: f"linkwise.cli.{name}:{name}" for name in HELP}
 )
-"""The commands by name; each is loaded when it is run, or described."""
+"""The commands by name; each is loaded when it is run."""
+
+
+class _Commands(click.Group):
+    """The group of all commands, which lists them without loading any."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The lines of `HELP`."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(HELP.items()))
 
 
 @click.group(
+    cls=_Commands,
     commands=cast(MutableMapping[str, click.Command], COMMANDS),  # click reads it only
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
@@ -66,7 +78,7 @@ def run(arguments: Sequence[str]) -> int:
     """Run the command line on these arguments and return the exit code; nothing is raised."""
     debug = "--debug" in arguments
     rest = [argument for argument in arguments if argument != "--debug"]
-    _say_nothing_of_fonts()
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # else it tells of its slow first run
     try:
         status = linkwise.main(rest, prog_name="linkwise", standalone_mode=False)
         sys.stdout.flush()
@@ -95,12 +107,8 @@ def run(arguments: Sequence[str]) -> int:
         return INTERRUPTED
     except Exception as error:
         detail = f"{type(error).__name__}: {error}".strip()
-        return _report(
-            error,
-            f"internal error of linkwise: {detail}. Run again with --debug for a traceback",
-            FAILED,
-            debug,
-        )
+        message = f"internal error of linkwise: {detail}. Run again with --debug for a traceback"
+        return _report(error, message, FAILED, debug)
     return status if isinstance(status, int) else 0
 
 
@@ -118,8 +126,3 @@ def _report(error: Exception, message: str, code: int, debug: bool) -> int:
         traceback.print_exception(error)
     fail(message)
     return code
-
-
-def _say_nothing_of_fonts() -> None:
-    """Keep matplotlib from telling of its slow first run, when it builds a cache of fonts."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, exit_code, progress
+from linkwise.cli.console import deliver, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
@@ -18,16 +18,10 @@ from linkwise.cli.options import (
     json_option,
     number,
     pairs,
-    read_told,
     unstarted_is_usage,
 )
-from linkwise.output import ABSORPTION, to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.report import absorption as folders
-else:
-    folders = lazy_module("linkwise.report.absorption")  # figures are for those who want a folder
+from linkwise.cli.reading_options import read_told
+from linkwise.output import ABSORPTION
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
 MOST = 100_000  # values of a swept parameter
@@ -143,14 +137,8 @@ def absorb(
     keywords = {**options, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         result = _answer(structure, repetition, {**keywords, "progress": step})
-    deliver(
-        to_json(lw.report.absorption_of(result)) if as_json else str(result),
-        result,
-        output,
-        lambda: folders.MAP_FOLDER if repetition.sweep else folders.ABSORPTION_FOLDER,
-        quiet=as_json,
-    )
-    return exit_code(result.verdicts)
+    kind = "map" if repetition.sweep else "absorption"
+    return deliver(kind, result, lw.report.absorption_of(result), output, as_json=as_json)
 
 
 def _answer(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,20 +14,35 @@ import click
 
 from linkwise.display import shortened
 from linkwise.errors import OutputError
+from linkwise.output import to_json
 from linkwise.progress import Progress, silent
-from linkwise.registry import lazy_module
+from linkwise.registry import Registry, lazy_module
 from linkwise.verdict import Verdict, is_trusted
 
 if TYPE_CHECKING:
     from rich import console as terminal
     from rich import progress as bars
 
+    from linkwise.display import JudgedView
     from linkwise.model.structure import Structure
     from linkwise.report.page import ResultFolder
 else:  # rich is for terminals
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 
+
+FOLDERS: Registry[ResultFolder[Any]] = Registry(
+    "result folder",
+    {
+        "absorption": "linkwise.report.absorption:ABSORPTION_FOLDER",
+        "map": "linkwise.report.absorption:MAP_FOLDER",
+        "discovery": "linkwise.report.discovery:DISCOVERY_FOLDER",
+        "estimate": "linkwise.report.estimate:ESTIMATE_FOLDER",
+        "inspection": "linkwise.report.inspection:INSPECTION_FOLDER",
+        "validation": "linkwise.report.validation:VALIDATION_FOLDER",
+    },
+)
+"""The folder that a command writes; figures are for those who want one, so it is loaded then."""
 
 UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
 
@@ -50,36 +65,39 @@ def tell(message: str) -> None:
 
 
 def deliver(
-    answer: str,
-    result: object,
+    kind: str,
+    result: JudgedView,
+    document: dict[str, Any],
     folder: Path | None,
-    kind: Callable[[], ResultFolder[Any]],
     *,
+    as_json: bool,
+    more: Sequence[str] = (),
     truth: Structure | None = None,
-    quiet: bool = False,
-) -> None:
-    """Print an answer, then write its result as a `folder` of this `kind`, if one was asked for, even where printing fails.
+) -> int:
+    """Print a result with `more` lines, or its `document`, then write it as a `folder` of this `kind`, if one was asked for,
+    even where printing fails; the exit code.
 
     Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone. It is
-    said where. Unless `quiet` it is said where the folder is.
+    said where. Beside a document it is not said where the folder is.
     """
     unheard: OSError | None = None
     try:
-        click.echo(answer)
+        click.echo(to_json(document) if as_json else "\n".join([str(result), *more]))
         sys.stdout.flush()
     except OSError as error:
         unheard = error
     if folder is not None:
         try:
             with progress("writing") as step:
-                kind().write(result, folder, truth=truth, progress=step)
+                FOLDERS[kind].write(result, folder, truth=truth, progress=step)
         except Exception as error:
-            _keep(kind(), result, folder, truth, whole=isinstance(error, OutputError))
+            _keep(FOLDERS[kind], result, folder, truth, whole=isinstance(error, OutputError))
             raise
-        if not quiet:
+        if not as_json:
             tell(f"written to {folder}; open {folder / 'report.html'}")
     if unheard is not None:
         raise unheard
+    return exit_code(result.verdicts)
 
 
 def _keep(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, exit_code, progress, tell
+from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
     FILE,
@@ -17,24 +17,15 @@ from linkwise.cli.options import (
     grouped,
     json_option,
     listing,
+    nmse_lines,
     pairs,
     quantity,
-    tell_of_hosts,
     truth_option,
 )
-from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.output import RESULT, to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.discovery import terms as families
-    from linkwise.model import link, rotations
-    from linkwise.report import discovery as folders
-else:
-    families = lazy_module("linkwise.discovery.terms")
-    link = lazy_module("linkwise.model.link")
-    rotations = lazy_module("linkwise.model.rotations")
-    folders = lazy_module("linkwise.report.discovery")  # figures are for those who want a folder
+from linkwise.cli.reading_options import RecordOptions, record_options, tell_of_hosts
+from linkwise.discovery import terms as families
+from linkwise.model import link, rotations
+from linkwise.output import RESULT
 
 EXAMPLE = "m1=1.0"
 
@@ -177,32 +168,20 @@ def discover(
         tell("note: a law with memory was found, so the answer is not compared with the truth")
         true = None
     result = lw.report.discovery_of(discovery, true)
-    deliver(
-        to_json(result) if as_json else "\n".join([str(discovery), *_comparison_lines(result)]),
-        discovery,
-        output,
-        lambda: folders.DISCOVERY_FOLDER,
-        truth=true,
-        quiet=as_json,
-    )
-    return exit_code(discovery.verdicts)
+    more = _comparison_lines(result)
+    return deliver("discovery", discovery, result, output, as_json=as_json, more=more, truth=true)
 
 
 def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:
     """The record; a channel of a mass that was not given is an error that says how to give it."""
     try:
-        record = source.read(names)
+        return source.read(names)
     except lw.RecordError as error:
         if error.channel is None or "known_masses" not in error.arguments:
             raise
         mass = error.channel.partition(":")[2]
-        raise lw.RecordError(
-            f"{error.message}. Add --mass {mass}=... for it, or take the column out of the record",
-            error.file, error.line, error.channel,
-        ) from error  # fmt: skip
-    for note in record.notes:
-        tell(f"note: {note}")
-    return record
+        message = f"{error.message}. Add --mass {mass}=... for it, or take the column out of the record"
+        raise lw.RecordError(message, error.file, error.line, error.channel) from error
 
 
 def _true(path: Path, names: tuple[str, ...]) -> lw.Structure:
@@ -235,9 +214,5 @@ def _comparison_lines(result: dict[str, Any]) -> list[str]:
             f"  {label:8} {', '.join(truth[key]) or 'none'}"
             for key, label in (("missing", "missing"), ("extra", "false"))
         ),
-        "  NMSE of the force (paper Eq. 8)",
-        *(
-            f"    {name:12} {'undefined' if error is None else f'{error:.3g} %'}"
-            for name, error in result["nmse_percent"].items()
-        ),
+        *nmse_lines(result, "  NMSE of the force (paper Eq. 8)", "    "),
     ]

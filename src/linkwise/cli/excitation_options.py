@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import linkwise as lw
+from linkwise import files
 from linkwise.cli.options import POSITIVE, file_and_column, grouped, is_file, number, pairs, split
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise import files
-else:
-    files = lazy_module("linkwise.files")
 
 
 @dataclass(frozen=True)

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 import linkwise as lw
 from linkwise.cli.console import UNTRUSTED, tell
 from linkwise.cli.options import FILE, listing
+from linkwise.export import answer as exports
 from linkwise.output import to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.export import answer as exports
-else:
-    exports = lazy_module("linkwise.export.answer")
 
 
 @click.command(cls=listing("FORMATS", lambda: exports.listed_formats()))

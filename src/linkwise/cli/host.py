@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -16,13 +16,8 @@ import linkwise as lw
 from linkwise.cli.console import exit_code, progress, tell
 from linkwise.cli.options import FILE, grouped, pairs
 from linkwise.cli.reading_options import READING, ReadingOptions
+from linkwise.model import rotations
 from linkwise.output import to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.model import rotations
-else:
-    rotations = lazy_module("linkwise.model.rotations")
 
 _OF_MATRICES = (
     "keep",

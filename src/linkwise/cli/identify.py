@@ -4,33 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, exit_code, progress, tell
+from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
     FILE,
     RegisteredChoice,
     folder_option,
     json_option,
+    nmse_lines,
     option_name,
-    read_told,
     truth_option,
 )
-from linkwise.cli.reading_options import RecordOptions, record_options
+from linkwise.cli.reading_options import RecordOptions, read_told, record_options
 from linkwise.identification.methods import METHODS
-from linkwise.output import RESULT, to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.model import link
-    from linkwise.report import estimate as folders
-else:
-    link = lazy_module("linkwise.model.link")
-    folders = lazy_module("linkwise.report.estimate")  # figures are for those who want a folder
+from linkwise.model import link
+from linkwise.output import RESULT
 
 
 @click.command()
@@ -97,7 +90,7 @@ def identify(
     for remark in source.masses_beside(subject):
         tell(f"note: {remark}")
     with progress("reading") as step:
-        records = [_read(replace(source, record=path), subject) for path in (source.record, *more)]
+        records = [replace(source, record=path).read_motion_of(subject) for path in (source.record, *more)]
         step(lw.estimates.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
             records[0] if len(records) == 1 else records,
@@ -106,16 +99,8 @@ def identify(
             progress=step,
         )
     result = lw.report.result_of(estimate, true)
-    lines = [str(estimate), *_comparison_lines(result)]
-    deliver(
-        to_json(result) if as_json else "\n".join(lines),
-        estimate,
-        output,
-        lambda: folders.ESTIMATE_FOLDER,
-        truth=true,
-        quiet=as_json,
-    )
-    return exit_code(estimate.verdicts)
+    errors = nmse_lines(result, "\nagainst the truth: NMSE of the force (paper Eq. 8)")
+    return deliver("estimate", estimate, result, output, as_json=as_json, more=errors, truth=true)
 
 
 def _estimator(
@@ -129,23 +114,3 @@ def _estimator(
             raise click.UsageError(f"{option} is for --method {name}, not for {method}.")
     options = {name: value for name, value in given.get(method, {}).items() if name != "more"}
     return METHODS.lookup(method)(**options)
-
-
-def _read(source: RecordOptions, subject: lw.Structure) -> lw.Record:
-    record = source.read(tuple(dict.fromkeys((*subject.places, *subject.mass_names))))
-    for note in record.notes:
-        tell(f"note: {note}")
-    return record
-
-
-def _comparison_lines(result: dict[str, Any]) -> list[str]:
-    """How far each identified force is from the true one, where a truth was given."""
-    if "nmse_percent" not in result:
-        return []
-    return [
-        "\nagainst the truth: NMSE of the force (paper Eq. 8)",
-        *(
-            f"  {name:10} {'undefined' if error is None else f'{error:.3g} %'}"
-            for name, error in result["nmse_percent"].items()
-        ),
-    ]

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import click
 
 import linkwise as lw
+from linkwise import files
 from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.options import FILE, FLAGS, folder_option, grouped
 from linkwise.cli.reading_options import READING, ReadingOptions
-from linkwise.output import INSPECTION, to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise import files
-    from linkwise.report import inspection as folders
-else:
-    files = lazy_module("linkwise.files")
-    folders = lazy_module("linkwise.report.inspection")  # figures are for those who want a folder
+from linkwise.output import INSPECTION
 
 MENDED_BY = {
     **FLAGS,
@@ -133,13 +126,7 @@ def inspect(
     if not as_json:
         for note in dict.fromkeys(note for record in records for note in record.notes):
             tell(f"note: {note}")
-    deliver(
-        to_json(inspection.to_dict()) if as_json else str(inspection),
-        inspection,
-        output,
-        lambda: folders.INSPECTION_FOLDER,
-        quiet=as_json,
-    )
+    deliver("inspection", inspection, inspection.to_dict(), output, as_json=as_json)
 
 
 def _with_flags(alert: lw.inspection.Alert) -> lw.inspection.Alert:

@@ -14,7 +14,8 @@ from linkwise.cli.excitation_options import (
     drive_options,
     sampling_options,
 )
-from linkwise.cli.options import FILE, POSITIVE, number, pairs, read_told, unstarted_is_usage
+from linkwise.cli.options import FILE, POSITIVE, number, pairs, unstarted_is_usage
+from linkwise.cli.reading_options import read_told
 from linkwise.output import to_json
 
 

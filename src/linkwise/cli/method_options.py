@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, fields
 from inspect import getdoc
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -24,12 +24,8 @@ from linkwise.cli.options import (
     quantity,
     split,
 )
-from linkwise.registry import Registry, lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.records import channel as channels
-else:
-    channels = lazy_module("linkwise.records.channel")
+from linkwise.records import channel as channels
+from linkwise.registry import Registry
 
 R = TypeVar("R")
 

@@ -4,7 +4,7 @@ the arguments that errors of the library name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import fields
 from functools import wraps
@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 import linkwise as lw
-from linkwise.cli.console import tell
 from linkwise.errors import LinkwiseError, SimulationError
 from linkwise.output import check_result_folder
-from linkwise.registry import Registry, lazy_module
+from linkwise.registry import Registry
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
@@ -122,17 +121,7 @@ def grouped(
     Each option is a field of `kind`; `--help` shows them in the order given here.
     """
 
-    def decorate(command: Callable[..., R]) -> Callable[..., R]:
-        @wraps(command)
-        def wrapped(**values: Any) -> R:
-            own = {field.name: values.pop(field.name) for field in fields(kind)}
-            return command(**{keyword: kind(**own)}, **values)
-
-        for option in reversed(options):
-            wrapped = option(wrapped)
-        return wrapped
-
-    return decorate
+    return _gathered(keyword, [field.name for field in fields(kind)], lambda own: kind(**own), options)
 
 
 def keyword_group(
@@ -144,14 +133,25 @@ def keyword_group(
     Options that were not given and have no default are left out.
     """
 
-    def decorate(command: Callable[..., R]) -> Callable[..., R]:
-        names = [parameter.name for option in options for parameter in option(click.Command(None)).params]
+    names = [parameter.name or "" for option in options for parameter in option(click.Command(None)).params]
+    return _gathered(
+        keyword, names, lambda own: {k: v for k, v in own.items() if v is not None and v != ()}, options
+    )
 
+
+def _gathered(
+    keyword: str,
+    names: Sequence[str],
+    make: Callable[[dict[str, Any]], object],
+    options: Sequence[Callable[[Any], Any]],
+) -> Callable[[Callable[..., R]], Callable[..., R]]:
+    """A decorator that adds options and hands their values over as one argument, made of those of these names."""
+
+    def decorate(command: Callable[..., R]) -> Callable[..., R]:
         @wraps(command)
         def wrapped(**values: Any) -> R:
             own = {name: values.pop(name) for name in names}
-            given = {name: value for name, value in own.items() if value is not None and value != ()}
-            return command(**{keyword: given}, **values)
+            return command(**{keyword: make(own)}, **values)
 
         for option in reversed(options):
             wrapped = option(wrapped)
@@ -242,23 +242,10 @@ def listing(placeholder: str, lines: Callable[[], Iterable[str]]) -> type[click.
     return Listing
 
 
-if TYPE_CHECKING:
-    from linkwise.estimates import estimate
-else:
-    estimate = lazy_module("linkwise.estimates.estimate")
-
-
-def read_told(path: Path) -> lw.Structure:
-    """The structure of a file; notes on it and its hosts go to standard error."""
-    subject = lw.read_structure(path)
-    if remark := estimate.untrusted_remark(path):
-        tell(f"note: {path}: {remark}")
-    tell_of_hosts(subject.hosts)
-    return subject
-
-
-def tell_of_hosts(hosts: Iterable[lw.Host]) -> None:
-    """Print what there is to know of hosts, such as the error of a reduction, on standard error."""
-    for host in hosts:
-        for note in host.notes:
-            tell(f"note: {host.name}: {note}")
+def nmse_lines(result: Mapping[str, Any], title: str, indent: str = "  ") -> list[str]:
+    """The errors of forces of a document, in lines under a title; none where it was not compared with a truth."""
+    if "nmse_percent" not in result:
+        return []
+    errors = result["nmse_percent"].items()
+    texts = ((name, "undefined" if error is None else f"{error:.3g} %") for name, error in errors)
+    return [title, *(f"{indent}{name:{8 + len(indent)}} {text}" for name, text in texts)]

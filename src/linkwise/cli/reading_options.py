@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import inf, isinf
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 import linkwise as lw
 from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.model import rotations
-else:
-    rotations = lazy_module("linkwise.model.rotations")
+from linkwise.estimates.estimate import untrusted_remark
+from linkwise.model import rotations
 
 _EXAMPLES = {"gain": "x:m1=1.02", "offset": "x:m1=0.3mm", "delay": "a:base=2ms"}
 _NONE = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
@@ -263,7 +259,14 @@ class RecordOptions(ReadingOptions):
 
     def read(self, masses: tuple[str, ...]) -> lw.Record:
         """The record, cut to the asked time; RecordError names file, line and channel. `masses` are those there are."""
-        return self.read_file(self.record, masses)
+        record = self.read_file(self.record, masses)
+        for note in record.notes:
+            tell(f"note: {note}")
+        return record
+
+    def read_motion_of(self, structure: lw.Structure) -> lw.Record:
+        """The record of what this structure has, its notes told."""
+        return self.read(tuple(dict.fromkeys((*structure.places, *structure.mass_names))))
 
 
 READING = (
@@ -362,3 +365,19 @@ READING = (
 )
 
 record_options = grouped(RecordOptions, "source", click.argument("record", type=FILE), *READING)
+
+
+def read_told(path: Path) -> lw.Structure:
+    """The structure of a file; notes on it and its hosts go to standard error."""
+    subject = lw.read_structure(path)
+    if remark := untrusted_remark(path):
+        tell(f"note: {path}: {remark}")
+    tell_of_hosts(subject.hosts)
+    return subject
+
+
+def tell_of_hosts(hosts: Iterable[lw.Host]) -> None:
+    """Print what there is to know of hosts, such as the error of a reduction, on standard error."""
+    for host in hosts:
+        for note in host.notes:
+            tell(f"note: {host.name}: {note}")

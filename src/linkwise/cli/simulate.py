@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import linkwise as lw
+from linkwise import files
 from linkwise.cli.console import progress, tell
 from linkwise.cli.excitation_options import (
     ExcitationOptions,
@@ -15,14 +16,9 @@ from linkwise.cli.excitation_options import (
     drive_options,
     sampling_options,
 )
-from linkwise.cli.options import FILE, read_told, unstarted_is_usage
+from linkwise.cli.options import FILE, unstarted_is_usage
+from linkwise.cli.reading_options import read_told
 from linkwise.output import to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise import files
-else:
-    files = lazy_module("linkwise.files")  # `--help` loads every command
 
 
 @click.command()

@@ -7,11 +7,9 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise.cli.console import progress, tell
+from linkwise.cli.console import UNTRUSTED, progress, tell
 from linkwise.cli.options import FOLDER
 from linkwise.output import to_json
-
-UNTRUSTED = 3  # exit code: finished, but a cell of the table has no answer at all
 
 
 @click.command()

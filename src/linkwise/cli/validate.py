@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, exit_code, progress, tell
+from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.options import POSITIVE, folder_option, json_option
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.output import VALIDATION, to_json
-from linkwise.registry import lazy_module
-
-if TYPE_CHECKING:
-    from linkwise.identification.validation import answer as answers
-    from linkwise.report import validation as folders
-else:
-    answers = lazy_module("linkwise.identification.validation.answer")
-    folders = lazy_module("linkwise.report.validation")  # figures are for those who want a folder
+from linkwise.identification.validation import answer as answers
+from linkwise.output import VALIDATION
 
 
 @click.command()
@@ -66,17 +58,8 @@ def validate(
     for remark in source.masses_beside(subject.structure):
         tell(f"note: {remark}")
     with progress("reading") as step:
-        record = source.read(tuple(dict.fromkeys((*subject.structure.places, *subject.structure.mass_names))))
-        for note in record.notes:
-            tell(f"note: {note}")
+        record = source.read_motion_of(subject.structure)
         validation = lw.validate(
             record, answer, burn=burn, corrected=source.removed_errors(record), progress=step
         )
-    deliver(
-        to_json(lw.report.validation_of(validation)) if as_json else str(validation),
-        validation,
-        output,
-        lambda: folders.VALIDATION_FOLDER,
-        quiet=as_json,
-    )
-    return exit_code(validation.verdicts)
+    return deliver("validation", validation, lw.report.validation_of(validation), output, as_json=as_json)
