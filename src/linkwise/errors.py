@@ -6,7 +6,8 @@ The message is one paragraph: what was given, why it is refused, what was expect
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -363,3 +364,12 @@ def _quoted(text: str, position: int | None) -> list[str]:
     if len(line) > _SHOWN:
         line, after = line[:_SHOWN], "..."
     return [f"  {before}{line}{after}", " " * (2 + len(before) + column) + "^"]
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Give a `StructureError` raised inside the place `where`, in place of its own."""
+    try:
+        yield
+    except StructureError as error:
+        raise StructureError(error.message, where) from None

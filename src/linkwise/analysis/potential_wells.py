@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError, expect
+from linkwise.errors import StructureError, expect, located
 from linkwise.expression import differentiate, symbols
 from linkwise.model.link import Link
 
@@ -166,10 +166,8 @@ def rest_points(
 
 def _of_link(link: Link, lo: float | None, hi: float | None) -> tuple[RestPoint, ...]:
     link.values  # raises StructureError for a coefficient without a value  # noqa: B018
-    try:
+    with located(f'link "{link.name}"'):
         return rest_points(partial(link.force, states=link.zero_states), link.stiffness, lo, hi)
-    except StructureError as error:
-        raise StructureError(error.message, f'link "{link.name}"') from None
 
 
 def _grid(lo: float | None, hi: float | None) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from linkwise.errors import StructureError, expect
+from linkwise.errors import StructureError, expect, located
 from linkwise.model.names import Name
 
 
@@ -177,10 +177,8 @@ def as_coefficient(given: Coefficient | float, where: str) -> Coefficient:
     expect(where, given, Coefficient, float)
     if isinstance(given, Coefficient):
         return given
-    try:
+    with located(where):
         return Coefficient.number(given)
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
 
 
 def _number(given: object, field: str) -> float:

@@ -24,7 +24,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from linkwise.errors import LinkwiseError, StructureError
+from linkwise.errors import LinkwiseError, StructureError, located
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode, Pair, entries_of
 from linkwise.model.link_file import coefficient_of, decode, read_toml_text
@@ -91,10 +91,8 @@ def _mode(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> Ho
         )
     }
     rotations = [point for point in shape if turns_throughout(point)]
-    try:
+    with located(where):
         return HostMode(float(data["freq"]), float(data["modal_damp_vis"]), shape, rotations=rotations)
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
 
 
 _FREQUENCY, _DAMPING = "frequency", "damping"
@@ -154,10 +152,8 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         quantity: part_of(getattr(entry, f"{quantity}_sigma"), f"{source}, {path}.{quantity}_sigma")
         for quantity in ("frequency", "damping", "shape")
     }
-    try:
+    with located(where):
         return with_units(host, entry.units, entry.points).known_to_within(**parts)
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
 
 
 def part_of(text: str | None, where: str = "") -> float:
@@ -189,12 +185,10 @@ def _of_modes(entry: HostTable, source: str, path: str) -> Host:
         for number, table in enumerate(entry.damping or ())
     ]
     entries = dict(given)
-    try:
+    with located(where):
         if len(entries) < len(given):
             raise StructureError("the damping between two modes is given twice")
         return Host(entry.name, modes, damping=entries)
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
 
 
 def _damping_entry(given: object, source: str, path: str) -> tuple[Pair, Coefficient]:
@@ -239,7 +233,7 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
             where,
         )
     read = read_host_matrices(**matrices, folder=Path(source).parent)
-    try:
+    with located(where):
         reduced = read.reduce(
             entry.name,
             entry.points,
@@ -248,8 +242,6 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
             rayleigh=entry.rayleigh,
             residual=entry.residual is not False,
         )
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
     return replace(reduced.host, notes=reduced.notes)
 
 
@@ -271,11 +263,9 @@ def _mode_of_table(given: object, source: str, path: str) -> HostMode:
             raise StructureError(
                 "expected a number, or a table of start and sigma", f"{source}, {path}.shape.{point}"
             )
-    try:
+    with located(f"{source}, {path}"):
         starts = {point: float(value.value or 0.0) for point, value in shape.items()}
         return HostMode(frequency, damping, starts).with_shape(shape)
-    except StructureError as error:
-        raise StructureError(error.message, f"{source}, {path}") from None
 
 
 def read_modes(path: str | Path) -> tuple[HostMode, ...]:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
-from linkwise.errors import StructureError, expect
+from linkwise.errors import StructureError, expect, located
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law, LinkState, as_link_states
 
@@ -186,10 +186,8 @@ class Link:
                     where,
                 )
             given = own
-        try:
+        with located(where):
             states = as_link_states(given)
-        except StructureError as error:
-            raise StructureError(error.message, where) from None
         if states:
             law = Law.parse(self.law.text, states)
             object.__setattr__(self, "law", replace(law, angular=True) if self.law.angular else law)

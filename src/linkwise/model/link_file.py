@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 import msgspec
 
 from linkwise.display import near_miss
-from linkwise.errors import LinkwiseError, RecordError, StructureError, StudyError
+from linkwise.errors import LinkwiseError, RecordError, StructureError, StudyError, located
 from linkwise.expression.dimensions import Dimension
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law, LinkState, law_dimensions, unit_dimension
@@ -181,10 +181,8 @@ def link_of(entry: LinkTable, index: int, source: str, rotations: Collection[str
         coefficients = _within_bounds(named, law, coefficients, f"{source}, {path}.coefficients")
     initial = _initial_values(entry, law, source, path)
     states = {name: replace(state, initial=initial[name]) for name, state in states.items()}
-    try:
+    with located(where):
         return Link(entry.name, (*entry.between,), law, coefficients, states)  # type: ignore[arg-type]  # Link counts the ends
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
 
 
 def _within_bounds(
@@ -193,10 +191,8 @@ def _within_bounds(
     """The coefficients of a named law, unknown where none is given. Raises StructureError for a start outside its bounds."""
     coefficients = {name: named.coefficient(name) for name in law.coefficients}
     for name, coefficient in given.items():
-        try:
+        with located(f"{where}.{name}"):
             coefficients[name] = named.within_bounds(name, coefficient)
-        except StructureError as error:
-            raise StructureError(error.message, f"{where}.{name}") from None
     return coefficients
 
 

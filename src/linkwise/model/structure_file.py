@@ -17,7 +17,7 @@ from typing import Any
 
 import msgspec
 
-from linkwise.errors import StructureError, expect
+from linkwise.errors import StructureError, expect, located
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.host_file import HostTable, host_of
@@ -334,10 +334,8 @@ def _mass(entry: _MassTable, index: int, source: str) -> Mass:
     where = f'{source}, {path} "{entry.name}"'
     unit = entry.unit or (ANGLE if is_inertia(entry.mass) else LENGTH)
     coefficient = coefficient_of(entry.mass, MASS_UNITS.get(unit, "?"), source, f"{path}.mass")
-    try:
+    with located(where):
         return Mass(entry.name, coefficient, unit)
-    except StructureError as error:
-        raise StructureError(error.message, where) from None
 
 
 def _states_text(link: Link) -> str:
