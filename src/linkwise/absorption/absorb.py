@@ -13,7 +13,7 @@ from linkwise.absorption.motion import Vibration
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.wells import Potentials, Runs, rest_positions, single_run
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, finite
 from linkwise.errors import SimulationError, expect
 from linkwise.expression import Expression
 from linkwise.model.structure import Structure
@@ -83,7 +83,7 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     without, baseline, _ = _run(
         comparison, comparison.baseline_schedule, Potentials.of([comparison.baseline.structure]), {}
     )
-    level = comparison.options.settle * baseline.peak
+    level = comparison.options.settle * baseline.decay.peak
     if not np.any(baseline.runs.v):
         raise SimulationError(
             f"with the sinks {comparison.options.without} nothing moves, so there is nothing to compare "
@@ -115,8 +115,7 @@ def _run(
     runs = single_run(motion, potentials.tops(0), powers)
     positions = rest_positions([comparison.resting_structure], comparison.primaries)
     vibration = Vibration(runs, [schedule.structure], comparison.primaries, positions)
-    base = schedule.excitation.base
-    x_base = None if base is None else base.value(schedule.times)
+    x_base = schedule.excitation.base_at(schedule.times)
     run = AbsorptionRun(
         structure=schedule.structure,
         x=motion.displacement,
@@ -132,22 +131,18 @@ def _run(
 
 def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
     """The decay of each primary mass; `level` (P, 1) m."""
-    settled = vibration.settled(level)[:, 0]
-    rates = vibration.decay.of_run(0).rate(level[:, 0])
-    numbers = zip(
-        vibration.rest[:, 0].tolist(),
-        vibration.peak[:, 0].tolist(),
-        vibration.rms[:, 0].tolist(),
-        strict=True,
+    of_run = vibration.decay.of_run(0)
+    columns = (
+        vibration.rest[:, 0],
+        of_run.peak,
+        vibration.rms[:, 0],
+        of_run.settled(level[:, 0]),
+        of_run.rate(level[:, 0]),
     )
     return [
-        MassDecay(rest, peak, rms, _finite(time), _finite(rate))
-        for (rest, peak, rms), time, rate in zip(numbers, settled, rates, strict=True)
+        MassDecay(float(rest), float(peak), float(rms), finite(settled), finite(rate))
+        for rest, peak, rms, settled, rate in zip(*columns, strict=True)
     ]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _sink_results(
@@ -155,22 +150,19 @@ def _sink_results(
 ) -> tuple[SinkResult, ...]:
     names = [link.name for link in run.structure.links]
     horizon = np.inf if run.horizon is None else run.horizon
-    base = comparison.options.excitation.base
-    d = run.structure.elongations(run.x, None if base is None else base.value(comparison.times))
-    results = []
-    for sink in comparison.sinks:
-        number = names.index(sink.link)
-        results.append(
-            SinkResult(
-                sink=sink,
-                tops=tuple(tops[number].tolist()),
-                share=run.share(sink.link),
-                elongation=d[:, number],
-                crossings=crossed[number],
-                before_horizon=int(np.sum(crossed[number] < horizon)),
-            )
+    d = run.structure.elongations(run.x, comparison.options.excitation.base_at(comparison.times))
+    return tuple(
+        SinkResult(
+            sink=sink,
+            tops=tuple(tops[number].tolist()),
+            share=run.share(sink.link),
+            elongation=d[:, number],
+            crossings=crossed[number],
+            before_horizon=int(np.sum(crossed[number] < horizon)),
         )
-    return tuple(results)
+        for sink in comparison.sinks
+        for number in [names.index(sink.link)]
+    )
 
 
 def _harvests(comparison: Comparison, run: AbsorptionRun, runs: Runs) -> tuple[Harvest, ...]:
@@ -178,10 +170,9 @@ def _harvests(comparison: Comparison, run: AbsorptionRun, runs: Runs) -> tuple[H
     for link, given in (comparison.options.harvesters or {}).items():
         if isinstance(given, str):
             energy = float(runs.delivered[link][0])
-            share = energy / run.total
-            harvests.append(Harvest(link, None, energy, energy / duration, share, given))
-            continue
-        share = run.share(f"{link}{SUFFIX}")
-        energy = share * run.total
-        harvests.append(Harvest(link, given, energy, energy / duration, share))
+            harvest = Harvest(link, None, energy, energy / duration, energy / run.total, given)
+        else:
+            share = run.share(f"{link}{SUFFIX}")
+            harvest = Harvest(link, given, share * run.total, share * run.total / duration, share)
+        harvests.append(harvest)
     return tuple(harvests)

@@ -104,29 +104,18 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
             quantities.append(AbsorptionQuantity(f"settled:{name}", "s", f"settling time of {name}", True))
             quantities.append(AbsorptionQuantity(f"rms_reduction:{name}", "", f"RMS reduction of {name}"))
             quantities.append(AbsorptionQuantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
-    quantities += [
-        AbsorptionQuantity(
-            f"energy_reduction:{host.name}", "", f"reduction of the mean energy in {host.name}"
+    for host in comparison.structure.hosts:
+        title = f"reduction of the mean energy in {host.name}"
+        quantities.append(AbsorptionQuantity(f"energy_reduction:{host.name}", "", title))
+    for name in dissipators(comparison.structure):
+        others = name not in comparison.absorbing
+        quantities.append(AbsorptionQuantity(f"share:{name}", "", f"energy dissipated by {name}", others))
+    for link in (sink.link for sink in comparison.sinks):
+        quantities.append(AbsorptionQuantity(f"crossings:{link}", "", f"well crossings of {link}"))
+    for link in comparison.options.harvesters or ():
+        quantities.append(
+            AbsorptionQuantity(f"power:{link}", "W", f"average power of the harvester on {link}")
         )
-        for host in comparison.structure.hosts
-    ]
-    quantities += [
-        AbsorptionQuantity(
-            f"share:{name}",
-            "",
-            f"energy dissipated by {name}",
-            name not in comparison.absorbing,
-        )
-        for name in dissipators(comparison.structure)
-    ]
-    quantities += [
-        AbsorptionQuantity(f"crossings:{sink.link}", "", f"well crossings of {sink.link}")
-        for sink in comparison.sinks
-    ]
-    quantities += [
-        AbsorptionQuantity(f"power:{link}", "W", f"average power of the harvester on {link}")
-        for link in comparison.options.harvesters or ()
-    ]
     return tuple(quantities)
 
 
@@ -138,9 +127,8 @@ def quantity_values(
     baseline: BaselineQuantities,
 ) -> dict[str, Floats]:
     """The values (W,) of every quantity in W runs, by name."""
-    settled = vibration.settled(baseline.level)
-    base = comparison.options.excitation.base
-    x_base = None if base is None else base.value(runs.time[-1:])
+    settled = vibration.decay.settled(baseline.level)
+    x_base = comparison.options.excitation.base_at(runs.time[-1:])
     remaining = (potentials.kinetic(runs.v[-1:]) + potentials.stored(runs.x[-1:], x_base))[0]
     supplied = runs.supplied - potentials.floor
     total, dissipated = supplied[-1], runs.dissipated[-1]
@@ -162,14 +150,14 @@ def quantity_values(
             root_sum_square(of_rms * vibration.rms), root_sum_square(of_rms * baseline.rms)
         ),
         "peak_reduction": reduction(
-            (of_peak * vibration.peak).max(axis=0), (of_peak * baseline.peak).max(axis=0)
+            (of_peak * vibration.decay.peak).max(axis=0), (of_peak * baseline.peak).max(axis=0)
         ),
         "sinks_share": np.sum([shares[name] for name in comparison.absorbing], axis=0),
         "crossings": np.sum(list(crossings.values()), axis=0),
         "remaining": remaining / total,
         "closure": np.abs(total - remaining - dissipated.sum(axis=0)) / np.abs(supplied).max(axis=0),
     }
-    rms, peaks = reduction(vibration.rms, baseline.rms), reduction(vibration.peak, baseline.peak)
+    rms, peaks = reduction(vibration.rms, baseline.rms), reduction(vibration.decay.peak, baseline.peak)
     for row, name in enumerate(comparison.primaries):
         values[f"settled:{name}"] = settled[row]
         values[f"rms_reduction:{name}"] = rms[row]
@@ -374,8 +362,8 @@ def _baseline(
     def collect(runs: Runs, numbers: Indices) -> None:
         structures = [schedules[run].structure for run in numbers]
         vibration = Vibration(runs, structures, first.primaries, [positions[run] for run in numbers])
-        level = first.options.settle * vibration.peak
-        values[:, :, numbers] = [vibration.peak, vibration.rms, level, vibration.settled(level)]
+        level = first.options.settle * vibration.decay.peak
+        values[:, :, numbers] = [vibration.decay.peak, vibration.rms, level, vibration.decay.settled(level)]
         energy[:, numbers] = mean_host_energies(structures, runs.x, runs.v)
 
     runner.run(schedules, potentials, collect)

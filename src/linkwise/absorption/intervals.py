@@ -13,7 +13,7 @@ from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants,
 from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, finite
 from linkwise.display import JudgedView, align_columns
 from linkwise.errors import LinkwiseError, expect
 from linkwise.estimates.estimate import Estimate
@@ -158,7 +158,9 @@ class AbsorptionIntervals(JudgedView):
         }
 
     def __str__(self) -> str:
-        return intervals_text(self)
+        rows: Rows = [(*row, "") for row in interval_rows(self)]
+        table = "\n".join([interval_headline(self), *align_columns(rows)])
+        return f"{self.absorption}\n\n{table}"
 
 
 def absorption_intervals(
@@ -273,23 +275,12 @@ def _interval(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> Quan
     ranked = np.sort(np.where(np.isnan(drawn), np.inf, drawn))
     last = len(ranked) - 1
     lower, upper = ranked[[int(np.floor(tail * last)), int(np.ceil((1.0 - tail) * last))]]
-    return QuantityInterval(quantity, _finite(value), _finite(lower), _finite(upper), missing)
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return QuantityInterval(quantity, finite(value), finite(lower), finite(upper), missing)
 
 
 def without_intervals(result: Absorption | AbsorptionIntervals) -> Absorption:
     """The comparison itself, of a result with intervals or of one without."""
     return result.absorption if isinstance(result, AbsorptionIntervals) else result
-
-
-def intervals_text(intervals: AbsorptionIntervals) -> str:
-    """The whole result as text."""
-    rows: Rows = [(*row, "") for row in interval_rows(intervals)]
-    table = "\n".join([interval_headline(intervals), *align_columns(rows)])
-    return f"{intervals.absorption}\n\n{table}"
 
 
 def interval_headline(intervals: AbsorptionIntervals) -> str:

@@ -207,7 +207,9 @@ class AbsorptionMap(JudgedView):
         }
 
     def __str__(self) -> str:
-        return map_text(self)
+        rows: Rows = [(*row, "") for row in map_rows(self)]
+        headline = paragraph(" ".join(map_headline(self)))
+        return "\n\n".join([headline, "\n".join(align_columns(rows)), *map(remark_lines, self.findings)])
 
 
 _RUN_BYTES, _MASS_BYTES = 5000, 1200  # at most, until the last run has ended, for each run and mass
@@ -364,13 +366,6 @@ def _comparison(structure: Structure, point: Mapping[str, float], options: Absor
     sinks = options.sinks or [sink.link for sink in find_sinks(structure if known else at_point)]
     excitation = replace(options.excitation, release={**options.excitation.release, **release})
     return Comparison.of(at_point, replace(options, sinks=sinks, excitation=excitation))
-
-
-def map_text(map_: AbsorptionMap) -> str:
-    """The map in a few lines: the grid, and where each quantity is best."""
-    rows: Rows = [(*row, "") for row in map_rows(map_)]
-    headline = paragraph(" ".join(map_headline(map_)))
-    return "\n\n".join([headline, "\n".join(align_columns(rows)), *map(remark_lines, map_.findings)])
 
 
 def map_headline(map_: AbsorptionMap) -> tuple[str, ...]:

@@ -154,19 +154,10 @@ class Vibration:
         v = place_motion(self.structures, self.runs.v, self.places)
         return Decay(self.runs.time, x - self.rest, v)
 
-    @property
-    def peak(self) -> Floats:
-        """(P, W) m: the largest excursion."""
-        return self.decay.peak
-
     @cached_property
     def rms(self) -> Floats:
         """(P, W) m: the root mean square excursion."""
         return np.sqrt(self.decay.mean_square)
-
-    def settled(self, level: Floats) -> Floats:
-        """(P, W) s: the time after which a mass stays below `level` (P, W) m; NaN if it does not."""
-        return self.decay.settled(level)
 
 
 def reduction(with_sinks: Floats, without: Floats) -> Floats:

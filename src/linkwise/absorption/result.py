@@ -458,7 +458,46 @@ class Absorption(JudgedView):
     @property
     def findings(self) -> tuple[str, ...]:
         """Sentences on what the two runs cannot show."""
-        return _findings(self)
+        findings = []
+        horizon = self.with_sinks.horizon
+        if horizon is not None:
+            findings.append(
+                f"Past {horizon:.3g} s the motion with sinks is chaotic: this run is one of many that the same start could "
+                "have, and crossings, settling times and shares after it would differ on another computer."
+            )
+        for run, name in ((self.with_sinks, "with sinks"), (self.without, "without sinks")):
+            if run.closure > CLOSURE:
+                findings.append(
+                    f"The energy balance {name} has an error of {run.closure:.0e} of the energy supplied: do not trust its "
+                    "shares."
+                )
+        for harvest in self.harvests:
+            if _exceeds(self, harvest):
+                work = self.with_sinks.share(harvest.link) * self.with_sinks.total
+                findings.append(
+                    f"{harvest.expression} would deliver {harvest.energy:.3g} J, but {harvest.link} takes only {work:.3g} J: "
+                    "this link cannot deliver that power."
+                )
+        unknown = [parameter.name for parameter in self.with_sinks.structure.parameters]
+        if unknown:
+            findings.append(
+                f"{', '.join(unknown)} {'is' if len(unknown) == 1 else 'are'} unknown: this result is for the start values."
+            )
+        unsettled = [mass.name for mass in self.masses if mass.with_sinks.settled is None]
+        if unsettled:
+            findings.append(
+                f"{', '.join(unsettled)} did not settle below {100 * self.settle:g} % of the peak without sinks within "
+                f"{float(self.time[-1]):g} s; simulate longer, or give a higher settling level."
+            )
+            memory = [link.name for link in self.with_sinks.structure.links if link.law.states]
+            if memory:
+                findings.append(
+                    f"Rest positions are those with states of 0 of {', '.join(memory)}; after slip a mass may rest elsewhere."
+                )
+        inactive = [result.sink.link for result in self.sinks if result.tops and not len(result.crossings)]
+        if inactive:
+            findings.append(f"{', '.join(inactive)} never crossed from one well to another.")
+        return tuple(findings)
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data, without the histories.
@@ -491,7 +530,18 @@ class Absorption(JudgedView):
         }
 
     def __str__(self) -> str:
-        return absorption_text(self)
+        blocks = ["\n".join(paragraph(sentence) for sentence in headline(self))]
+        tables = [
+            (mass_rows(self), "masses"),
+            (energy_rows(self), "links"),
+            (crossing_rows(self), "sinks"),
+        ]
+        if self.harvests:
+            tables.append((harvest_rows(self), "harvesters"))
+        blocks += [_table(rows, contents) for rows, contents in tables]
+        if self.findings:
+            blocks.append("\n".join(map(remark_lines, self.findings)))
+        return "\n\n".join(blocks)
 
 
 def closure_verdict(closure: float) -> Verdict:
@@ -511,65 +561,7 @@ def _last(times: list[float | None]) -> float | None:
     return None if None in times else max(time for time in times if time is not None)
 
 
-def _findings(absorption: Absorption) -> tuple[str, ...]:
-    findings = []
-    horizon = absorption.with_sinks.horizon
-    if horizon is not None:
-        findings.append(
-            f"Past {horizon:.3g} s the motion with sinks is chaotic: this run is one of many that the same start could have, "
-            "and crossings, settling times and shares after it would differ on another computer."
-        )
-    for run, name in ((absorption.with_sinks, "with sinks"), (absorption.without, "without sinks")):
-        if run.closure > CLOSURE:
-            findings.append(
-                f"The energy balance {name} has an error of {run.closure:.0e} of the energy supplied: do not trust its shares."
-            )
-    for harvest in absorption.harvests:
-        if _exceeds(absorption, harvest):
-            work = absorption.with_sinks.share(harvest.link) * absorption.with_sinks.total
-            findings.append(
-                f"{harvest.expression} would deliver {harvest.energy:.3g} J, but {harvest.link} takes only {work:.3g} J: "
-                "this link cannot deliver that power."
-            )
-    unknown = [parameter.name for parameter in absorption.with_sinks.structure.parameters]
-    if unknown:
-        findings.append(
-            f"{', '.join(unknown)} {'is' if len(unknown) == 1 else 'are'} unknown: this result is for the start values."
-        )
-    unsettled = [mass.name for mass in absorption.masses if mass.with_sinks.settled is None]
-    if unsettled:
-        findings.append(
-            f"{', '.join(unsettled)} did not settle below {100 * absorption.settle:g} % of the peak without sinks within "
-            f"{float(absorption.time[-1]):g} s; simulate longer, or give a higher settling level."
-        )
-        memory = [link.name for link in absorption.with_sinks.structure.links if link.law.states]
-        if memory:
-            findings.append(
-                f"Rest positions are those with states of 0 of {', '.join(memory)}; after slip a mass may rest elsewhere."
-            )
-    inactive = [result.sink.link for result in absorption.sinks if result.tops and not len(result.crossings)]
-    if inactive:
-        findings.append(f"{', '.join(inactive)} never crossed from one well to another.")
-    return tuple(findings)
-
-
 _MANY = 12  # masses, links or sinks that are printed
-
-
-def absorption_text(absorption: Absorption) -> str:
-    """The whole result as text."""
-    blocks = ["\n".join(paragraph(sentence) for sentence in headline(absorption))]
-    tables = [
-        (mass_rows(absorption), "masses"),
-        (energy_rows(absorption), "links"),
-        (crossing_rows(absorption), "sinks"),
-    ]
-    if absorption.harvests:
-        tables.append((harvest_rows(absorption), "harvesters"))
-    blocks += [_table(rows, contents) for rows, contents in tables]
-    if absorption.findings:
-        blocks.append("\n".join(map(remark_lines, absorption.findings)))
-    return "\n\n".join(blocks)
 
 
 def percent(part: float | None) -> str:

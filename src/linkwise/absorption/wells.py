@@ -213,12 +213,11 @@ def distinct(times: Floats, end: float) -> Floats:
 
 def _elongations(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Floats, Floats]:
     """(M, L) elongations in m and rates in m/s of all links at `times` (M,)."""
-    structure, base = schedule.structure, schedule.excitation.base
+    structure, excitation = schedule.structure, schedule.excitation
     x, v, _ = motion = room(structure, len(times))
     integrate(schedule, times, options=RunOptions(repeated=run, into=motion))
-    x_base = None if base is None else base.value(times)
-    v_base = None if base is None else base.derivative(times)
-    return structure.elongations(x, x_base), structure.elongations(v, v_base)
+    v_base = None if excitation.base is None else excitation.base.derivative(times)
+    return structure.elongations(x, excitation.base_at(times)), structure.elongations(v, v_base)
 
 
 def _roots_of_cubics(
@@ -405,10 +404,7 @@ def single_run(motion: SimulatedMotion, tops: list[Floats], powers: Mapping[str,
     `tops` (K,) m are those of the barriers of each link, `powers` those that links deliver, in W.
     """
     energy, schedule = motion.energy, motion.schedule
-    base = schedule.excitation.base
-    d = schedule.structure.elongations(
-        motion.displacement, None if base is None else base.value(schedule.times)
-    )
+    d = schedule.structure.elongations(motion.displacement, schedule.excitation.base_at(schedule.times))
     times = crossings(schedule, motion.run, tops)
     return Runs(
         time=schedule.times,
@@ -439,26 +435,20 @@ def batch_runs(
         return _one_by_one(schedules, potentials, powers)
     schedule = schedules[0]
     batch = run_batch(schedules, [link.tops for link in potentials.barriers])
-    base = schedule.excitation.base
-    x_base = None if base is None else base.value(schedule.times)
+    base_at = schedule.excitation.base_at
     start = np.stack([schedule.start for schedule in schedules], axis=1)[None]
     size = schedule.structure.size
-    x_base_at_start = None if base is None else base.value(np.zeros(1))
-    energy = (
-        potentials.kinetic(start[:, size:])
-        + potentials.stored(start[:, :size], x_base_at_start)
-        + potentials.floor
-    )
-    d = elongations(potentials.structures, batch.x, x_base)
-    crossed = []
-    for run in range(len(schedules)):
-        tops = potentials.tops(run)
-        crossed.append(
-            tuple(
-                after_onset(distinct(times, schedule.end), batch.time, d[:, run, link], tops[link])
-                for link, times in enumerate(batch.crossings[run])
-            )
+    stored = potentials.stored(start[:, :size], base_at(np.zeros(1)))
+    energy = potentials.kinetic(start[:, size:]) + stored + potentials.floor
+    d = elongations(potentials.structures, batch.x, base_at(schedule.times))
+    crossed = [
+        tuple(
+            after_onset(distinct(times, schedule.end), batch.time, d[:, run, link], tops[link])
+            for link, times in enumerate(batch.crossings[run])
         )
+        for run in range(len(schedules))
+        for tops in [potentials.tops(run)]
+    ]
     runs = Runs(batch.time, batch.x, batch.v, batch.dissipated, batch.work + energy, tuple(crossed))
     return runs, batch.completed
 

@@ -435,7 +435,28 @@ class Estimate(JudgedView):
         }
 
     def __str__(self) -> str:
-        return text_table(self)
+        blocks = [_verdict(self), _noise(self)]
+        unknown = [mass for mass in self.masses if not mass.known]
+        if unknown:
+            rows = [_coefficient_row(mass, mass.name.removesuffix(".mass")) for mass in unknown]
+            blocks.append("\n".join(["masses", *align_columns([_HEAD, *rows])]))
+        of_modes = [c for mode in self.modes if mode.free for c in mode.coefficients]
+        if of_modes:
+            rows = [_coefficient_row(coefficient, coefficient.name) for coefficient in of_modes]
+            blocks.append("\n".join(["modes", *align_columns([_HEAD, *rows])]))
+        if self.shapes:
+            blocks.append(_shapes(self))
+        shown = [link for link in self.links if link.free]
+        blocks += [_link_text(link) for link in shown[:_MANY]]
+        if len(shown) > _MANY:
+            blocks.append(f"... and {len(shown) - _MANY} more links; the result folder lists all of them")
+        if self.profile_intervals:
+            blocks.append(_profiles(self))
+        if len(self.diagnosis) > 1:
+            blocks.append(_diagnosis(self))
+        if self.findings:
+            blocks.append("\n".join(remark_lines(finding) for finding in self.findings))
+        return "\n\n".join(blocks)
 
     @cached_property
     def _coefficients(self) -> dict[str, CoefficientEstimate]:
@@ -576,32 +597,6 @@ _DIFFERS = (
     0.1  # of an interval's half: from here a profile interval says something that a standard error does not
 )
 _HEAD = ("", "value", "std. error", "95 % interval", "unit")
-
-
-def text_table(estimate: Estimate) -> str:
-    """The whole estimate as `print` shows it: trust, noise, coefficients and findings."""
-    blocks = [_verdict(estimate), _noise(estimate)]
-    unknown = [mass for mass in estimate.masses if not mass.known]
-    if unknown:
-        rows = [_coefficient_row(mass, mass.name.removesuffix(".mass")) for mass in unknown]
-        blocks.append("\n".join(["masses", *align_columns([_HEAD, *rows])]))
-    of_modes = [c for mode in estimate.modes if mode.free for c in mode.coefficients]
-    if of_modes:
-        rows = [_coefficient_row(coefficient, coefficient.name) for coefficient in of_modes]
-        blocks.append("\n".join(["modes", *align_columns([_HEAD, *rows])]))
-    if estimate.shapes:
-        blocks.append(_shapes(estimate))
-    shown = [link for link in estimate.links if link.free]
-    blocks += [_link_text(link) for link in shown[:_MANY]]
-    if len(shown) > _MANY:
-        blocks.append(f"... and {len(shown) - _MANY} more links; the result folder lists all of them")
-    if estimate.profile_intervals:
-        blocks.append(_profiles(estimate))
-    if len(estimate.diagnosis) > 1:
-        blocks.append(_diagnosis(estimate))
-    if estimate.findings:
-        blocks.append("\n".join(remark_lines(finding) for finding in estimate.findings))
-    return "\n\n".join(blocks)
 
 
 def _verdict(estimate: Estimate) -> str:

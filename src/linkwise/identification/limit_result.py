@@ -281,7 +281,29 @@ class Limit(JudgedView):
         }
 
     def __str__(self) -> str:
-        return limit_text(self)
+        head = (
+            f"{self.structure.name or 'structure'}: the accuracy that this test allows\n"
+            f"{self.verdicts[0].value}\n"
+            f"{len(self.record)} samples each of {_listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments(self)}"
+        )
+        noise: Rows = [
+            ("noise", "deviation"),
+            *((name, _noise_text(self, name)) for name in self.noise),
+        ]
+        title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
+        forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in self.links]
+        blocks = [
+            head,
+            _table(noise),
+            _table([title, *(_coefficient_row(coefficient) for coefficient in self.coefficients)]),
+            _table([("force of", "expected NMSE", "detectable", ""), *forces]),
+        ]
+        wells = [row for link in self.links for row in _well_rows(link)]
+        if wells:
+            blocks.append(_table([("", "value", "95 % interval", "unit"), *wells]))
+        if self.findings:
+            blocks.append("\n".join(f"! {finding}" for finding in self.findings))
+        return "\n\n".join(blocks)
 
     def _link(self, index: int) -> LinkLimit:
         link = self.structure.links[index]
@@ -365,33 +387,6 @@ Rows = list[tuple[str, ...]]
 
 _MOST_ROWS = 40  # of a table that are printed
 _MOST_NAMES = 6  # of channels that are listed in full
-
-
-def limit_text(limit: Limit) -> str:
-    """The whole result as text."""
-    head = (
-        f"{limit.structure.name or 'structure'}: the accuracy that this test allows\n"
-        f"{limit.verdicts[0].value}\n"
-        f"{len(limit.record)} samples each of {_listed(list(limit.noise))} at {limit.record.rate:g} Hz, {_segments(limit)}"
-    )
-    noise: Rows = [
-        ("noise", "deviation"),
-        *((name, _noise_text(limit, name)) for name in limit.noise),
-    ]
-    title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
-    forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in limit.links]
-    blocks = [
-        head,
-        _table(noise),
-        _table([title, *(_coefficient_row(coefficient) for coefficient in limit.coefficients)]),
-        _table([("force of", "expected NMSE", "detectable", ""), *forces]),
-    ]
-    wells = [row for link in limit.links for row in _well_rows(link)]
-    if wells:
-        blocks.append(_table([("", "value", "95 % interval", "unit"), *wells]))
-    if limit.findings:
-        blocks.append("\n".join(f"! {finding}" for finding in limit.findings))
-    return "\n\n".join(blocks)
 
 
 def _segments(limit: Limit) -> str:

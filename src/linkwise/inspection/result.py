@@ -168,7 +168,8 @@ class Inspection(JudgedView):
     levels: LevelComparison | None = None
 
     def __str__(self) -> str:
-        return inspection_text(self)
+        compared = [] if self.levels is None else [str(self.levels), ""]
+        return "\n".join([*compared, *alert_lines(self), *_tables(self)])
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(alert.kind for alert in self.alerts)) or "no alerts"
@@ -262,12 +263,6 @@ def labels(records: tuple[Record, ...]) -> tuple[str, ...]:
 HEAD = (
     "channel", "samples", "missing", "minimum", "maximum", "rms", "noise", "SNR dB", "bits", "up to Hz", "per period", "unit",
 )  # fmt: skip
-
-
-def inspection_text(inspection: Inspection) -> str:
-    """The comparison of levels, alerts, then a table of the channels of each record."""
-    compared = [] if inspection.levels is None else [str(inspection.levels), ""]
-    return "\n".join([*compared, *alert_lines(inspection), *_tables(inspection)])
 
 
 def headline(inspection: Inspection) -> str:

@@ -490,6 +490,10 @@ class Excitation:
     def __reduce__(self) -> tuple[type[Excitation], tuple[object, ...]]:
         return Excitation, (dict(self.release), self.impulses, dict(self.forces), self.base)
 
+    def base_at(self, times: ArrayLike) -> Floats | None:
+        """Displacement of the base in m at times in s, None where it does not move."""
+        return None if self.base is None else self.base.value(times)
+
     @property
     def drives(self) -> dict[str, InputSignal]:
         """Force by mass and, under the name "base", the motion of the base."""

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
 from linkwise.errors import expect
-from linkwise.inspection.levels.result import distortion_rows, gaps_text, mode_rows, ring_down_rows
+from linkwise.inspection.levels.result import (
+    LevelComparison,
+    distortion_rows,
+    gaps_text,
+    mode_rows,
+    ring_down_rows,
+)
 from linkwise.inspection.levels.result import headline as level_headline
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline, labels
 from linkwise.progress import Progress, silent
@@ -17,6 +24,8 @@ from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from linkwise.plot import levels as level_figures
     from linkwise.plot import records as record_figures
 else:  # matplotlib loads where a figure is drawn
@@ -27,76 +36,64 @@ PICTURED = 8  # records with figures; the others have their table
 
 
 def _levels(reported: Reported[Inspection]) -> Section | None:
-    """The modes over the level of the records."""
     levels = reported.result.levels
     if levels is None:
         return None
-    if len(levels.levels) == 1:
-        return Section("Modes", level_headline(levels), rows=mode_rows(levels))
-    return Section(
-        "Modes over level",
-        level_headline(levels),
-        rows=mode_rows(levels),
-        figure=lambda: level_figures.levels_figure(levels),
-    )
+    title, figure = "Modes", None
+    if len(levels.levels) > 1:
+        title, figure = "Modes over level", lambda: level_figures.levels_figure(levels)
+    return Section(title, level_headline(levels), rows=mode_rows(levels), figure=figure)
 
 
-def _responses(reported: Reported[Inspection]) -> Section | None:
-    """The response functions at each level."""
-    levels = reported.result.levels
-    if levels is None or not levels.responses:
-        return None
-    text = "Absolute value of the response per force, and the part of its power that follows from the force linearly."
-    return Section("Response functions", [text], figure=lambda: level_figures.level_responses_figure(levels))
+def _of_levels(
+    title: str,
+    text: str,
+    shown: Callable[[LevelComparison], bool],
+    figure: Callable[[LevelComparison], Figure],
+    rows: Callable[[LevelComparison], Sequence[Sequence[str]]] = lambda levels: (),
+) -> Build[Inspection]:
+    """A section of what levels may have; the text is followed by that of gaps in a ring-down."""
+
+    def build(reported: Reported[Inspection]) -> Section | None:
+        levels = reported.result.levels
+        if levels is None or not shown(levels):
+            return None
+        words = f"{text} {gaps_text(levels)}".rstrip() if rows is ring_down_rows else text
+        return Section(title, [words], rows=rows(levels), figure=partial(figure, levels))
+
+    return build
 
 
-def _distortion(reported: Reported[Inspection]) -> Section | None:
-    """What a periodic force excites at other frequencies than its own."""
-    levels = reported.result.levels
-    if levels is None or not any(levels.distortions):
-        return None
-    text = (
-        "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, and "
-        "what of the start has not died out."
-    )
-    return Section(
-        "Distortion",
-        [text],
-        rows=distortion_rows(levels),
-        figure=lambda: level_figures.distortion_figure(levels),
-    )
-
-
-def _ring_down(reported: Reported[Inspection]) -> Section | None:
-    """The modes over their amplitude while they ring down."""
-    levels = reported.result.levels
-    if levels is None or not levels.ring_downs:
-        return None
-    text = (
-        "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from windows of "
-        "the decay."
-    )
-    return Section(
-        "Ring-down",
-        [f"{text} {gaps_text(levels)}".rstrip()],
-        rows=ring_down_rows(levels),
-        figure=lambda: level_figures.ring_down_figure(levels),
-    )
-
-
-def _surfaces(reported: Reported[Inspection]) -> Section | None:
-    """The restoring force at sensors, before any model."""
-    levels = reported.result.levels
-    if levels is None or not levels.surfaces:
-        return None
-    text = (
-        "Acceleration with the sign reversed over displacement and velocity of a sensor, at the highest level while no force "
-        "acts: the restoring force per mass, to which other modes add scatter. A linear stiffness gives a straight line "
-        "at no velocity."
-    )
-    return Section(
-        "Restoring force", [text], figure=lambda: level_figures.acceleration_surfaces_figure(levels)
-    )
+_responses = _of_levels(
+    "Response functions",
+    "Absolute value of the response per force, and the part of its power that follows from the force linearly.",
+    lambda levels: bool(levels.responses),
+    lambda levels: level_figures.level_responses_figure(levels),
+)
+_distortion = _of_levels(
+    "Distortion",
+    "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, and "
+    "what of the start has not died out.",
+    lambda levels: any(levels.distortions),
+    lambda levels: level_figures.distortion_figure(levels),
+    distortion_rows,
+)
+_ring_down = _of_levels(
+    "Ring-down",
+    "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from windows of "
+    "the decay.",
+    lambda levels: bool(levels.ring_downs),
+    lambda levels: level_figures.ring_down_figure(levels),
+    ring_down_rows,
+)
+_surfaces = _of_levels(
+    "Restoring force",
+    "Acceleration with the sign reversed over displacement and velocity of a sensor, at the highest level while no force "
+    "acts: the restoring force per mass, to which other modes add scatter. A linear stiffness gives a straight line "
+    "at no velocity.",
+    lambda levels: bool(levels.surfaces),
+    lambda levels: level_figures.acceleration_surfaces_figure(levels),
+)
 
 
 def _alerts(reported: Reported[Inspection]) -> Section | None:
@@ -120,50 +117,45 @@ def _histories(inspection: Inspection, number: int) -> Section:
     )
 
 
-def _spectra(inspection: Inspection, number: int) -> Section | None:
-    """The spectra of the channels of one record."""
-    if number >= PICTURED:
-        return None
-    text = "Amplitude spectral density; dashed is white noise of the level that was found."
-    return Section(
-        _titled("Spectra", inspection, number),
-        [text],
-        figure=lambda: record_figures.spectra_figure(inspection, number),
-        interactive=True,
-    )
+def _pictured(
+    title: str,
+    text: str,
+    draw: Callable[[Inspection, int], Figure],
+    *,
+    channels: int = 1,
+    interactive: bool = False,
+) -> Callable[[Inspection, int], Section | None]:
+    """A section of a picture of a record with at least so many channels, for the first records."""
+
+    def build(inspection: Inspection, number: int) -> Section | None:
+        if number >= PICTURED or len(inspection.records[number].channels) < channels:
+            return None
+        of = f" of {labels(inspection.records)[number]}" if len(inspection.records) > 1 else ""
+        figure = partial(draw, inspection, number)
+        return Section(f"{title}{of}", [text], figure=figure, interactive=interactive)
+
+    return build
 
 
-def _maps(inspection: Inspection, number: int) -> Section | None:
-    """The channels of one record over time and frequency."""
-    if number >= PICTURED:
-        return None
-    text = "Power spectral density over time and frequency, dark where it is large; a steady line may be hum."
-    return Section(
-        _titled("Time and frequency", inspection, number),
-        [text],
-        figure=lambda: record_figures.spectrograms_figure(inspection, number),
-    )
-
-
-def _coherence(inspection: Inspection, number: int) -> Section | None:
-    """How the channels of one record go together."""
-    if number >= PICTURED or len(inspection.records[number].channels) < 2:
-        return None
-    text = (
-        "The part of the power of a channel that follows linearly from the one before it; dashed is what independent noise "
-        "exceeds at one of 20 frequencies. A nonlinear link, noise and a clock of its own lower it."
-    )
-    return Section(
-        _titled("Coherence", inspection, number),
-        [text],
-        figure=lambda: record_figures.coherences_figure(inspection, number),
-        interactive=True,
-    )
-
-
-def _titled(title: str, inspection: Inspection, number: int) -> str:
-    """The title, with the record where there are several."""
-    return f"{title} of {labels(inspection.records)[number]}" if len(inspection.records) > 1 else title
+_spectra = _pictured(
+    "Spectra",
+    "Amplitude spectral density; dashed is white noise of the level that was found.",
+    lambda inspection, number: record_figures.spectra_figure(inspection, number),
+    interactive=True,
+)
+_maps = _pictured(
+    "Time and frequency",
+    "Power spectral density over time and frequency, dark where it is large; a steady line may be hum.",
+    lambda inspection, number: record_figures.spectrograms_figure(inspection, number),
+)
+_coherence = _pictured(
+    "Coherence",
+    "The part of the power of a channel that follows linearly from the one before it; dashed is what independent noise "
+    "exceeds at one of 20 frequencies. A nonlinear link, noise and a clock of its own lower it.",
+    lambda inspection, number: record_figures.coherences_figure(inspection, number),
+    channels=2,
+    interactive=True,
+)
 
 
 SECTIONS: Registry[Build[Inspection]] = Registry(

@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from linkwise.arrays import finite
 from linkwise.display import JudgedView, align_columns, csv_cell
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.model.structure import Structure
@@ -77,7 +78,7 @@ class Cell:
     @cached_property
     def nmse(self) -> float | None:
         """The median NMSE in %; None if it does not exist."""
-        return _finite(np.median(self._errors)) if self.done else None
+        return finite(np.median(self._errors)) if self.done else None
 
     @cached_property
     def low(self) -> float | None:
@@ -179,7 +180,7 @@ class Cell:
         return np.array([_error(row) for row in self.answers] + [np.inf] * len(self.failures))
 
     def _quantile(self, probability: float) -> float | None:
-        return _finite(np.quantile(self._errors, probability, method="inverted_cdf")) if self.done else None
+        return finite(np.quantile(self._errors, probability, method="inverted_cdf")) if self.done else None
 
 
 @dataclass(frozen=True)
@@ -295,10 +296,6 @@ def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
 def _error(row: Row) -> float:
     """The error of a row in %, infinite if there is none."""
     return float("inf") if row.failed or row.nmse is None or np.isnan(row.nmse) else row.nmse
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 _TERMS = ("exact", "wrong, trusted", "extra, trusted")

@@ -359,7 +359,13 @@ class Validation(JudgedView):
         }
 
     def __str__(self) -> str:
-        return validation_text(self)
+        blocks = ["\n".join(paragraph(line) for line in headline(self))]
+        blocks.append("\n".join(align_columns([CHANNEL_HEAD, *channel_rows(self)])))
+        if self.coefficients:
+            blocks.append("\n".join(align_columns([COEFFICIENT_HEAD, *coefficient_rows(self)])))
+        if self.findings:
+            blocks.append("\n".join(remark_lines(entry) for entry in self.findings))
+        return "\n\n".join(blocks)
 
 
 def _plain(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
@@ -369,17 +375,6 @@ def _plain(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
 
 CHANNEL_HEAD = ("channel", "RMSE", "allowed", "one step", "noise", "NMSE, %", "fit, %", "unit")
 COEFFICIENT_HEAD = ("coefficient", "answer", "this record", "apart", "unit")
-
-
-def validation_text(validation: Validation) -> str:
-    """The whole result as text."""
-    blocks = ["\n".join(paragraph(line) for line in headline(validation))]
-    blocks.append("\n".join(align_columns([CHANNEL_HEAD, *channel_rows(validation)])))
-    if validation.coefficients:
-        blocks.append("\n".join(align_columns([COEFFICIENT_HEAD, *coefficient_rows(validation)])))
-    if validation.findings:
-        blocks.append("\n".join(remark_lines(entry) for entry in validation.findings))
-    return "\n\n".join(blocks)
 
 
 def headline(validation: Validation) -> tuple[str, ...]:

@@ -157,7 +157,20 @@ class LevelComparison(JudgedView):
         return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.LINEAR_IN_RANGE,)
 
     def __str__(self) -> str:
-        return levels_text(self)
+        blocks = [
+            "\n".join(map(paragraph, headline(self))),
+            "\n".join(align_columns(mode_rows(self))),
+        ]
+        distorted = distortion_rows(self)
+        if len(distorted) > 1:
+            blocks.append("\n".join(align_columns(distorted)))
+        rings = ring_down_rows(self)
+        if len(rings) > 1:
+            blocks.append("\n".join(align_columns(rings)))
+        gaps = gaps_text(self)
+        if gaps:
+            blocks.append(paragraph(gaps))
+        return "\n\n".join(blocks)
 
     def to_dict(self) -> dict[str, Any]:
         """The comparison as plain data.
@@ -211,24 +224,6 @@ class LevelComparison(JudgedView):
 
 
 _ROWS = 5  # of a ring-down
-
-
-def levels_text(comparison: LevelComparison) -> str:
-    """The verdict, then a table of modes over level, distortion, and what modes do as they ring down."""
-    blocks = [
-        "\n".join(map(paragraph, headline(comparison))),
-        "\n".join(align_columns(mode_rows(comparison))),
-    ]
-    distorted = distortion_rows(comparison)
-    if len(distorted) > 1:
-        blocks.append("\n".join(align_columns(distorted)))
-    rings = ring_down_rows(comparison)
-    if len(rings) > 1:
-        blocks.append("\n".join(align_columns(rings)))
-    gaps = gaps_text(comparison)
-    if gaps:
-        blocks.append(paragraph(gaps))
-    return "\n\n".join(blocks)
 
 
 def headline(comparison: LevelComparison) -> list[str]:
