@@ -22,9 +22,9 @@ from scipy.sparse import csc_array
 _HEADER = 128  # bytes; the last four are the version and a mark of the byte order
 _BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
 _UNSIGNED, _MATRIX, _COMPRESSED = 6, 14, 15  # types of elements
-_NUMBERS = frozenset(
-    {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}
-)  # types of elements, those of texts among them
+# types of elements, those of texts among them
+_NUMBERS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18})
+# classes
 _CELLS, _STRUCT, _OBJECT, _TEXT, _SPARSE, _NUMERIC, _FUNCTION, _OPAQUE = (
     1,
     2,
@@ -34,7 +34,7 @@ _CELLS, _STRUCT, _OBJECT, _TEXT, _SPARSE, _NUMERIC, _FUNCTION, _OPAQUE = (
     range(6, 16),
     16,
     17,
-)  # classes
+)
 _ELEMENTS = {
     _CELLS: 3,
     _STRUCT: 5,
@@ -56,9 +56,8 @@ def load_mat(path: Path, **options: Any) -> dict[str, Any]:
     states them, see `sound_sparse`.
     """
     content = path.read_bytes()
-    if (
-        0 not in content[:4] and 1 in content[_HEADER - 4 : _HEADER - 2]
-    ):  # version 5, as SciPy tells it from 4 and 7.3
+    # version 5, as SciPy tells it from 4 and 7.3
+    if 0 not in content[:4] and 1 in content[_HEADER - 4 : _HEADER - 2]:
         content = _sound(content)
     variables = loadmat(BytesIO(content), spmatrix=False, **options)
     return {name: value for name, value in variables.items() if not name.startswith("__")}

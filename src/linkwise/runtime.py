@@ -12,9 +12,8 @@ from threadpoolctl import ThreadpoolController
 _MEMINFO = Path("/proc/meminfo")
 _CGROUP = Path("/sys/fs/cgroup")  # limits set by a container (version 2)
 _ASSUMED = 4 * 2**30  # bytes, where the system reports nothing
-_MINIMUM = (
-    2**30
-)  # bytes: a momentary shortage is no reason to refuse, since systems swap and other processes finish
+# bytes: a momentary shortage is no reason to refuse, since systems swap and other processes finish
+_MINIMUM = 2**30
 _LARGEST = 32 * 2**20 - 2**16  # bytes of an array from which glibc learns: 32 MiB with what it adds to it
 
 

@@ -228,10 +228,11 @@ class Comparison:
         """The comparison that `absorb` makes; raises what `absorb` raises before it simulates."""
         refuse_rig(structure, "comparisons with and without sinks")
         require_rest_at_zero(structure.links, "comparisons with and without sinks")
+        # StructureError if one is unknown
         _ = (
             [link.values for link in structure.links],
             structure.mass_values,
-        )  # StructureError if one is unknown
+        )
         sinks, excitation = find_sinks(structure, options.sinks), options.excitation
         equipped = with_harvesters(structure, options.harvesters or {})
         delivered_powers(structure, options.harvesters or {})  # StructureError if one is not a power

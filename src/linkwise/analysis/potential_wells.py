@@ -127,9 +127,8 @@ def rest_points(
     An interval of zeros (a clearance) counts once, at its middle; a jump through zero counts, a pole does not; a force that is
     zero everywhere has no zeros. Raises StructureError for an empty range, and for too many zeros without a range.
     """
-    with np.errstate(
-        all="ignore"
-    ):  # laws may overflow or leave their domain at large d; such points are dropped
+    # laws may overflow or leave their domain at large d; such points are dropped
+    with np.errstate(all="ignore"):
         grid = _grid(lo, hi)
         grid = np.unique(np.concatenate([grid, _crossings(slope, grid)]))
         values = force(grid)

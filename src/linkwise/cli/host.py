@@ -19,13 +19,14 @@ from linkwise.cli.reading_options import READING, ReadingOptions
 from linkwise.model import rotations
 from linkwise.output import to_json
 
+# options that mean nothing for modes
 _OF_MATRICES = (
     "keep",
     "damping",
     "modal_damping",
     "rayleigh",
     "no_residual",
-)  # options that mean nothing for modes
+)
 _NOT_OF_RECORDS = ("points", "units", "mass", "stiffness", *_OF_MATRICES)
 _OF_RECORDS = tuple(field.name for field in fields(ReadingOptions))
 

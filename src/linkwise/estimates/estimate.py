@@ -593,9 +593,8 @@ _MANY = 12  # channels or links that are shown
 _RATES = 3  # states of a link whose rates are printed; the result folder has all
 _SHAPES = 6  # of modes at points, that are shown
 _CAUSES = 4  # of what is left, that are shown
-_DIFFERS = (
-    0.1  # of an interval's half: from here a profile interval says something that a standard error does not
-)
+# of an interval's half: from here a profile interval says something that a standard error does not
+_DIFFERS = 0.1
 _HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 

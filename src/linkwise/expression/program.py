@@ -72,9 +72,8 @@ class Program:
         slots: list[Any] = [np.asarray(array, dtype=np.float64) for array in arrays]
         shape = _common_shape(*[array.shape for array in slots])
         slots += self._slots
-        block = np.empty(
-            (len(self._large), *shape)
-        )  # one allocation: page faults cost more than the arithmetic
+        # one allocation: page faults cost more than the arithmetic
+        block = np.empty((len(self._large), *shape))
         for row, index in enumerate(self._large):
             slots[index] = block[row, ...]
         with np.errstate(all="ignore"):

@@ -52,9 +52,8 @@ class Column:
         if values.dtype.kind == "b":
             values = values.astype(np.int8)
         if values.dtype.kind == "f":
-            values = values.astype(
-                np.float64, copy=False
-            )  # limits of doubles are infinite in single precision
+            # limits of doubles are infinite in single precision
+            values = values.astype(np.float64, copy=False)
         if values.dtype.kind in "iuf":
             return cls(header, values, meaning=meaning)
         return cls(header, None, BadCell(str(values.flat[0])[:_SHOWN] if values.size else ""), meaning)

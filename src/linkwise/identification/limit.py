@@ -25,9 +25,8 @@ from linkwise.simulation.simulate import ExcitationKeywords, simulate
 SHORTEST = 0.25  # s, over which sensitivities of the paper's chaotic chains stay finite (METHODS section 5)
 _MOST_SEGMENT_STEPS = 50_000  # of the sensitivities, one after the other, in a segment that is not asked for
 _NUMBERS = 10_000_000  # in the sensitivities of such a segment
-_WORSE = (
-    1.02  # ratio of standard errors; those of longer segments are smaller, but for what is lost of digits
-)
+# ratio of standard errors; those of longer segments are smaller, but for what is lost of digits
+_WORSE = 1.02
 
 Bound = Callable[[int], Precision | None]
 """The bound with segments of so many samples; None where sensitivities grow beyond all numbers."""
@@ -295,9 +294,8 @@ def _refinement(record: Record, structure: Structure) -> int:
     fastest = 0.0
     for index, link in enumerate(structure.links):
         slopes = true_path(link, index, record).tangents(()).rows  # (N, 1 + S, 2 + S)
-        stiffness = slopes[:, 0, 0] + np.sum(
-            slopes[:, 0, 2:] * slopes[:, 1:, 1], axis=1
-        )  # held by states, too
+        # held by states, too
+        stiffness = slopes[:, 0, 0] + np.sum(slopes[:, 0, 2:] * slopes[:, 1:, 1], axis=1)
         mobility = sum(part**2 / masses[mass] for mass, part in columns[index])
         fast, damping = (float(np.nanmax(np.abs(slope))) * mobility for slope in (stiffness, slopes[:, 0, 1]))
         decay = float(np.nanmax(np.abs(slopes[:, 1:, 2:]), initial=0.0))

@@ -138,11 +138,12 @@ class HostEstimate(JudgedView):
 
 _FAINT = 10.0
 """Power of a mode over that of the noise, 10 dB, in its best channel: a mode below it may stand for several."""
+# bounds to which such a mode is known, relative
 _FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (
     0.02,
     0.5,
     0.2,
-)  # bounds to which such a mode is known, relative
+)
 _STANDS_IN = 4.0
 """Times what linear modes leave of the response: what they take in beside it of a force that is not linear, which makes their
 errors. Of random motion it is 1.2 for the force of a cubic spring, 1.3 for Coulomb friction, 2.4 for quadratic damping and up

@@ -188,12 +188,10 @@ _LOOKED_AT = 300  # samples whose digits are counted
 _PRINTED = 11  # digits from which on decimal rounding is no coarser than any measurement
 # of the power of a motion: below the frequency that this share lies under, it is to be resolved
 _CARRYING = 0.99
-_DEVIATIONS = (
-    5.0  # of the power that noise leaves above a frequency, whose sums over few frequencies are skew
-)
-_NOISE_SAMPLES = (
-    8.0  # of a record, each worth one for the variance of its noise, as it is taken from differences
-)
+# of the power that noise leaves above a frequency, whose sums over few frequencies are skew
+_DEVIATIONS = 5.0
+# of a record, each worth one for the variance of its noise, as it is taken from differences
+_NOISE_SAMPLES = 8.0
 
 
 @dataclass(frozen=True, eq=False)

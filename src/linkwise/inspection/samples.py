@@ -47,9 +47,8 @@ def equal(signals: RecordSignals) -> Iterator[Alert]:
     known: dict[bytes, tuple[str, bool]] = {}
     for signal in signals.moving:
         peak = signal.observed[np.argmax(np.abs(signal.observed))]
-        shape = (signal.values / peak).astype(
-            np.float32
-        )  # single precision: copies in different units compare equal
+        # single precision: copies in different units compare equal
+        shape = (signal.values / peak).astype(np.float32)
         first, mirrored = known.setdefault(shape.tobytes(), (signal.channel, bool(peak < 0.0)))
         if first == signal.channel or signal.is_input:
             continue

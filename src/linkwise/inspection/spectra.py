@@ -103,9 +103,8 @@ def _steady_line(signal: ChannelSignal, frequency: float) -> tuple[float, float]
     pieces = ((values * turns).reshape(_PIECES, size) @ window) * (2.0 / window.sum())
     middles = (np.arange(_PIECES) + 0.5) * size / signal.rate
     offsets = np.linspace(-_OFF, _OFF, 81)
-    quiet = np.argsort(np.std(values.reshape(_PIECES, size), axis=1))[
-        :_QUIETEST
-    ]  # there a motion hides the line least
+    # there a motion hides the line least
+    quiet = np.argsort(np.std(values.reshape(_PIECES, size), axis=1))[:_QUIETEST]
     pieces, middles = pieces[quiet], middles[quiet]
     sums = np.exp(-2j * np.pi * np.outer(offsets, middles)) @ pieces / _QUIETEST
     best = int(np.argmax(np.abs(sums)))
@@ -139,9 +138,8 @@ _NOISE = 4.0  # times the noise
 _BANDS = (0.3, 0.6), (0.7, 1.0)  # of half the sampling rate: noise that is white is as strong in both
 _TILTED = 0.3  # logarithm of their ratio
 _CERTAIN = 5.0  # standard errors
-_MEDIAN_ERROR = (
-    1.44 * 1.25
-)  # relative, times the root of the bins, of the median of a periodogram with a Hann window
+# relative, times the root of the bins, of the median of a periodogram with a Hann window
+_MEDIAN_ERROR = 1.44 * 1.25
 # of the autocovariance: how far the thirds of a rest may be apart; motion that decays is not noise
 _STEADY = 0.3
 _QUIET = 1e-6  # of the root mean square: what is quieter is rounding

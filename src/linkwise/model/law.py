@@ -74,9 +74,8 @@ def checked_expression(text: str, variables: tuple[str, ...]) -> Expression:
 
 def _check_rest(text: str, parsed: Parsed, variables: tuple[str, ...]) -> None:
     """Raise LawError for a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others."""
-    names = dict.fromkeys(
-        name for part, _ in parsed.positions for name in symbols(part)
-    )  # of folded parts too
+    # of folded parts too
+    names = dict.fromkeys(name for part, _ in parsed.positions for name in symbols(part))
     ones = dict.fromkeys(names, 1.0)
     others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)}
     ones |= dict.fromkeys(variables, 0.0)

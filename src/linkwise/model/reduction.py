@@ -99,9 +99,8 @@ class HostReduction:
 
 
 _DENSE = 400  # degrees of freedom up to which all eigenvalues are computed
-_ROUNDING = 100.0 * float(
-    np.finfo(float).eps
-)  # of the largest stiffness over mass: a square of a frequency below is 0
+# of the largest stiffness over mass: a square of a frequency below is 0
+_ROUNDING = 100.0 * float(np.finfo(float).eps)
 # of the first elastic square of a frequency: makes the static response of a free structure finite
 _SOFT = 1e-3
 _SHIFT = 1e-8  # of the mean stiffness over mass: makes the stiffness of a free structure regular

@@ -247,10 +247,11 @@ def shapes_figure(structure: Structure) -> Figure:
     hosts = [part for host in structure.hosts for part in _by_unit(host)]
     if not hosts:
         raise StructureError("the structure has no host, whose shapes could be drawn")
+    # beside which there is room
     with sheet(len(hosts), height=_HEIGHT * len(hosts)) as (
         figure,
         panels,
-    ):  # beside which there is room
+    ):
         for host, axes in zip(hosts, panels, strict=True):
             shapes(host, legend=False, ax=axes)
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -132,9 +132,8 @@ def check_stated_noise(records: Sequence[Record]) -> None:
                 )
 
 
-_REGULAR = (
-    0.9  # of the distances, multiples of that of most samples: a few samples more or less make no other rate
-)
+# of the distances, multiples of that of most samples: a few samples more or less make no other rate
+_REGULAR = 0.9
 
 
 def common_samples(record: Record) -> Record | None:

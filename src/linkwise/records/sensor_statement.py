@@ -267,9 +267,8 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
         if known:
             uncertainty[name] = known
         if any(0.0 < sigma < inf for sigma in (known.gain, known.offset, known.delay)):
-            notes.append(
-                known.described(name, units.get(name, ""))
-            )  # what is unknown is found, and told then
+            # what is unknown is found, and told then
+            notes.append(known.described(name, units.get(name, "")))
         if name == COMMON:
             continue
         if name not in record.channels:

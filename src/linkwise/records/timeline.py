@@ -267,9 +267,8 @@ class Lowpass:
 
     def apply(self, values: Floats) -> Floats:
         """`values` (N, C) filtered along time and decimated, both ends dropped: ((N - length) // factor + 1, C)."""
-        size = (
-            1 << (len(values) - 1).bit_length()
-        )  # wrap-around affects the first length - 1 outputs only, which are dropped
+        # wrap-around affects the first length - 1 outputs only, which are dropped
+        size = 1 << (len(values) - 1).bit_length()
         spectrum = np.fft.rfft(values, size, axis=0) * np.fft.rfft(self.taps, size)[:, np.newaxis]
         filtered = np.fft.irfft(spectrum, size, axis=0)
         return np.ascontiguousarray(filtered[self.length - 1 : len(values) : self.factor])

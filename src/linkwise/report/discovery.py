@@ -306,9 +306,8 @@ def _with_aligned_truth(discovery: Discovery) -> Discovery:
     if simulated is None:
         return discovery
     structures = (estimate.structure, simulated.structure)
-    if any(
-        link.law.states for structure in structures for link in structure.links
-    ):  # not compared, see term_score
+    # not compared, see term_score
+    if any(link.law.states for structure in structures for link in structure.links):
         return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=None)))
     aligned = replace(simulated, structure=align_truth(*structures))
     return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=aligned)))

@@ -156,9 +156,8 @@ class MonomialSums:
 
     def matrix(self) -> Floats:
         order, codes = len(self._lists), self._code(self._lists)
-        first, second = np.zeros(
-            (2, self._base**order), dtype=np.intp
-        )  # the place of a sum is that of its two lists
+        # the place of a sum is that of its two lists
+        first, second = np.zeros((2, self._base**order), dtype=np.intp)
         second[codes] = np.arange(self._count)
         taken = 0
         for ending, beginning, sums in self._groups:
@@ -272,9 +271,8 @@ def monomial_equations(
 
     primes = tuple(f"x{tagged[mass]}{prime}" for mass in outer for prime in ("'", "''"))
     columns, count = (*library.names, *names), len(library.variables)
-    repeated = 2 <= order <= 4 and len(library) == comb(
-        count + order, order
-    )  # sums repeat, and few enough are kept
+    # sums repeat, and few enough are kept
+    repeated = 2 <= order <= 4 and len(library) == comb(count + order, order)
     sums = partial(MonomialSums, count, order, len(names)) if repeated else None
     return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes, sums)
 

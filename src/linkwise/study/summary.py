@@ -494,6 +494,7 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
     return folder / ROWS, folder / SUMMARY
 
 
+# first, then as they come
 _COLUMNS = (
     "structure",
     "masses",
@@ -503,7 +504,7 @@ _COLUMNS = (
     "status",
     "nmse",
     "worst",
-)  # first, then as they come
+)
 
 
 def row_record(row: Row) -> dict[str, Any]:

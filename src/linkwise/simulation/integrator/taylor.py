@@ -125,9 +125,8 @@ class TaylorIntegrator:
 
     def place(self, placement: Placement) -> None:
         self.set_parameters(slice(None), placement.parameters)
-        with np.errstate(
-            over="ignore"
-        ):  # from 80 bits to 64: a motion that went so far is refused as diverging
+        # from 80 bits to 64: a motion that went so far is refused as diverging
+        with np.errstate(over="ignore"):
             self._taylor.state[:] = placement.state
         self._taylor.time = self.dtype(placement.time)
 
