@@ -25,16 +25,7 @@ _UNSIGNED, _MATRIX, _COMPRESSED = 6, 14, 15  # types of elements
 # types of elements, those of texts among them
 _NUMBERS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18})
 # classes
-_CELLS, _STRUCT, _OBJECT, _TEXT, _SPARSE, _NUMERIC, _FUNCTION, _OPAQUE = (
-    1,
-    2,
-    3,
-    4,
-    5,
-    range(6, 16),
-    16,
-    17,
-)
+_CELLS, _STRUCT, _OBJECT, _TEXT, _SPARSE, _NUMERIC, _FUNCTION, _OPAQUE = (1, 2, 3, 4, 5, range(6, 16), 16, 17)
 _ELEMENTS = {
     _CELLS: 3,
     _STRUCT: 5,

@@ -291,10 +291,7 @@ def _written(folder: Path, mark: str) -> set[str] | None:
     """Names of the files that linkwise wrote into an earlier result; None where `folder` is not a result."""
     names: set[str] | None = None
     # a result that was left while files were replaced
-    for where in (
-        folder,
-        *_hidden(folder.resolve(), folder, "partial"),
-    ):
+    for where in (folder, *_hidden(folder.resolve(), folder, "partial")):
         try:
             result = json.loads((where / mark).read_text(encoding="utf-8"))
             if "method" in result:

@@ -229,10 +229,7 @@ class Comparison:
         refuse_rig(structure, "comparisons with and without sinks")
         require_rest_at_zero(structure.links, "comparisons with and without sinks")
         # StructureError if one is unknown
-        _ = (
-            [link.values for link in structure.links],
-            structure.mass_values,
-        )
+        _ = ([link.values for link in structure.links], structure.mass_values)
         sinks, excitation = find_sinks(structure, options.sinks), options.excitation
         equipped = with_harvesters(structure, options.harvesters or {})
         delivered_powers(structure, options.harvesters or {})  # StructureError if one is not a power

@@ -531,11 +531,7 @@ class Absorption(JudgedView):
 
     def __str__(self) -> str:
         blocks = ["\n".join(paragraph(sentence) for sentence in headline(self))]
-        tables = [
-            (mass_rows(self), "masses"),
-            (energy_rows(self), "links"),
-            (crossing_rows(self), "sinks"),
-        ]
+        tables = [(mass_rows(self), "masses"), (energy_rows(self), "links"), (crossing_rows(self), "sinks")]
         if self.harvests:
             tables.append((harvest_rows(self), "harvesters"))
         blocks += [_table(rows, contents) for rows, contents in tables]

@@ -12,14 +12,7 @@ import linkwise as lw
 from linkwise.cli.console import deliver, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.method_options import method_options
-from linkwise.cli.options import (
-    folder_option,
-    grouped,
-    json_option,
-    number,
-    pairs,
-    unstarted_is_usage,
-)
+from linkwise.cli.options import folder_option, grouped, json_option, number, pairs, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import ABSORPTION
 

@@ -20,13 +20,7 @@ from linkwise.model import rotations
 from linkwise.output import to_json
 
 # options that mean nothing for modes
-_OF_MATRICES = (
-    "keep",
-    "damping",
-    "modal_damping",
-    "rayleigh",
-    "no_residual",
-)
+_OF_MATRICES = ("keep", "damping", "modal_damping", "rayleigh", "no_residual")
 _NOT_OF_RECORDS = ("points", "units", "mass", "stiffness", *_OF_MATRICES)
 _OF_RECORDS = tuple(field.name for field in fields(ReadingOptions))
 

@@ -93,10 +93,7 @@ def identify(
         records = [replace(source, record=path).read_motion_of(subject) for path in (source.record, *more)]
         step(lw.estimates.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
-            records[0] if len(records) == 1 else records,
-            subject,
-            method=estimator,
-            progress=step,
+            records[0] if len(records) == 1 else records, subject, method=estimator, progress=step
         )
     result = lw.report.result_of(estimate, true)
     errors = nmse_lines(result, "\nagainst the truth: NMSE of the force (paper Eq. 8)")

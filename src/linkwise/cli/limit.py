@@ -73,13 +73,7 @@ def limit(
         keywords["segment"] = segment
     subject = read_told(structure)
     with progress("simulating the test") as step, unstarted_is_usage():
-        result = lw.limit(
-            subject,
-            noise=_noise(noise, noise_of),
-            unknown=unknown,
-            progress=step,
-            **keywords,
-        )
+        result = lw.limit(subject, noise=_noise(noise, noise_of), unknown=unknown, progress=step, **keywords)
     click.echo(to_json(result.to_dict()) if as_json else str(result))
     return exit_code(result.verdicts)
 

@@ -29,12 +29,7 @@ from linkwise.output import to_json
     "--noise", metavar="DB", type=float, help="Add noise with this signal-to-noise ratio to every response."
 )
 @click.option(
-    "--seed",
-    metavar="N",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the noise.",
+    "--seed", metavar="N", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
 )
 @click.option(
     "-o",

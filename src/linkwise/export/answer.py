@@ -201,8 +201,7 @@ EXPORTS: Registry[ExportFormat] = Registry(
             "the numbers and laws as variables for MATLAB", "linkwise.export.matlab:write_mat"
         ),
         ".csv": ExportFormat(
-            "a table of the coefficients with units, errors and intervals",
-            "linkwise.export.table:write_csv",
+            "a table of the coefficients with units, errors and intervals", "linkwise.export.table:write_csv"
         ),
         ".xlsx": ExportFormat("the same table, and the covariance", "linkwise.export.table:write_xlsx"),
     },

@@ -298,9 +298,7 @@ class _TreeBuilder:
     def name(self, name: str, node: ast.expr) -> Expression:
         if name in writable_functions():
             raise self.error(
-                f"{name!r} is a function, not a name.",
-                node,
-                f"Write {name}(...), or rename the coefficient.",
+                f"{name!r} is a function, not a name.", node, f"Write {name}(...), or rename the coefficient."
             )
         return Number(math.pi) if name == "pi" else Symbol(name)
 

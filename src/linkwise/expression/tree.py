@@ -98,10 +98,7 @@ FUNCTIONS: Registry[LawFunction] = Registry(
             branch="s",
         ),
         "sqrt": LawFunction(
-            value=np.sqrt,
-            derivatives=("0.5/sqrt(x)",),
-            antiderivative="2/3*x*sqrt(x)",
-            degree=Fraction(1, 2),
+            value=np.sqrt, derivatives=("0.5/sqrt(x)",), antiderivative="2/3*x*sqrt(x)", degree=Fraction(1, 2)
         ),
         "exp": LawFunction(value=np.exp, derivatives=("exp(x)",), antiderivative="exp(x)", flat=(_FLAT_EXP,)),
         "tanh": LawFunction(

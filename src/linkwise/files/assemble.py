@@ -257,11 +257,7 @@ class _Grid:
 
 
 def to_record(
-    table: Table,
-    mapping: RecordMapping,
-    known_masses: tuple[str, ...] | None,
-    *,
-    informative: bool,
+    table: Table, mapping: RecordMapping, known_masses: tuple[str, ...] | None, *, informative: bool
 ) -> Record:
     """The record in a table, see `files.read_record`; RecordError names file, line and channel."""
     chosen = choose(table, mapping.channels, known_masses)

@@ -324,8 +324,7 @@ def _names_columns(cells: list[str]) -> bool:
 def _data_lines(lines: list[str], first: int) -> NDArray[np.int64]:
     """Indices of the lines from `first` on that are neither blank nor comments."""
     return np.array(
-        [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])],
-        dtype=np.int64,
+        [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])], dtype=np.int64
     )
 
 

@@ -286,10 +286,7 @@ class Limit(JudgedView):
             f"{self.verdicts[0].value}\n"
             f"{len(self.record)} samples each of {_listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments(self)}"
         )
-        noise: Rows = [
-            ("noise", "deviation"),
-            *((name, _noise_text(self, name)) for name in self.noise),
-        ]
+        noise: Rows = [("noise", "deviation"), *((name, _noise_text(self, name)) for name in self.noise)]
         title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
         forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in self.links]
         blocks = [

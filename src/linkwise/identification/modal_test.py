@@ -139,11 +139,7 @@ class HostEstimate(JudgedView):
 _FAINT = 10.0
 """Power of a mode over that of the noise, 10 dB, in its best channel: a mode below it may stand for several."""
 # bounds to which such a mode is known, relative
-_FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (
-    0.02,
-    0.5,
-    0.2,
-)
+_FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (0.02, 0.5, 0.2)
 _STANDS_IN = 4.0
 """Times what linear modes leave of the response: what they take in beside it of a force that is not linear, which makes their
 errors. Of random motion it is 1.2 for the force of a cubic spring, 1.3 for Coulomb friction, 2.4 for quadratic damping and up
@@ -439,11 +435,7 @@ def modal_test_text(estimate: HostEstimate) -> str:
             )
         )
     between = [
-        (
-            name,
-            format_value(entry.value or 0.0, entry.sigma),
-            format_error(entry.sigma),
-        )
+        (name, format_value(entry.value or 0.0, entry.sigma), format_error(entry.sigma))
         for name, entry in zip(host.damping_links.values(), host.entries.values(), strict=True)
         if abs(entry.value or 0.0) > _SHOWN * entry.sigma
     ]

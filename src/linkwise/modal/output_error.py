@@ -38,10 +38,7 @@ _FEWEST, _MOST = 5, 40  # blocks, between which scores scatter
 _LEVEL = 0.975  # of the quantile by which few blocks widen errors
 _ROUNDS = 3  # of levels of noise
 # modes up to which damping couples all pairs, and how far apart by number with more
-_EVERY_PAIR, _NEIGHBOURS = (
-    12,
-    3,
-)
+_EVERY_PAIR, _NEIGHBOURS = (12, 3)
 _SINGULAR = 1e-13  # of the scaled curvature: rounding
 
 

@@ -157,10 +157,7 @@ class Projection:
 
 _SAMPLES, _RUNS = 16000, 4  # that are looked at
 # frequencies that are tried: spaced by a factor, and peaks of the spectrum of what is left
-_GRID, _PEAKS = (
-    40,
-    12,
-)
+_GRID, _PEAKS = (40, 12)
 _DAMPING = (0.002, 0.01, 0.05)  # tried with each frequency
 _BAND = 0.9  # of half the sampling rate: the highest frequency
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-5, 0.7

@@ -105,7 +105,6 @@ def _per_cell(name: str, given: PerCell, cells: int) -> list[float]:
         return [float(numbers)] * cells
     if numbers.shape != (cells,):
         raise StructureError(
-            f"expected one number, or one for each of {cells} cells, got {numbers.size} numbers",
-            name,
+            f"expected one number, or one for each of {cells} cells, got {numbers.size} numbers", name
         )
     return [float(number) for number in numbers]

@@ -72,10 +72,7 @@ class Mass:
         vars(self).update(name=name, mass=as_coefficient(mass, f'mass "{name}"'), unit=unit)
         check_name(self.name, "mass")
         if self.name in (GROUND, BASE):
-            raise StructureError(
-                f'"{self.name}" is reserved as an end of links; choose another name',
-                "mass",
-            )
+            raise StructureError(f'"{self.name}" is reserved as an end of links; choose another name', "mass")
         where = f'mass "{self.name}"'
         if self.unit not in (LENGTH, ANGLE):
             raise StructureError(
@@ -234,8 +231,7 @@ class Link:
         if missing:
             lines = ", ".join(f'{name} = "unknown"' for name in missing)
             raise StructureError(
-                f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)",
-                where,
+                f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)", where
             )
         extra = [name for name in self.coefficients if name not in self.law.coefficients]
         if extra:

@@ -23,10 +23,7 @@ from linkwise.model.reduction import HostReduction, proportional_damping, reduce
 from linkwise.model.rotations import require_direction, row_weights, turns_throughout, with_units
 
 # in MAT and NPZ files, and those of Nastran; not KGG, which no boundary condition constrains
-_USUAL = {
-    "mass": ("M", "mass", "MAAX", "MAA"),
-    "stiffness": ("K", "stiffness", "KAAX", "KAA"),
-}
+_USUAL = {"mass": ("M", "mass", "MAAX", "MAA"), "stiffness": ("K", "stiffness", "KAAX", "KAA")}
 _CONSTRAINED = 1e36  # stiffness that Abaqus adds where a boundary condition holds a degree of freedom
 
 

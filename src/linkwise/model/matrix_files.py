@@ -79,10 +79,7 @@ def of_entries(rows: Floats, columns: Floats, values: Floats) -> FileMatrix:
 
 
 def both_triangles(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    values: Floats,
-    size: int,
+    rows: NDArray[np.int64], columns: NDArray[np.int64], values: Floats, size: int
 ) -> scipy.sparse.csc_array:
     """The matrix (size, size) of entries (n,), of which those that lack their mirror image get it.
 

@@ -377,11 +377,7 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
                 n="q - b*min(v, 0)*(1 - 0.5*z**4 + 0.5*z**3*abs(z))/x0",
                 q="-w**2*n - 2*h*w*q",
             ),
-            bounds={
-                **dict.fromkeys(("Fp", "Fm", "x0", "b", "w"), _POSITIVE),
-                "g": (0.0, 0.95),
-                "h": _SHARE,
-            },
+            bounds={**dict.fromkeys(("Fp", "Fm", "x0", "b", "w"), _POSITIVE), "g": (0.0, 0.95), "h": _SHARE},
         ),
         "dahl": NamedLaw(
             title="friction that yields before it slides",

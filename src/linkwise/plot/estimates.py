@@ -248,10 +248,7 @@ def shapes_figure(structure: Structure) -> Figure:
     if not hosts:
         raise StructureError("the structure has no host, whose shapes could be drawn")
     # beside which there is room
-    with sheet(len(hosts), height=_HEIGHT * len(hosts)) as (
-        figure,
-        panels,
-    ):
+    with sheet(len(hosts), height=_HEIGHT * len(hosts)) as (figure, panels):
         for host, axes in zip(hosts, panels, strict=True):
             shapes(host, legend=False, ax=axes)
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -55,12 +55,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @contextmanager
 def sheet(
-    rows: int = 1,
-    columns: int = 1,
-    *,
-    width: float = 6.3,
-    height: float = 3.6,
-    share_time: bool = False,
+    rows: int = 1, columns: int = 1, *, width: float = 6.3, height: float = 3.6, share_time: bool = False
 ) -> Iterator[tuple[Figure, list[Axes]]]:
     """A new figure of `width` by `height` inches and its axes, row by row, in the style of this package.
 

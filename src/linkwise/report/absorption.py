@@ -275,10 +275,7 @@ def _write_histories(result: Answer, folder: Path) -> None:
     for number, mass in enumerate(absorption.masses):
         for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
             names += [f"x:{mass.name}{label}", f"envelope:{mass.name}{label}"]
-            columns += [
-                side.displacement(mass.name),
-                np.ascontiguousarray(side.envelope[:, number]),
-            ]
+            columns += [side.displacement(mass.name), np.ascontiguousarray(side.envelope[:, number])]
         for end, label in zip(bands, ("lower", "upper"), strict=False):
             names.append(f"envelope:{mass.name} {label}")
             columns.append(np.ascontiguousarray(end[:, number]))

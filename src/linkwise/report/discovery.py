@@ -40,15 +40,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.estimate import estimate_figures, page_parts, result_of, write_numbers
-from linkwise.report.page import (
-    Build,
-    Reported,
-    ResultFolder,
-    Section,
-    figure_section,
-    rendered,
-    sections_of,
-)
+from linkwise.report.page import Build, Reported, ResultFolder, Section, figure_section, rendered, sections_of
 
 if TYPE_CHECKING:
     from linkwise.plot import discoveries as result_figures
@@ -238,11 +230,7 @@ def _rows(discovery: Discovery) -> list[tuple[str, ...]]:
 
 
 def write_discovery(
-    discovery: Discovery,
-    folder: str | Path,
-    *,
-    truth: Structure | None = None,
-    progress: Progress = silent,
+    discovery: Discovery, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
 ) -> Path:
     """Write a discovery into a folder.
 

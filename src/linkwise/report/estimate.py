@@ -324,11 +324,7 @@ def _error(true: Link, identified: Link, record: Record) -> float | None:
 
 
 def write_result(
-    estimate: Estimate,
-    folder: str | Path,
-    *,
-    truth: Structure | None = None,
-    progress: Progress = silent,
+    estimate: Estimate, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
 ) -> Path:
     """Write an estimate into a folder.
 

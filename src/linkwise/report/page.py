@@ -165,12 +165,7 @@ class ResultFolder(Generic[R]):
         check_result_folder(Path(folder), self.mark)
 
     def write(
-        self,
-        result: R,
-        folder: str | Path,
-        *,
-        truth: Structure | None = None,
-        progress: Progress = silent,
+        self, result: R, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
     ) -> Path:
         """Write everything or nothing; returns the folder.
 

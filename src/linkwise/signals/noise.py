@@ -103,21 +103,9 @@ _ORDER = 4
 _DIFFERENCES = np.array([(-1.0) ** lag * comb(_ORDER, lag) for lag in range(_ORDER + 1)])
 _LOWEST = 0.125  # cycles per sample; lowest frequency of the cells
 # bins and blocks in a cell, by length of a block
-_CELLS = {
-    256: (24, 1),
-    128: (12, 2),
-    64: (6, 4),
-    32: (6, 4),
-    16: (6, 4),
-}
+_CELLS = {256: (24, 1), 128: (12, 2), 64: (6, 4), 32: (6, 4), 16: (6, 4)}
 # complete blocks needed for an estimate, by length of a block
-_FEWEST = {
-    256: 8,
-    128: 8,
-    64: 8,
-    32: 8,
-    16: 2,
-}
+_FEWEST = {256: 8, 128: 8, 64: 8, 32: 8, 16: 2}
 _ACROSS_GAPS = 64  # samples: shorter blocks of a channel with gaps tell less than differences
 _GAP_ORDER = 8  # order of divided differences
 # of them in a cell: correlated as they are, they have as many degrees of freedom as a cell of spectra

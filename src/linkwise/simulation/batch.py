@@ -25,15 +25,7 @@ from linkwise.records.truth import EnergyBalance
 from linkwise.simulation.energy import energy_balance
 from linkwise.simulation.integrator.formulas import SCALE, ParameterLayout
 from linkwise.simulation.integrator.taylor import BatchIntegrator, compiled_system
-from linkwise.simulation.run import (
-    FARTHEST,
-    MOST_STEPS,
-    RunLog,
-    RunOptions,
-    RunSchedule,
-    integrate,
-    room,
-)
+from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunLog, RunOptions, RunSchedule, integrate, room
 
 LANES = 4  # numbers in a register of most processors; with more, all lanes wait for the slowest
 _NEVER = 1e9  # m: an elongation that is never crossed

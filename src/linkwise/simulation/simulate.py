@@ -26,12 +26,7 @@ from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance, SimulationTruth
 from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.energy import LinkForces
-from linkwise.simulation.run import (
-    RunSchedule,
-    check_excitation,
-    check_place,
-    output_times,
-)
+from linkwise.simulation.run import RunSchedule, check_excitation, check_place, output_times
 
 _MASS, _SPRING = "mass at rest", "spring at rest"
 

@@ -112,11 +112,7 @@ class PhysicsInformedMethod(StudyMethod, frozen=True):
 
 
 def _identify(
-    subject: Subject,
-    clean: Record,
-    snr_db: float,
-    seed: int,
-    estimator: IdentificationMethod | Estimator,
+    subject: Subject, clean: Record, snr_db: float, seed: int, estimator: IdentificationMethod | Estimator
 ) -> MethodResult:
     record = subject.measured(clean).with_noise(snr_db, seed=seed)
     estimate = identify(record, subject.stated_structure(seed), method=estimator)

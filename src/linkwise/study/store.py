@@ -66,8 +66,7 @@ class Store:
         try:
             with self.database:
                 self.database.executemany(
-                    f"DELETE FROM rows WHERE {keys} AND {_IS_REPEATED}",
-                    [astuple(row.case) for row in rows],
+                    f"DELETE FROM rows WHERE {keys} AND {_IS_REPEATED}", [astuple(row.case) for row in rows]
                 )
                 self.database.executemany(
                     "INSERT INTO rows VALUES (?, ?, ?, ?, ?)",

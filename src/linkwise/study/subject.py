@@ -285,8 +285,7 @@ class Subject:
             self._check_time_function("base", base=self.base)
         if (self.base is not None) != bool(self.structure.base_incidence.any()):
             raise StudyError(
-                'the motion of the base must be given if, and only if, a link ends at "base"',
-                "base",
+                'the motion of the base must be given if, and only if, a link ends at "base"', "base"
             )
 
     def _check_release(self, name: str, key: str) -> None:

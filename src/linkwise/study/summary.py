@@ -495,16 +495,7 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
 
 
 # first, then as they come
-_COLUMNS = (
-    "structure",
-    "masses",
-    "snr_db",
-    "method",
-    "seed",
-    "status",
-    "nmse",
-    "worst",
-)
+_COLUMNS = ("structure", "masses", "snr_db", "method", "seed", "status", "nmse", "worst")
 
 
 def row_record(row: Row) -> dict[str, Any]:

@@ -157,10 +157,7 @@ class LevelComparison(JudgedView):
         return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.LINEAR_IN_RANGE,)
 
     def __str__(self) -> str:
-        blocks = [
-            "\n".join(map(paragraph, headline(self))),
-            "\n".join(align_columns(mode_rows(self))),
-        ]
+        blocks = ["\n".join(map(paragraph, headline(self))), "\n".join(align_columns(mode_rows(self)))]
         distorted = distortion_rows(self)
         if len(distorted) > 1:
             blocks.append("\n".join(align_columns(distorted)))
