@@ -437,19 +437,17 @@ class Estimate(JudgedView):
     def __str__(self) -> str:
         blocks = [_verdict(self), _noise(self)]
         unknown = [mass for mass in self.masses if not mass.known]
-        if unknown:
-            rows = [_coefficient_row(mass, mass.name.removesuffix(".mass")) for mass in unknown]
-            blocks.append("\n".join(["masses", *align_columns([_HEAD, *rows])]))
         of_modes = [c for mode in self.modes if mode.free for c in mode.coefficients]
-        if of_modes:
-            rows = [_coefficient_row(coefficient, coefficient.name) for coefficient in of_modes]
-            blocks.append("\n".join(["modes", *align_columns([_HEAD, *rows])]))
+        for title, shown in (("masses", unknown), ("modes", of_modes)):
+            rows = [_coefficient_row(one, one.name.removesuffix(".mass")) for one in shown]
+            if rows:
+                blocks.append("\n".join([title, *align_columns([_HEAD, *rows])]))
         if self.shapes:
             blocks.append(_shapes(self))
-        shown = [link for link in self.links if link.free]
-        blocks += [_link_text(link) for link in shown[:_MANY]]
-        if len(shown) > _MANY:
-            blocks.append(f"... and {len(shown) - _MANY} more links; the result folder lists all of them")
+        links = [link for link in self.links if link.free]
+        blocks += [_link_text(link) for link in links[:_MANY]]
+        if len(links) > _MANY:
+            blocks.append(f"... and {len(links) - _MANY} more links; the result folder lists all of them")
         if self.profile_intervals:
             blocks.append(_profiles(self))
         if len(self.diagnosis) > 1:
@@ -683,31 +681,14 @@ def _link_text(link: LinkEstimate) -> str:
 
 
 def _coefficient_row(coefficient: CoefficientEstimate, label: str) -> tuple[str, ...]:
-    if coefficient.known:
-        return label, format_value(coefficient.value), "given", "", coefficient.unit
-    if coefficient.standard_error is None:
-        return label, format_value(coefficient.value), "none", "", coefficient.unit
-    if coefficient.interval is None:
-        return (
-            label,
-            format_value(coefficient.value, coefficient.standard_error),
-            format_error(coefficient.standard_error),
-            "none",
-            coefficient.unit,
-        )
-    low, high = (format_value(end, coefficient.standard_error) for end in coefficient.interval)
-    return (
-        label,
-        format_value(coefficient.value, coefficient.standard_error),
-        format_error(coefficient.standard_error),
-        f"{low} to {high}",
-        coefficient.unit,
-    )
+    error, unit = coefficient.standard_error, coefficient.unit
+    if coefficient.known or error is None:
+        return label, format_value(coefficient.value), "given" if coefficient.known else "none", "", unit
+    ends = coefficient.interval
+    interval = "none" if ends is None else " to ".join(format_value(end, error) for end in ends)
+    return label, format_value(coefficient.value, error), format_error(error), interval, unit
 
 
 def _derived_row(quantity: DerivedQuantity, label: str) -> tuple[str, ...]:
-    if quantity.interval is None:
-        return label, format_value(quantity.value), "", "", quantity.unit
-    error = 0.25 * (quantity.interval[1] - quantity.interval[0])
-    low, high = (format_value(end, error) for end in quantity.interval)
-    return label, format_value(quantity.value, error), "", f"{low} to {high}", quantity.unit
+    value, interval = quantity.texts
+    return label, value, "", interval, quantity.unit

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.analysis.potential_wells import law_kind, lowest_escape, wells
 from linkwise.arrays import Floats
+from linkwise.display import format_value
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.names import Name
@@ -92,6 +93,14 @@ class DerivedQuantity:
     value: float
     unit: str
     interval: tuple[float, float] | None
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """The value and its interval to the digits that the interval gives; empty where there is none."""
+        if self.interval is None:
+            return format_value(self.value), ""
+        error = 0.25 * (self.interval[1] - self.interval[0])
+        return format_value(self.value, error), " to ".join(format_value(end, error) for end in self.interval)
 
 
 @dataclass(frozen=True, eq=False)

@@ -256,40 +256,24 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
     try:
         result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         links = {link["name"]: link for link in result["links"]}
-        masses = {name: mass["value"] for name, mass in result["masses"].items()}
-        laws = {name: str(link["law"]) for name, link in links.items()}
-        ends = {name: tuple(link["between"]) for name, link in links.items()}
-        values = {
-            name: {key: coefficient["value"] for key, coefficient in link["coefficients"].items()}
+        written = {f"the mass of {name}": mass["value"] for name, mass in result["masses"].items()}
+        written |= {f"the law of {name}": str(link["law"]) for name, link in links.items()}
+        written |= {f"between of {name}": tuple(link["between"]) for name, link in links.items()}
+        written |= {
+            f"{name}.{key}": coefficient["value"]
             for name, link in links.items()
+            for key, coefficient in link["coefficients"].items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return  # a covariance that was written without a result
-    edited = [
-        *(
-            f"the mass of {m.name}"
-            for m in structure.masses
-            if masses.get(m.name, m.mass.value) != m.mass.value
-        ),
-        *(
-            f"the law of {link.name}"
-            for link in structure.links
-            if laws.get(link.name, link.law.text) != link.law.text
-        ),
-        *(
-            f"between of {link.name}"
-            for link in structure.links
-            if ends.get(link.name, link.between) != link.between
-        ),
-        *(
-            f"{link.name}.{name}"
-            for link in structure.links
-            for name, value in link.values.items()
-            if values.get(link.name, {}).get(name, value) != value
-        ),
-        *(f"link {x.name}" for x in structure.links if x.name not in (*links, *structure.modes)),
-        *(f"link {name}" for name in links if name not in {link.name for link in structure.links}),
-    ]
+    stated: dict[str, object] = {f"the mass of {mass.name}": mass.mass.value for mass in structure.masses}
+    stated |= {f"the law of {link.name}": link.law.text for link in structure.links}
+    stated |= {f"between of {link.name}": link.between for link in structure.links}
+    stated |= {f"{link.name}.{key}": value for link in structure.links for key, value in link.values.items()}
+    edited = [name for name, value in stated.items() if written.get(name, value) != value]
+    own = [link.name for link in structure.links]
+    edited += [f"link {name}" for name in own if name not in (*links, *structure.modes)]
+    edited += [f"link {name}" for name in links if name not in own]
     if edited:
         raise RecordError(
             f"was edited since it was written: {', '.join(edited[:_NAMED])} {'is' if len(edited) == 1 else 'are'} not as in "

@@ -441,8 +441,5 @@ def _well_rows(link: LinkLimit) -> Rows:
 
 
 def _derived_row(label: str, quantity: DerivedQuantity) -> tuple[str, ...]:
-    if quantity.interval is None:
-        return label, format_value(quantity.value), "not identifiable", quantity.unit
-    error = 0.25 * (quantity.interval[1] - quantity.interval[0])
-    low, high = (format_value(end, error) for end in quantity.interval)
-    return label, format_value(quantity.value, error), f"{low} to {high}", quantity.unit
+    value, interval = quantity.texts
+    return label, value, interval or "not identifiable", quantity.unit

@@ -261,12 +261,9 @@ def _ends(interval: tuple[float, float] | None, error: float | None) -> str:
 
 
 def _derived(quantity: DerivedQuantity) -> str:
-    if quantity.interval is None:
-        return f"{quantity.name}: {format_value(quantity.value)} {quantity.unit}"
-    low, high = quantity.interval
-    error = (high - low) / 4.0  # close enough for the number of digits
-    value, low_text, high_text = (format_value(number, error) for number in (quantity.value, low, high))
-    return f"{quantity.name}: {value} {quantity.unit} (95 %: {low_text} … {high_text})"
+    value, interval = quantity.texts
+    of_95 = f" (95 %: {interval.replace(' to ', ' … ')})" if interval else ""
+    return f"{quantity.name}: {value} {quantity.unit}{of_95}"
 
 
 def _true_mass(truth: Structure, name: str) -> float | None:
