@@ -12,7 +12,7 @@ import linkwise as lw
 from linkwise.cli.console import deliver, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.method_options import method_options
-from linkwise.cli.options import folder_option, grouped, json_option, number, pairs, unstarted_is_usage
+from linkwise.cli.options import folder_option, grouped, json_option, number, pairs, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import ABSORPTION
 
@@ -22,12 +22,25 @@ MOST = 100_000  # values of a swept parameter
 
 @dataclass(frozen=True)
 class RepetitionOptions:
-    """Over what the comparison is repeated, as typed."""
+    """Over what the comparison is repeated.
 
-    sweep: tuple[str, ...]
-    workers: int | None
-    draws: int | None
-    seed: int | None
+    Parameters
+    ----------
+    sweep : tuple[str, ...]
+        Map the result over a coefficient (nes1.alpha), a mass (m2.mass) or a release (v:m1); given twice, over two of
+        them.
+    workers : int | None
+        Number of threads (default: one per processor).
+    draws : int | None
+        Number of draws from an identified structure, for intervals (default 200).
+    seed : int | None
+        Seed of the draws (default 0).
+    """
+
+    sweep: tuple[str, ...] = typed("NAME=FROM:TO:COUNT[:log]", multiple=True)
+    workers: int | None = typed("N", type=click.IntRange(min=1))
+    draws: int | None = typed("N", type=click.IntRange(min=2))
+    seed: int | None = typed("N", type=click.IntRange(min=0))
 
     def check(self, folder: bool) -> None:
         """UsageError for options that do not go together; `folder` says whether STRUCTURE is one."""
@@ -70,30 +83,7 @@ def _values(text: str) -> list[float]:
     return [first * (last / first) ** way for way in ways]
 
 
-repetition_options = grouped(
-    RepetitionOptions,
-    "repetition",
-    click.option(
-        "--sweep",
-        metavar="NAME=FROM:TO:COUNT[:log]",
-        multiple=True,
-        help="Map the result over a coefficient (nes1.alpha), a mass (m2.mass) or a release (v:m1); given twice, over "
-        "two of them.",
-    ),
-    click.option(
-        "--workers",
-        metavar="N",
-        type=click.IntRange(min=1),
-        help="Number of threads (default: one per processor).",
-    ),
-    click.option(
-        "--draws",
-        metavar="N",
-        type=click.IntRange(min=2),
-        help="Number of draws from an identified structure, for intervals (default 200).",
-    ),
-    click.option("--seed", metavar="N", type=click.IntRange(min=0), help="Seed of the draws (default 0)."),
-)
+repetition_options = grouped(RepetitionOptions, "repetition")
 
 
 @click.command()

@@ -21,6 +21,7 @@ from linkwise.cli.options import (
     pairs,
     quantity,
     truth_option,
+    typed,
 )
 from linkwise.cli.reading_options import RecordOptions, record_options, tell_of_hosts
 from linkwise.discovery import terms as families
@@ -32,11 +33,23 @@ EXAMPLE = "m1=1.0"
 
 @dataclass(frozen=True)
 class PriorOptions:
-    """What is known before, as typed."""
+    """What is known of the structure, and further records.
 
-    mass: tuple[str, ...]
-    structure: Path | None
-    more: tuple[Path, ...]
+    Parameters
+    ----------
+    mass : tuple[str, ...]
+        A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g", or the inertia of one that turns, as in "disc=2 g
+        m^2"; if only ratios of masses are known, forces are relative to them; NAME=unknown if an applied force or
+        another mass sets the scale. Repeatable, once for every mass.
+    structure : Path | None
+        A structure file with the masses and the known links, instead of --mass.
+    more : tuple[Path, ...]
+        Another record of the same structure, read with the same options and fitted together with it. Repeatable.
+    """
+
+    mass: tuple[str, ...] = typed("NAME=KG", multiple=True)
+    structure: Path | None = typed("FILE", type=FILE)
+    more: tuple[Path, ...] = typed("RECORD", flag="--with", multiple=True, type=FILE)
 
     def masses(self, mapping: lw.files.RecordMapping) -> lw.model.PartialStructure | dict[str, float | str]:
         """The masses by name, or what a file knows of the structure; UsageError for neither and for both.
@@ -71,34 +84,7 @@ def _mass(name: str, text: str) -> float | str:
         raise click.UsageError(f"--mass {name}: {error}") from error
 
 
-prior_options = grouped(
-    PriorOptions,
-    "prior",
-    click.option(
-        "--mass",
-        metavar="NAME=KG",
-        multiple=True,
-        help='A mass, in kg or with a unit, as in m1=1.0 or "m2=10 g", or the inertia of one that turns, as in '
-        '"disc=2 g m^2"; if only ratios of masses are known, forces are '
-        "relative to them; NAME=unknown if an applied force or another mass sets the scale. Repeatable, once for every "
-        "mass.",
-    ),
-    click.option(
-        "--structure",
-        metavar="FILE",
-        type=FILE,
-        help="A structure file with the masses and the known links, instead of --mass.",
-    ),
-    click.option(
-        "--with",
-        "more",
-        metavar="RECORD",
-        multiple=True,
-        type=FILE,
-        help="Another record of the same structure, read with the same options and fitted together with it. "
-        "Repeatable.",
-    ),
-)
+prior_options = grouped(PriorOptions, "prior")
 
 
 @click.command(cls=listing("FAMILIES", lambda: families.listed_families()))

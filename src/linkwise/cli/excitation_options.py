@@ -6,21 +6,33 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
-
 import linkwise as lw
 from linkwise import files
-from linkwise.cli.options import POSITIVE, file_and_column, grouped, is_file, number, pairs, split
+from linkwise.cli.options import POSITIVE, file_and_column, grouped, is_file, number, pairs, split, typed
 
 
 @dataclass(frozen=True)
 class ExcitationOptions:
-    """What sets the structure in motion, as typed."""
+    """What sets a structure in motion.
 
-    release: tuple[str, ...]
-    impulse: tuple[str, ...]
-    force: tuple[str, ...]
-    base: str | None
+    Parameters
+    ----------
+    release : tuple[str, ...]
+        Start with this displacement (x:m1=0.01, in m, of what turns in rad) or velocity (v:m1=1.0, in m/s or rad/s).
+        Repeatable.
+    impulse : tuple[str, ...]
+        Impulse on a mass: momentum in N s, of what turns in N m s, at a time in s (default 0). Repeatable.
+    force : tuple[str, ...]
+        Force in N, on what turns in N m: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.
+    base : str | None
+        Base displacement in m: an expression of t, FILE:COLUMN, or a FILE with x:base, or with v:base or a:base,
+        which are integrated from rest.
+    """
+
+    release: tuple[str, ...] = typed("CHANNEL=VALUE", multiple=True)
+    impulse: tuple[str, ...] = typed("MASS=NS[@S]", multiple=True)
+    force: tuple[str, ...] = typed("MASS=FORCE", multiple=True)
+    base: str | None = typed("MOTION")
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.simulate`; raises UsageError and the errors of reading a drive's file."""
@@ -85,44 +97,26 @@ def _base_motion(text: str) -> lw.model.TimeFunction | lw.model.Sampled:
     return signal
 
 
-drive_options = grouped(
-    ExcitationOptions,
-    "drive",
-    click.option(
-        "--release",
-        metavar="CHANNEL=VALUE",
-        multiple=True,
-        help="Start with this displacement (x:m1=0.01, in m, of what turns in rad) or velocity (v:m1=1.0, in m/s or rad/s). "
-        "Repeatable.",
-    ),
-    click.option(
-        "--impulse",
-        metavar="MASS=NS[@S]",
-        multiple=True,
-        help="Impulse on a mass: momentum in N s, of what turns in N m s, at a time in s (default 0). Repeatable.",
-    ),
-    click.option(
-        "--force",
-        metavar="MASS=FORCE",
-        multiple=True,
-        help='Force in N, on what turns in N m: an expression of t ("0.5*sin(2*pi*3*t)") or FILE:COLUMN. Repeatable.',
-    ),
-    click.option(
-        "--base",
-        metavar="MOTION",
-        help="Base displacement in m: an expression of t, FILE:COLUMN, or a FILE with x:base, or with v:base or a:base, which "
-        "are integrated from rest.",
-    ),
-)
+drive_options = grouped(ExcitationOptions, "drive")
 
 
 @dataclass(frozen=True)
 class SamplingOptions:
-    """What is recorded, as typed."""
+    """Length, rate and sensors of a record.
 
-    duration: float
-    rate: float
-    sensors: str
+    Parameters
+    ----------
+    duration : float
+        Length of the record in s.
+    rate : float
+        Samples per second.
+    sensors : str
+        Kinds (x,v,a,rel:x) or channels (x:m1,a:m2,a:base).
+    """
+
+    duration: float = typed("S", type=POSITIVE, required=True)
+    rate: float = typed("HZ", type=POSITIVE, required=True)
+    sensors: str = typed("LIST", default="x", show_default=True)
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.simulate`."""
@@ -130,16 +124,4 @@ class SamplingOptions:
         return {"duration": self.duration, "rate": self.rate, "sensors": sensors}
 
 
-sampling_options = grouped(
-    SamplingOptions,
-    "sampling",
-    click.option("--duration", metavar="S", type=POSITIVE, required=True, help="Length of the record in s."),
-    click.option("--rate", metavar="HZ", type=POSITIVE, required=True, help="Samples per second."),
-    click.option(
-        "--sensors",
-        metavar="LIST",
-        default="x",
-        show_default=True,
-        help="Kinds (x,v,a,rel:x) or channels (x:m1,a:m2,a:base).",
-    ),
-)
+sampling_options = grouped(SamplingOptions, "sampling")

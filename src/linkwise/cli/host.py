@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,8 @@ from click.core import ParameterSource
 
 import linkwise as lw
 from linkwise.cli.console import exit_code, progress, tell
-from linkwise.cli.options import FILE, grouped, pairs
-from linkwise.cli.reading_options import READING, ReadingOptions
+from linkwise.cli.options import FILE, grouped, pairs, typed
+from linkwise.cli.reading_options import ReadingOptions
 from linkwise.model import rotations
 from linkwise.output import to_json
 
@@ -25,73 +25,65 @@ _NOT_OF_RECORDS = ("points", "units", "mass", "stiffness", *_OF_MATRICES)
 _OF_RECORDS = tuple(field.name for field in fields(ReadingOptions))
 
 
+@dataclass(frozen=True)
+class HostOptions:
+    """What the file of a host states, as typed.
+
+    Parameters
+    ----------
+    name : str | None
+        Name of the host; by default that of the first file. With --modes, by default the part of the channel names
+        before the dot, such as beam in a:beam.tip; if they have one, no other name is accepted.
+    mass : str | None
+        The mass matrix in FILE, by default M, mass or MAA.
+    stiffness : str | None
+        The stiffness matrix in FILE, by default K, stiffness or KAA.
+    damping : str | None
+        The matrix of viscous damping in FILE; without it, none.
+    points : tuple[str, ...]
+        A point for links, sensors or forces: a row of the matrices, counted from 1, or a node and a direction, such
+        as 1205z, where the files name them; or a sum with factors, such as 0.6*1205x+0.8*1205z, an oblique direction.
+        Repeatable.
+    units : tuple[str, ...]
+        That a point turns, where neither a direction such as 1205rz nor the unit of a column says so. Repeatable.
+    keep : int
+        Number of modes kept.
+    modal_damping : float
+        Damping ratio of every mode.
+    rayleigh : str | None
+        Damping by a matrix of A times mass and B times stiffness, in 1/s and s, such as 0.5,1e-5.
+    modes : str | None
+        FILE is a record of a test at a low level; identify this many modes, or as many as it shows (auto).
+    no_residual : bool
+        Leave out the flexibility of the modes that are not kept.
+    frequency_sigma : str | None
+        Relative standard deviation of the frequencies, such as 1%; identify then estimates them with the links.
+    damping_sigma : str | None
+        Relative standard deviation of the damping, such as 20%.
+    shape_sigma : str | None
+        Standard deviation of the shapes, such as 2% of the largest shape of the mode at the points.
+    """
+
+    name: str | None = typed()
+    mass: str | None = typed("NAME")
+    stiffness: str | None = typed("NAME")
+    damping: str | None = typed("NAME")
+    points: tuple[str, ...] = typed("NAME=ROW", flag="--point", multiple=True)
+    units: tuple[str, ...] = typed("NAME=rad", flag="--unit", multiple=True)
+    keep: int = typed("N", type=click.IntRange(min=1), default=10, show_default=True)
+    modal_damping: float = typed("RATIO", type=click.FloatRange(min=0.0), default=0.0)
+    rayleigh: str | None = typed("A,B")
+    modes: str | None = typed("N|auto")
+    no_residual: bool = typed(is_flag=True)
+    frequency_sigma: str | None = typed("PERCENT%")
+    damping_sigma: str | None = typed("PERCENT%")
+    shape_sigma: str | None = typed("PERCENT%")
+
+
 @click.command()
 @click.argument("files", metavar="FILE...", type=FILE, nargs=-1, required=True)
-@click.option(
-    "--name",
-    help="Name of the host; by default that of the first file. With --modes, by default the part of the channel names "
-    "before the dot, such as beam in a:beam.tip; if they have one, no other name is accepted.",
-)
-@click.option("--mass", metavar="NAME", help="The mass matrix in FILE, by default M, mass or MAA.")
-@click.option(
-    "--stiffness", metavar="NAME", help="The stiffness matrix in FILE, by default K, stiffness or KAA."
-)
-@click.option("--damping", metavar="NAME", help="The matrix of viscous damping in FILE; without it, none.")
-@click.option(
-    "--point",
-    "points",
-    metavar="NAME=ROW",
-    multiple=True,
-    help="A point for links, sensors or forces: a row of the matrices, counted from 1, or a node and a direction, such as "
-    "1205z, where the files name them; or a sum with factors, such as 0.6*1205x+0.8*1205z, an oblique direction. Repeatable.",
-)
-@click.option(
-    "--unit",
-    "units",
-    metavar="NAME=rad",
-    multiple=True,
-    help="That a point turns, where neither a direction such as 1205rz nor the unit of a column says so. Repeatable.",
-)
-@click.option(
-    "--keep",
-    metavar="N",
-    type=click.IntRange(min=1),
-    default=10,
-    show_default=True,
-    help="Number of modes kept.",
-)
-@click.option(
-    "--modal-damping",
-    metavar="RATIO",
-    type=click.FloatRange(min=0.0),
-    default=0.0,
-    help="Damping ratio of every mode.",
-)
-@click.option(
-    "--rayleigh",
-    metavar="A,B",
-    help="Damping by a matrix of A times mass and B times stiffness, in 1/s and s, such as 0.5,1e-5.",
-)
-@click.option(
-    "--modes",
-    metavar="N|auto",
-    help="FILE is a record of a test at a low level; identify this many modes, or as many as it shows (auto).",
-)
-@click.option("--no-residual", is_flag=True, help="Leave out the flexibility of the modes that are not kept.")
-@click.option(
-    "--frequency-sigma",
-    metavar="PERCENT%",
-    help="Relative standard deviation of the frequencies, such as 1%; identify then estimates them with the links.",
-)
-@click.option(
-    "--damping-sigma", metavar="PERCENT%", help="Relative standard deviation of the damping, such as 20%."
-)
-@click.option(
-    "--shape-sigma",
-    metavar="PERCENT%",
-    help="Standard deviation of the shapes, such as 2% of the largest shape of the mode at the points.",
-)
-@grouped(ReadingOptions, "source", *READING)
+@grouped(HostOptions, "given")
+@grouped(ReadingOptions, "source")
 @click.option("-o", "--output", metavar="HOST", type=FILE, help="File to write; without it, standard output.")
 @click.option("--json", "as_json", is_flag=True, help="Print the host as JSON and nothing else.")
 def host(
@@ -100,8 +92,7 @@ def host(
     source: ReadingOptions,
     output: Path | None,
     as_json: bool,
-    modes: str | None,
-    **options: Any,
+    given: HostOptions,
 ) -> int:
     """Write a host from modes (CSV, UFF), matrices (MAT, NPZ, MTX, PCH, OP4) or records of a modal test.
 
@@ -125,7 +116,7 @@ def host(
       linkwise structure host taps.csv --modes auto -o beam.toml
       linkwise structure host logger.csv --channel force:beam.tip=Hammer --channel a:beam.tip[g]=Acc1 --modes auto -o beam.toml
     """
-    context = click.get_current_context()
+    context, modes, options = click.get_current_context(), given.modes, vars(given)
     if output is not None and any(output.resolve() == file.resolve() for file in files):
         raise click.UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
     if output is not None and output.exists() and not _holds_hosts_alone(output):

@@ -11,8 +11,8 @@ import click
 import linkwise as lw
 from linkwise import files
 from linkwise.cli.console import deliver, progress, tell
-from linkwise.cli.options import FILE, FLAGS, folder_option, grouped
-from linkwise.cli.reading_options import READING, ReadingOptions
+from linkwise.cli.options import FILE, FLAGS, folder_option, grouped, typed
+from linkwise.cli.reading_options import ReadingOptions
 from linkwise.output import INSPECTION
 
 MENDED_BY = {
@@ -28,12 +28,18 @@ MENDED_BY = {
 """Flag by the argument that an alert names."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordsOptions(ReadingOptions):
-    """Files of records and how to read them."""
+    """Files of records and how to read them.
 
+    Parameters
+    ----------
+    write_mapping : Path | None
+        Write a first mapping file, with quantities guessed from units and names, to be edited and given as --mapping.
+    """
+
+    write_mapping: Path | None = typed("FILE", type=FILE)
     records: tuple[Path, ...]
-    write_mapping: Path | None
 
     def with_first_mapping(self) -> Self | None:
         """These options, with the mapping file that was asked for; None where it names no channel yet."""
@@ -59,13 +65,6 @@ records_options = grouped(
     RecordsOptions,
     "source",
     click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE),
-    *READING,
-    click.option(
-        "--write-mapping",
-        metavar="FILE",
-        type=FILE,
-        help="Write a first mapping file, with quantities guessed from units and names, to be edited and given as --mapping.",
-    ),
 )
 
 

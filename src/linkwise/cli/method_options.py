@@ -7,10 +7,8 @@ the "unit" of a value, the "choices", whether a name may have "several" values, 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, fields
-from inspect import getdoc
 from typing import Any, TypeVar
 
 import click
@@ -20,6 +18,7 @@ from linkwise.cli.options import (
     METHOD_FLAGS,
     RegisteredChoice,
     comma_separated,
+    described,
     keyword_group,
     quantity,
     split,
@@ -40,19 +39,11 @@ def method_options(
 
     `remark` stands at the end of what each does.
     """
-    texts = _described(kind)
+    texts = described(kind)
     typed = [field for field in fields(kind) if "typed" in field.metadata]
     return keyword_group(
         keyword, *(_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed)
     )
-
-
-def _described(kind: type) -> dict[str, str]:
-    """What the docstring of a class says of each parameter, as plain text."""
-    section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", getdoc(kind) or "", re.DOTALL)
-    entries = re.findall(r"^(\S.*?) : .*\n((?:    .*\n?)+)", section[1] if section else "", re.MULTILINE)
-    plain = {names: " ".join(text.split()).replace("`", "").replace("()", "") for names, text in entries}
-    return {name: text for names, text in plain.items() for name in names.split(", ")}
 
 
 def _option(field: Field[Any], text: str) -> Callable[[Any], Any]:

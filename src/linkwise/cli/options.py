@@ -4,10 +4,12 @@ the arguments that errors of the library name.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import fields
+from dataclasses import Field, field, fields
 from functools import wraps
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -113,15 +115,43 @@ def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
     return values
 
 
-def grouped(
-    kind: type, keyword: str, *options: Callable[[Any], Any]
-) -> Callable[[Callable[..., R]], Callable[..., R]]:
-    """A decorator that gives a command these click options, as one argument `keyword` of the dataclass `kind`.
+def described(kind: type) -> dict[str, str]:
+    """What the docstrings of a class and its bases say of each parameter, as plain text."""
+    texts: dict[str, str] = {}
+    for part in reversed(kind.__mro__):
+        section = re.search(
+            r"Parameters\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", cleandoc(part.__doc__ or ""), re.DOTALL
+        )
+        entries = re.findall(r"^(\S.*?) : .*\n((?:    .*\n?)+)", section[1] if section else "", re.MULTILINE)
+        for names, text in entries:
+            plain = " ".join(text.split()).replace("`", "").replace("()", "")
+            texts |= dict.fromkeys(names.split(", "), plain)
+    return texts
 
-    Each option is a field of `kind`; `--help` shows them in the order given here.
+
+def typed(metavar: str | None = None, *, flag: str = "", **keywords: Any) -> Any:
+    """A field that is an option of commands: what stands behind its flag, the flag where it is not the field's name, and
+    arguments of `click.option`. Its help is what the docstring of its class says of it.
     """
+    return field(metadata={"flag": flag, "metavar": metavar, **keywords})
 
-    return _gathered(keyword, [field.name for field in fields(kind)], lambda own: kind(**own), options)
+
+def grouped(
+    kind: type, keyword: str, *arguments: Callable[[Any], Any]
+) -> Callable[[Callable[..., R]], Callable[..., R]]:
+    """A decorator that gives a command the options that the fields of `kind` are, and `arguments` for the others, and hands
+    their values over as one `kind`, by this keyword.
+    """
+    texts = described(kind)
+    options = [_option(one, texts[one.name]) for one in fields(kind) if one.metadata]
+    names = [one.name for one in fields(kind)]
+    return _gathered(keyword, names, lambda own: kind(**own), [*arguments, *options])
+
+
+def _option(typed_field: Field[Any], text: str) -> Callable[[Any], Any]:
+    about = dict(typed_field.metadata)
+    flag = about.pop("flag") or f"--{typed_field.name.replace('_', '-')}"
+    return click.option(flag, typed_field.name, help=text, **about)
 
 
 def keyword_group(

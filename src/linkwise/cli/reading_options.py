@@ -11,7 +11,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import tell
-from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs
+from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs, typed
 from linkwise.estimates.estimate import untrusted_remark
 from linkwise.model import rotations
 
@@ -21,25 +21,67 @@ _NONE = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """How to read the file of a record: the answers to the options of `READING`."""
+    """How to read the file of a record.
 
-    channel: tuple[str, ...]
-    by_time: bool
-    then: tuple[Path, ...]
-    mapping: Path | None
-    header: str | None
-    rate: float | None
-    resample: float | None
-    decimate: int | None
-    start: float | None
-    stop: float | None
-    period: float | None
-    mark_missing: tuple[str, ...]
-    offset: tuple[str, ...]
-    gain: tuple[str, ...]
-    delay: tuple[str, ...]
-    interpolation: tuple[str, ...]
-    noise_of: tuple[str, ...]
+    Parameters
+    ----------
+    channel : tuple[str, ...]
+        The column that holds a channel, as in x:m1=Laser1 or x:m1[mm]=Laser1; it may be in another file that was
+        started at the same time, as in a:base=ground.csv:AccX. Repeatable.
+    by_time : bool
+        Join the files of --channel NAME=FILE:COLUMN by their times instead of by their first samples.
+    then : tuple[Path, ...]
+        A file that continues the record, read with the same options. Repeatable.
+    mapping : Path | None
+        A file that states columns, units, masses, calibration, noise, offsets and delays once, for all records of a
+        test; other options take precedence over it. inspect --write-mapping FILE writes a first one.
+    header : str | None
+        The header line of a text file, if it is not found: its number, or text that it contains.
+    rate : float | None
+        Sampling rate of a file without a time column.
+    resample : float | None
+        Resample unevenly spaced samples to this rate.
+    decimate : int | None
+        Keep every N-th sample, after an anti-alias filter.
+    start : float | None
+        Use the record from this time on.
+    stop : float | None
+        Use the record up to this time.
+    period : float | None
+        Average a periodic test over periods of this length; their scatter gives the noise.
+    mark_missing : tuple[str, ...]
+        Treat samples with these faults as missing: clipped, spikes.
+    offset : tuple[str, ...]
+        A constant error of this channel: 0.3mm is known and removed; 0.3mm+-0.1mm, or +-0.1mm, is known to within a
+        standard deviation and estimated by identify and discover, as is one without a size. Repeatable.
+    gain : tuple[str, ...]
+        The factor by which this channel scales its motion: 1.02, 1.02+-1%, or estimated if none is given. Repeatable.
+    delay : tuple[str, ...]
+        The time by which this channel is late, in s or with a unit: 2ms, 2ms+-0.1ms, or estimated if none is given.
+        Repeatable.
+    interpolation : tuple[str, ...]
+        How an input behaves between its samples: held, linear or band-limited (default). Repeatable.
+    noise_of : tuple[str, ...]
+        Standard deviation of a channel's noise in SI units, if it is known. Repeatable.
+    """
+
+    channel: tuple[str, ...] = typed("NAME=COLUMN", multiple=True)
+    by_time: bool = typed(is_flag=True)
+    then: tuple[Path, ...] = typed("FILE", type=FILE, multiple=True)
+    mapping: Path | None = typed("FILE", type=FILE)
+    header: str | None = typed("LINE")
+    rate: float | None = typed("HZ", type=POSITIVE)
+    resample: float | None = typed("HZ", type=POSITIVE)
+    decimate: int | None = typed("N", type=click.IntRange(min=1))
+    start: float | None = typed("S", flag="--from", type=float)
+    stop: float | None = typed("S", flag="--to", type=float)
+    period: float | None = typed("S", type=POSITIVE)
+    mark_missing: tuple[str, ...] = typed("KINDS", multiple=True, callback=comma_separated)
+    offset: tuple[str, ...] = typed("CHANNEL[=SIZE]", multiple=True)
+    gain: tuple[str, ...] = typed("CHANNEL[=FACTOR]", multiple=True)
+    delay: tuple[str, ...] = typed("CHANNEL[=TIME]", multiple=True)
+    interpolation: tuple[str, ...] = typed("CHANNEL=KIND", multiple=True)
+    noise_of: tuple[str, ...] = typed("CHANNEL=SIGMA", multiple=True)
 
     def read_file(self, path: Path, masses: tuple[str, ...] | None, *, informative: bool = True) -> lw.Record:
         """The record in `path`, cut to the asked time; RecordError names file, line and channel.
@@ -251,7 +293,7 @@ def _statement(kind: str, text: str) -> tuple[str, lw.records.SensorStatement]:
         raise click.UsageError(f"--{kind} {name}={size}: {reason}") from error
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordOptions(ReadingOptions):
     """A record's file and how to read it: the answers to the options of `record_options`."""
 
@@ -269,102 +311,7 @@ class RecordOptions(ReadingOptions):
         return self.read(tuple(dict.fromkeys((*structure.places, *structure.mass_names))))
 
 
-READING = (
-    click.option(
-        "--channel",
-        metavar="NAME=COLUMN",
-        multiple=True,
-        help="The column that holds a channel, as in x:m1=Laser1 or x:m1[mm]=Laser1; it may be in another file that "
-        "was started at the same time, as in a:base=ground.csv:AccX. Repeatable.",
-    ),
-    click.option(
-        "--by-time",
-        is_flag=True,
-        help="Join the files of --channel NAME=FILE:COLUMN by their times instead of by their first samples.",
-    ),
-    click.option(
-        "--then",
-        metavar="FILE",
-        type=FILE,
-        multiple=True,
-        help="A file that continues the record, read with the same options. Repeatable.",
-    ),
-    click.option(
-        "--mapping",
-        metavar="FILE",
-        type=FILE,
-        help="A file that states columns, units, masses, calibration, noise, offsets and delays once, for all records "
-        "of a test; other options take precedence over it. inspect --write-mapping FILE writes a first one.",
-    ),
-    click.option(
-        "--header",
-        metavar="LINE",
-        help="The header line of a text file, if it is not found: its number, or text that it contains.",
-    ),
-    click.option(
-        "--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of a file without a time column."
-    ),
-    click.option(
-        "--resample", metavar="HZ", type=POSITIVE, help="Resample unevenly spaced samples to this rate."
-    ),
-    click.option(
-        "--decimate",
-        metavar="N",
-        type=click.IntRange(min=1),
-        help="Keep every N-th sample, after an anti-alias filter.",
-    ),
-    click.option("--from", "start", metavar="S", type=float, help="Use the record from this time on."),
-    click.option("--to", "stop", metavar="S", type=float, help="Use the record up to this time."),
-    click.option(
-        "--period",
-        metavar="S",
-        type=POSITIVE,
-        help="Average a periodic test over periods of this length; their scatter gives the noise.",
-    ),
-    click.option(
-        "--mark-missing",
-        metavar="KINDS",
-        multiple=True,
-        callback=comma_separated,
-        help="Treat samples with these faults as missing: clipped, spikes.",
-    ),
-    click.option(
-        "--offset",
-        metavar="CHANNEL[=SIZE]",
-        multiple=True,
-        help="A constant error of this channel: 0.3mm is known and removed; 0.3mm+-0.1mm, or +-0.1mm, is known to "
-        "within a standard deviation and estimated by identify and discover, as is one without a size. "
-        "Repeatable.",
-    ),
-    click.option(
-        "--gain",
-        metavar="CHANNEL[=FACTOR]",
-        multiple=True,
-        help="The factor by which this channel scales its motion: 1.02, 1.02+-1%, or estimated if none is given. "
-        "Repeatable.",
-    ),
-    click.option(
-        "--delay",
-        metavar="CHANNEL[=TIME]",
-        multiple=True,
-        help="The time by which this channel is late, in s or with a unit: 2ms, 2ms+-0.1ms, or estimated if none is "
-        "given. Repeatable.",
-    ),
-    click.option(
-        "--interpolation",
-        metavar="CHANNEL=KIND",
-        multiple=True,
-        help="How an input behaves between its samples: held, linear or band-limited (default). Repeatable.",
-    ),
-    click.option(
-        "--noise-of",
-        metavar="CHANNEL=SIGMA",
-        multiple=True,
-        help="Standard deviation of a channel's noise in SI units, if it is known. Repeatable.",
-    ),
-)
-
-record_options = grouped(RecordOptions, "source", click.argument("record", type=FILE), *READING)
+record_options = grouped(RecordOptions, "source", click.argument("record", type=FILE))
 
 
 def read_told(path: Path) -> lw.Structure:
