@@ -49,7 +49,7 @@ class PriorOptions:
 
     mass: tuple[str, ...] = typed("NAME=KG", multiple=True)
     structure: Path | None = typed("FILE", type=FILE)
-    more: tuple[Path, ...] = typed("RECORD", flag="--with", multiple=True, type=FILE)
+    more: tuple[Path, ...] = typed("RECORD", "--with", multiple=True, type=FILE)
 
     def masses(self, mapping: lw.files.RecordMapping) -> lw.model.PartialStructure | dict[str, float | str]:
         """The masses by name, or what a file knows of the structure; UsageError for neither and for both.

@@ -122,6 +122,3 @@ class SamplingOptions:
         """Keyword arguments of `linkwise.simulate`."""
         sensors = tuple(kind.strip() for kind in self.sensors.split(","))
         return {"duration": self.duration, "rate": self.rate, "sensors": sensors}
-
-
-sampling_options = grouped(SamplingOptions, "sampling")

@@ -36,9 +36,16 @@ class RecordsOptions(ReadingOptions):
     ----------
     write_mapping : Path | None
         Write a first mapping file, with quantities guessed from units and names, to be edited and given as --mapping.
+    levels : bool
+        The records are one test at several levels: compare modes, responses and distortion over the level, and show modes as
+        they ring down, of a single record or without a recorded force too.
+    modes : int | None
+        Number of modes to follow over the levels, the strongest first.
     """
 
     write_mapping: Path | None = typed("FILE", type=FILE)
+    levels: bool = typed(is_flag=True)
+    modes: int | None = typed("N", type=click.IntRange(min=1))
     records: tuple[Path, ...]
 
     def with_first_mapping(self) -> Self | None:
@@ -71,22 +78,8 @@ records_options = grouped(
 @click.command()
 @records_options
 @folder_option(INSPECTION)
-@click.option(
-    "--levels",
-    is_flag=True,
-    help="The records are one test at several levels: compare modes, responses and distortion over the level, and show modes "
-    "as they ring down, of a single record or without a recorded force too.",
-)
-@click.option(
-    "--modes",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Number of modes to follow over the levels, the strongest first.",
-)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
-def inspect(
-    source: RecordsOptions, output: Path | None, levels: bool, modes: int | None, as_json: bool
-) -> None:
+def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
     """Check each RECORD without a model: what its channels contain, and what is wrong with them, worst first.
 
     Alerts leave the exit code at 0; a file that cannot be read gives 2. --levels asks whether the structure is linear, and
@@ -105,7 +98,7 @@ def inspect(
       linkwise inspect logger.csv --channel "x:m1[mm]=Laser 1" --channel "time[ms]=Time" --json
     """
     source.refuse_unknown_errors()
-    if modes is not None and not levels:
+    if source.modes is not None and not source.levels:
         raise click.UsageError("--modes is for --levels: add it, or leave --modes out.")
     mapped = source.with_first_mapping()
     if mapped is None:
@@ -118,8 +111,8 @@ def inspect(
             records.append(source.read_file(path, None, informative=False))
         step(lw.estimates.ProgressReport(0.9, "inspecting"))
         inspection = lw.inspect(records)
-        if levels:
-            compared = lw.inspection.compare_levels(records, modes=modes, progress=step)
+        if source.levels:
+            compared = lw.inspection.compare_levels(records, modes=source.modes, progress=step)
             inspection = replace(inspection, levels=compared)
     inspection = replace(inspection, alerts=tuple(map(_with_flags, inspection.alerts)))
     if not as_json:

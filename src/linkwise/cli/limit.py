@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -12,49 +13,42 @@ from linkwise.cli.excitation_options import (
     ExcitationOptions,
     SamplingOptions,
     drive_options,
-    sampling_options,
 )
-from linkwise.cli.options import FILE, POSITIVE, number, pairs, unstarted_is_usage
+from linkwise.cli.options import FILE, POSITIVE, grouped, number, pairs, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import to_json
 
 
+@dataclass(frozen=True)
+class PlannedTest(SamplingOptions):
+    """A test that is planned, and what is asked of it.
+
+    Parameters
+    ----------
+    noise : float | None
+        Signal-to-noise ratio expected in every sensor.
+    noise_of : tuple[str, ...]
+        Standard deviation expected in a sensor, in SI units, instead of --noise. Repeatable.
+    unknown : tuple[str, ...]
+        The unknowns: all, nes, a link, nes1.alpha, mass:m2. Repeatable. By default the unknowns of STRUCTURE, at
+        their starting values, or all if it has none.
+    segment : float | None
+        Length in s of the segments of the bound, each with a free initial state (default: the whole record, or the
+        longest whose sensitivities are resolved where the motion is chaotic).
+    """
+
+    noise: float | None = typed("DB", type=float)
+    noise_of: tuple[str, ...] = typed("CHANNEL=SIGMA", multiple=True)
+    unknown: tuple[str, ...] = typed("WHAT", multiple=True)
+    segment: float | None = typed("S", type=POSITIVE)
+
+
 @click.command()
 @click.argument("structure", type=FILE)
-@sampling_options
+@grouped(PlannedTest, "test")
 @drive_options
-@click.option("--noise", metavar="DB", type=float, help="Signal-to-noise ratio expected in every sensor.")
-@click.option(
-    "--noise-of",
-    metavar="CHANNEL=SIGMA",
-    multiple=True,
-    help="Standard deviation expected in a sensor, in SI units, instead of --noise. Repeatable.",
-)
-@click.option(
-    "--unknown",
-    metavar="WHAT",
-    multiple=True,
-    help="The unknowns: all, nes, a link, nes1.alpha, mass:m2. Repeatable. By default the unknowns of STRUCTURE, at "
-    "their starting values, or all if it has none.",
-)
-@click.option(
-    "--segment",
-    metavar="S",
-    type=POSITIVE,
-    help="Length in s of the segments of the bound, each with a free initial state (default: the whole record, or the "
-    "longest whose sensitivities are resolved where the motion is chaotic).",
-)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
-def limit(
-    structure: Path,
-    sampling: SamplingOptions,
-    drive: ExcitationOptions,
-    noise: float | None,
-    noise_of: tuple[str, ...],
-    unknown: tuple[str, ...],
-    segment: float | None,
-    as_json: bool,
-) -> int:
+def limit(structure: Path, test: PlannedTest, drive: ExcitationOptions, as_json: bool) -> int:
     """Compute how well a planned test of STRUCTURE can determine its coefficients, before anything is measured.
 
     STRUCTURE holds the expected values. The result holds the smallest standard errors that any method can reach (Cramer-Rao
@@ -68,12 +62,14 @@ def limit(
       linkwise limit chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 20 --sensors a:m2 --unknown nes
       linkwise limit chain.toml --duration 2 --rate 500 --force m1="5*sin(30*t)" --noise-of x:m1=1e-5 --sensors x:m1
     """
-    keywords = {**sampling.keywords(), **drive.keywords()}
-    if segment is not None:
-        keywords["segment"] = segment
+    keywords = {**test.keywords(), **drive.keywords()}
+    if test.segment is not None:
+        keywords["segment"] = test.segment
     subject = read_told(structure)
     with progress("simulating the test") as step, unstarted_is_usage():
-        result = lw.limit(subject, noise=_noise(noise, noise_of), unknown=unknown, progress=step, **keywords)
+        result = lw.limit(
+            subject, noise=_noise(test.noise, test.noise_of), unknown=test.unknown, progress=step, **keywords
+        )
     click.echo(to_json(result.to_dict()) if as_json else str(result))
     return exit_code(result.verdicts)
 

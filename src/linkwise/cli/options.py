@@ -129,11 +129,11 @@ def described(kind: type) -> dict[str, str]:
     return texts
 
 
-def typed(metavar: str | None = None, *, flag: str = "", **keywords: Any) -> Any:
-    """A field that is an option of commands: what stands behind its flag, the flag where it is not the field's name, and
+def typed(metavar: str | None = None, *flags: str, **keywords: Any) -> Any:
+    """A field that is an option of commands: what stands behind its flag, the flags where they are not the field's name, and
     arguments of `click.option`. Its help is what the docstring of its class says of it.
     """
-    return field(metadata={"flag": flag, "metavar": metavar, **keywords})
+    return field(metadata={"flags": flags, "metavar": metavar, **keywords})
 
 
 def grouped(
@@ -150,8 +150,8 @@ def grouped(
 
 def _option(typed_field: Field[Any], text: str) -> Callable[[Any], Any]:
     about = dict(typed_field.metadata)
-    flag = about.pop("flag") or f"--{typed_field.name.replace('_', '-')}"
-    return click.option(flag, typed_field.name, help=text, **about)
+    flags = about.pop("flags") or [f"--{typed_field.name.replace('_', '-')}"]
+    return click.option(*flags, typed_field.name, help=text, **about)
 
 
 def keyword_group(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,62 +15,59 @@ from linkwise.cli.excitation_options import (
     ExcitationOptions,
     SamplingOptions,
     drive_options,
-    sampling_options,
 )
-from linkwise.cli.options import FILE, unstarted_is_usage
+from linkwise.cli.options import FILE, grouped, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import to_json
 
 
+@dataclass(frozen=True)
+class RecordingOptions(SamplingOptions):
+    """How a simulated motion is recorded.
+
+    Parameters
+    ----------
+    noise : float | None
+        Add noise with this signal-to-noise ratio to every response.
+    seed : int
+        Seed of the noise.
+    output : Path
+        File to write; its suffix selects the format.
+    """
+
+    noise: float | None = typed("DB", type=float)
+    seed: int = typed("N", type=click.IntRange(min=0), default=0, show_default=True)
+    output: Path = typed("RECORD", "-o", "--output", type=FILE, required=True)
+
+
 @click.command()
 @click.argument("structure", type=FILE)
-@sampling_options
+@grouped(RecordingOptions, "recording")
 @drive_options
-@click.option(
-    "--noise", metavar="DB", type=float, help="Add noise with this signal-to-noise ratio to every response."
-)
-@click.option(
-    "--seed", metavar="N", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise."
-)
-@click.option(
-    "-o",
-    "--output",
-    metavar="RECORD",
-    type=FILE,
-    required=True,
-    help="File to write; its suffix selects the format.",
-)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
-def simulate(
-    structure: Path,
-    sampling: SamplingOptions,
-    drive: ExcitationOptions,
-    noise: float | None,
-    seed: int,
-    output: Path,
-    as_json: bool,
-) -> None:
+def simulate(structure: Path, recording: RecordingOptions, drive: ExcitationOptions, as_json: bool) -> None:
     """Simulate STRUCTURE and write the record of its sensors.
 
     \b
     Example:
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
     """
+    output, noise = recording.output, recording.noise
     files.check_record_file(output)  # before the work, so that nobody waits for a refusal
     subject = read_told(structure)
-    keywords = {**sampling.keywords(), **drive.keywords()}
+    keywords = {**recording.keywords(), **drive.keywords()}
     with progress("simulating") as step:
         with unstarted_is_usage():
             record = lw.simulate(subject, **keywords, progress=step)
         if noise is not None:
-            record = record.with_noise(noise, seed=seed)
+            record = record.with_noise(noise, seed=recording.seed)
         lw.write_record(record, output)
         step(lw.estimates.ProgressReport(1.0, "energy and horizon"))
         summary = _summary(record, output)
     if not any(keywords[kind] for kind in ("release", "impulses", "forces")) and keywords["base"] is None:
         tell("note: nothing sets the structure in motion; give --release, --impulse, --force or --base.")
     if noise is not None:
-        summary["noise"] = {"decibel": noise, "seed": seed}
+        summary["noise"] = {"decibel": noise, "seed": recording.seed}
     click.echo(to_json(summary) if as_json else _summary_text(subject, summary))
 
 

@@ -2,49 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 import linkwise as lw
 from linkwise.cli.console import UNTRUSTED, progress, tell
-from linkwise.cli.options import FOLDER
+from linkwise.cli.options import FOLDER, grouped, typed
 from linkwise.output import to_json
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a study is run.
+
+    Parameters
+    ----------
+    quick : bool
+        Run only the few cycles that the study defines as quick.
+    workers : int | None
+        Processes on this machine. [default: one for each processor]
+    scheduler : str | None
+        Run on the dask cluster with this scheduler, such as tcp://host:8786.
+    output : Path
+        Folder of the study; an interrupted study is resumed.
+    export : bool
+        Run nothing; write tables and report of the cases run so far.
+    """
+
+    quick: bool = typed(is_flag=True)
+    workers: int | None = typed("N", type=click.IntRange(min=1))
+    scheduler: str | None = typed("ADDRESS")
+    output: Path = typed("DIR", "-o", "--output", type=FOLDER, required=True)
+    export: bool = typed(is_flag=True)
 
 
 @click.command()
 @click.argument("name", metavar="NAME|FILE.toml")
-@click.option("--quick", is_flag=True, help="Run only the few cycles that the study defines as quick.")
-@click.option(
-    "--workers",
-    metavar="N",
-    type=click.IntRange(min=1),
-    help="Processes on this machine.  [default: one for each processor]",
-)
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Run on the dask cluster with this scheduler, such as tcp://host:8786.",
-)
-@click.option(
-    "-o",
-    "--output",
-    metavar="DIR",
-    type=FOLDER,
-    required=True,
-    help="Folder of the study; an interrupted study is resumed.",
-)
-@click.option("--export", is_flag=True, help="Run nothing; write tables and report of the cases run so far.")
+@grouped(RunOptions, "options")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")
-def study(
-    name: str,
-    quick: bool,
-    workers: int | None,
-    scheduler: str | None,
-    output: Path,
-    export: bool,
-    as_json: bool,
-) -> int:
+def study(name: str, options: RunOptions, as_json: bool) -> int:
     """Run the study NAME that ships with linkwise ("paper", "reach"), or the one in a TOML file.
 
     A study identifies every structure at every noise level by every method, once for each seed. It may be interrupted or
@@ -58,22 +56,22 @@ def study(
       linkwise study mine.toml --workers 4 -o results/mine
       linkwise study mine.toml --scheduler tcp://host:8786 -o results/mine
     """
-    if workers is not None and scheduler is not None:
+    if options.workers is not None and options.scheduler is not None:
         raise click.UsageError(
             "--workers runs the study on this machine, --scheduler on a cluster; give only one of them."
         )
     definition = lw.read_study(name)
-    definition = definition.quickly() if quick else definition
-    if export:
-        _require_stored(definition, output)
+    definition = definition.quickly() if options.quick else definition
+    if options.export:
+        _require_stored(definition, options.output)
     else:
-        _run(definition, output, workers, scheduler)
-    summary = lw.study.study_summary(output)
+        _run(definition, options)
+    summary = lw.study.study_summary(options.output)
     if not as_json:  # before the files, which may fail
         click.echo(f"{summary}\n")
-    files = [str(path) for path in lw.study.export_study(output)]
+    files = [str(path) for path in lw.study.export_study(options.output)]
     with progress("report") as step:
-        page = lw.report.write_study_report(output, progress=step)
+        page = lw.report.write_study_report(options.output, progress=step)
     files.append(str(page))
     click.echo(to_json({**summary.to_dict(), "files": files}) if as_json else f"written: {', '.join(files)}")
     return UNTRUSTED if summary.failed_cells else 0
@@ -92,7 +90,7 @@ def _require_stored(study: lw.Study, output: Path) -> None:
         )
 
 
-def _run(study: lw.Study, output: Path, workers: int | None, scheduler: str | None) -> None:
+def _run(study: lw.Study, options: RunOptions) -> None:
     """Run what is left of the study; where it is interrupted, say how far it came."""
     last: list[lw.estimates.ProgressReport] = []
     try:
@@ -102,8 +100,9 @@ def _run(study: lw.Study, output: Path, workers: int | None, scheduler: str | No
                 last[:] = [report]
                 step(report)
 
-            lw.run_study(study, output, workers=workers, scheduler=scheduler, progress=show)
+            workers, scheduler = options.workers, options.scheduler
+            lw.run_study(study, options.output, workers=workers, scheduler=scheduler, progress=show)
     except KeyboardInterrupt:
         done = f"{last[0].activity.partition(',')[0]} are" if last else "What was finished is"
-        tell(f"{done} in {output}; the same command resumes it.")
+        tell(f"{done} in {options.output}; the same command resumes it.")
         raise
