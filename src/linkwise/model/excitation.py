@@ -187,9 +187,7 @@ class Sampled:
             )
         values = np.array(self.values, dtype=float)
         values.flags.writeable = False
-        object.__setattr__(self, "values", values)
-        object.__setattr__(self, "start", float(self.start))
-        object.__setattr__(self, "rate", float(self.rate))
+        vars(self).update(values=values, start=float(self.start), rate=float(self.rate))
         if self.order not in ORDERS:
             raise SimulationError(
                 f"unknown spline order {self.order!r}; choose from {', '.join(map(str, ORDERS))}"
@@ -441,9 +439,11 @@ class Excitation:
             expect(f"Excitation: impulses[{number}]", impulse, Impulse)
         for place, signal in {**self.forces, **({} if self.base is None else {"base": self.base})}.items():
             expect(f"Excitation: {place}", signal, TimeFunction, Sampled)
-        object.__setattr__(self, "release", MappingProxyType(dict(self.release)))
-        object.__setattr__(self, "impulses", tuple(sorted(self.impulses, key=lambda impulse: impulse.time)))
-        object.__setattr__(self, "forces", MappingProxyType(dict(self.forces)))
+        vars(self).update(
+            release=MappingProxyType(dict(self.release)),
+            impulses=tuple(sorted(self.impulses, key=lambda impulse: impulse.time)),
+            forces=MappingProxyType(dict(self.forces)),
+        )
 
     @classmethod
     def of(

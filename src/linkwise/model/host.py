@@ -309,8 +309,7 @@ class Host:
         for number, mode in enumerate(self.modes):
             expect(f"{where}: modes[{number}]", mode, HostMode)
         damping = checked_damping(self.damping, len(self.modes), where)
-        object.__setattr__(self, "damping", MappingProxyType(damping))
-        object.__setattr__(self, "modes", tuple(self.modes))
+        vars(self).update(damping=MappingProxyType(damping), modes=tuple(self.modes))
         if self.name in (GROUND, BASE) or "." in self.name:
             raise StructureError("a host is not named ground or base, and its name has no dot", where)
         if not self.modes:

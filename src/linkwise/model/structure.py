@@ -112,8 +112,7 @@ class Structure(NotebookView):
         object.__setattr__(self, "hosts", tuple(self.hosts))
         check_unique(tuple(host.name for host in self.hosts), "host")
         masses, links = with_modes(tuple(self.masses), tuple(self.links), self.hosts)
-        object.__setattr__(self, "masses", masses)
-        object.__setattr__(self, "links", links)
+        vars(self).update(masses=masses, links=links)
         if not (self.masses or self.links):
             raise StructureError('a structure needs at least one mass, host, or link from "base" to "ground"')
         check_unique((*self.points, *self.mass_names), "mass")
@@ -128,8 +127,7 @@ class Structure(NotebookView):
                 for name, leader in leaders.items()
             }
             masses, links = replace_coefficients(self.masses, self.links, slots, resolved)
-            object.__setattr__(self, "masses", masses)
-            object.__setattr__(self, "links", links)
+            vars(self).update(masses=masses, links=links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
     def _check_ends(self) -> None:

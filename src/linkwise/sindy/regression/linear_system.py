@@ -189,8 +189,7 @@ class DenseSystem(LinearSystem):
 
     def __post_init__(self) -> None:
         target = self.target[:, None] if self.target.ndim == 1 else self.target
-        object.__setattr__(self, "target", target)
-        object.__setattr__(self, "units", self.units or ("",) * len(self.names))
+        vars(self).update(target=target, units=self.units or ("",) * len(self.names))
         rows, columns = self.matrix.shape
         _require_named(self.names, self.units, self.targets)
         if columns != len(self.names) or target.shape != (rows, len(self.targets)):
