@@ -491,7 +491,18 @@ class Excitation:
         return Excitation, (dict(self.release), self.impulses, dict(self.forces), self.base)
 
     def base_at(self, times: ArrayLike) -> Floats | None:
-        """Displacement of the base in m at times in s, None where it does not move."""
+        """Displacement of the base.
+
+        Parameters
+        ----------
+        times : (N,) array_like
+            Times in s.
+
+        Returns
+        -------
+        (N,) ndarray or None
+            Displacement in m; None where the base does not move.
+        """
         return None if self.base is None else self.base.value(times)
 
     @property

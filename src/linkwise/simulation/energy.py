@@ -87,8 +87,7 @@ class LinkForces:
 
     def elongations(self, time: Floats, x: Floats, v: Floats) -> tuple[Floats, Floats]:
         """Elongations (M, L) in m and rates (M, L) in m/s at displacements and velocities (M, n)."""
-        base = self.excitation.base
-        return self.structure.elongations(x, None if base is None else base.value(time)), self._rates(time, v)
+        return self.structure.elongations(x, self.excitation.base_at(time)), self._rates(time, v)
 
     def applied(self, time: Floats) -> Floats:
         """Applied forces (M, n) in N on the masses."""
@@ -131,10 +130,9 @@ def energy_balance(
     schedule: RunSchedule, displacement: Floats, velocity: Floats, run: RunLog
 ) -> EnergyBalance:
     """The balance at the output times of a schedule, for the motion (N, n) in m and m/s that `run` gave there."""
-    structure, base = schedule.structure, schedule.excitation.base
+    structure, base_at = schedule.structure, schedule.excitation.base_at
     steps: list[float] = []
-    options = RunOptions(repeated=run, log=steps)
-    integrate(schedule, schedule.times[-1:], options=options)
+    integrate(schedule, schedule.times[-1:], options=RunOptions(repeated=run, log=steps))
     rule = _rule(schedule, steps)
     forces = LinkForces(structure, schedule.excitation)
     size, links = structure.size, len(structure.links)
@@ -155,14 +153,13 @@ def energy_balance(
                 gained[sample[row], links] += supplied.sum()
 
     integrate(schedule, rule.times, receive, RunOptions(repeated=run))
-    base_motion = None if base is None else base.value(schedule.times)
     x, v = schedule.start[None, :size], schedule.start[None, size : 2 * size]
-    at_start = potential_energy(structure, x, None if base is None else base.value(np.zeros(1))).sum()
+    at_start = potential_energy(structure, x, base_at(np.zeros(1))).sum()
     gained = np.cumsum(gained, axis=0)
     return EnergyBalance(
         supplied=gained[:, links] + at_start + kinetic_energy(structure, v)[0],
         kinetic=kinetic_energy(structure, velocity),
-        potential=potential_energy(structure, displacement, base_motion),
+        potential=potential_energy(structure, displacement, base_at(schedule.times)),
         dissipated=np.ascontiguousarray(gained[:, :links]),
     )
 

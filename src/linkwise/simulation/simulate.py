@@ -163,7 +163,6 @@ def simulate(
         if channel.relative:
             signal = drive.drives[BASE]
             values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
-    base = None if drive.base is None else drive.base.value(grid)
     record = Record(
         start=float(grid[0]),
         rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
@@ -173,7 +172,7 @@ def simulate(
             structure,
             motion.displacement[:, : structure.size],
             motion.velocity[:, : structure.size],
-            base,
+            drive.base_at(grid),
             RigDiagnostics(motion) if structure.on_rig else motion,
             states=states,
         ),
