@@ -93,6 +93,11 @@ def format_error(value: float) -> str:
     return f"{value:.{-last}f}" if last < 0 else f"{round(value / 10.0**last) * 10.0**last:.0f}"
 
 
+def format_both(value: float, error: float) -> tuple[str, str]:
+    """A value to the digits that its standard error gives, and the error."""
+    return format_value(value, error), format_error(error)
+
+
 def format_chi_square(value: float) -> str:
     """Chi-square per degree of freedom with three decimals, or with three digits where laws leave far more than noise."""
     return f"{value:.3f}" if value < _FAR_FROM_NOISE else f"{value:.3g}"

@@ -27,14 +27,8 @@ from linkwise.files.table import Column, ColumnHeader, Table
 from linkwise.records.channel import KINDS, Channel
 
 RATES = (
-    "rate",
-    "fs",
-    "sampling_rate",
-    "sampling_frequency",
-    "sampling rate",
-    "sampling freq",
-    "sampling frequency",
-)
+    "rate", "fs", "sampling_rate", "sampling_frequency", "sampling rate", "sampling freq", "sampling frequency",
+)  # fmt: skip
 _STEPS = ("dt", "step", "delta_t")
 _SPELLED = re.compile(rf"^({'|'.join(key for key, kind in KINDS.items() if kind.of == 'mass')})_(\w+)$")
 

@@ -42,13 +42,8 @@ else:  # matplotlib is for those who want a page
 
 PICTURED = 24  # links with figures; the others have their numbers and their force file
 UNSEEN_HEAD = (
-    "link or mass",
-    "term",
-    "up to, % of its force or mass",
-    "would change",
-    "by %",
-    "standard errors",
-)
+    "link or mass", "term", "up to, % of its force or mass", "would change", "by %", "standard errors",
+)  # fmt: skip
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.display import JudgedView, align_columns, format_error, format_value, paragraph
+from linkwise.display import JudgedView, align_columns, format_both, paragraph
 from linkwise.inspection.levels.quantities import (
     DAMPING,
     FREQUENCY,
@@ -158,12 +158,9 @@ class LevelComparison(JudgedView):
 
     def __str__(self) -> str:
         blocks = ["\n".join(map(paragraph, headline(self))), "\n".join(align_columns(mode_rows(self)))]
-        distorted = distortion_rows(self)
-        if len(distorted) > 1:
-            blocks.append("\n".join(align_columns(distorted)))
-        rings = ring_down_rows(self)
-        if len(rings) > 1:
-            blocks.append("\n".join(align_columns(rings)))
+        for rows in (distortion_rows(self), ring_down_rows(self)):
+            if len(rows) > 1:
+                blocks.append("\n".join(align_columns(rows)))
         gaps = gaps_text(self)
         if gaps:
             blocks.append(paragraph(gaps))
@@ -221,6 +218,7 @@ class LevelComparison(JudgedView):
 
 
 _ROWS = 5  # of a ring-down
+_OF_MODES = ("frequency, Hz", "std. error", "damping, %", "std. error")
 
 
 def headline(comparison: LevelComparison) -> list[str]:
@@ -263,18 +261,7 @@ def _moved(ring: RingDown) -> str:
 
 def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level and mode."""
-    rows: list[tuple[str, ...]] = [
-        (
-            "level",
-            comparison.level_name,
-            "mode",
-            "frequency, Hz",
-            "std. error",
-            "damping, %",
-            "std. error",
-            "moved",
-        )
-    ]
+    rows: list[tuple[str, ...]] = [("level", comparison.level_name, "mode", *_OF_MODES, "moved")]
     for level, label in enumerate(comparison.labels):
         moved = comparison.moved(level)
         for mode in range(comparison.frequencies.shape[1]):
@@ -284,17 +271,8 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
             if comparison.lost[level, mode]:
                 rows.append((*record, str(mode + 1), *[""] * 4, "lost"))
                 continue
-            rows.append(
-                (
-                    *record,
-                    str(mode + 1),
-                    format_value(float(f), float(df)),
-                    format_error(float(df)),
-                    format_value(float(d), float(dd)),
-                    format_error(float(dd)),
-                    "yes" if mode + 1 in moved else "",
-                )
-            )
+            sizes = *format_both(float(f), float(df)), *format_both(float(d), float(dd))
+            rows.append((*record, str(mode + 1), *sizes, "yes" if mode + 1 in moved else ""))
     return rows
 
 
@@ -315,35 +293,15 @@ def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
 
 def ring_down_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """Rows for each mode that rings down, from its largest to its smallest amplitude."""
-    rows: list[tuple[str, ...]] = [
-        (
-            "ring-down",
-            "channel",
-            "amplitude",
-            "frequency, Hz",
-            "std. error",
-            "damping, %",
-            "std. error",
-            "unit",
-        )
-    ]
+    rows: list[tuple[str, ...]] = [("ring-down", "channel", "amplitude", *_OF_MODES, "unit")]
     for ring in comparison.ring_downs:
         places = np.unique(np.linspace(0, len(ring.amplitude) - 1, _ROWS).round().astype(int))
         for place in places.tolist():
             f, df = float(ring.frequency[place]), float(ring.frequency_error[place])
             d, dd = 100.0 * float(ring.damping[place]), 100.0 * float(ring.damping_error[place])
-            rows.append(
-                (
-                    ring_name(ring) if place == 0 else "",
-                    ring.channel if place == 0 else "",
-                    f"{ring.amplitude[place]:.3g}",
-                    format_value(f, df),
-                    format_error(df),
-                    format_value(d, dd),
-                    format_error(dd),
-                    ring.unit,
-                )
-            )
+            named = (ring_name(ring), ring.channel) if place == 0 else ("", "")
+            sizes = *format_both(f, df), *format_both(d, dd)
+            rows.append((*named, f"{ring.amplitude[place]:.3g}", *sizes, ring.unit))
     return rows
 
 
