@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -205,6 +206,16 @@ def test_profiles_are_printed() -> None:
     intervals = document(f"{IDENTIFY} --profile")["profile_intervals"]
     assert list(intervals) == ["nes1.alpha", "nes1.beta", "nes1.c"]
     assert intervals["nes1.alpha"] == pytest.approx([float(row[1]), float(row[2])], rel=1e-5)  # six digits
+
+
+def test_profiles_are_written(tmp_path: Path) -> None:
+    """The folder has the intervals that are printed, in its document and on its page; without the option it has neither."""
+    for option, found in ((" --profile", True), ("", False)):
+        folder = tmp_path / f"answer{option.strip()}"
+        said(f"{IDENTIFY}{option} -o {folder}")
+        written = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        assert list(written.get("profile_intervals", {})) == ["nes1.alpha", "nes1.beta", "nes1.c"] * found
+        assert ("95 % by the likelihood" in (folder / "report.html").read_text(encoding="utf-8")) == found
 
 
 def test_profiles_that_differ_or_cannot_be_followed_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -410,6 +410,7 @@ class Estimate(JudgedView):
         dict
             The content of ``result.json``.
         """
+        profiles = {name: list(ends) for name, ends in self.profile_intervals.items()}
         return {
             "method": self.method,
             "status": self.status,
@@ -430,7 +431,7 @@ class Estimate(JudgedView):
             "notes": list(self.notes),
             "masses": {mass.name.owner: coefficient_document(mass) for mass in self.masses},
             "links": [link_document(link) for link in self.links],
-            "profile_intervals": {name: list(ends) for name, ends in self.profile_intervals.items()},
+            **({"profile_intervals": profiles} if profiles else {}),
             **({"modes": [mode_document(mode, self.shapes) for mode in self.modes]} if self.modes else {}),
         }
 
