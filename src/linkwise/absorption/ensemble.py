@@ -61,7 +61,18 @@ class AbsorptionQuantity:
     least_is_best: bool = False
 
     def text(self, value: float) -> str:
-        """A value with its unit; parts of 1 in %."""
+        """A value with its unit; parts of 1 in %.
+
+        Parameters
+        ----------
+        value : float
+            The value in `unit`.
+
+        Returns
+        -------
+        str
+            Such as "0.31 s".
+        """
         if self.name.startswith("crossings"):
             return f"{value:.4g}"
         return f"{value:.4g} {self.unit}" if self.unit else f"{100.0 * value:.3g} %"

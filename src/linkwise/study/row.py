@@ -119,6 +119,8 @@ class Row(MethodResult):
         The signal-to-noise ratio in dB.
     seed : int
         The seed of the noise.
+    status, links, coefficients, standard_errors, seconds, reason, terms
+        As in `MethodResult`.
 
     Examples
     --------

@@ -124,7 +124,13 @@ class LinearSystem(ABC):
         """
 
     def gram_sums(self) -> GramSums:
-        """Sums for the Gram matrix of rows of this system."""
+        """Sums for the Gram matrix of rows of this system.
+
+        Returns
+        -------
+        GramSums
+            Of no row yet.
+        """
         return RowSums(len(self.names))
 
     def blocks(self, rows: Indices | None = None) -> Iterator[tuple[Floats, Floats]]:
