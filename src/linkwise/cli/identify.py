@@ -37,16 +37,20 @@ from linkwise.output import RESULT
     help="Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone "
     "(weak); or the sparse regression of the paper (sindy).",
 )
-@click.option(
-    "--with",
-    "more",
-    metavar="RECORD",
-    multiple=True,
-    type=FILE,
-    help="Another record of the same structure, read with the same options and fitted together with it (ml). "
-    "Repeatable.",
+@method_options(
+    lw.MaximumLikelihood,
+    "ml",
+    click.option(
+        "--with",
+        "more",
+        metavar="RECORD",
+        multiple=True,
+        type=FILE,
+        help="Another record of the same structure, read with the same options and fitted together with it (ml). "
+        "Repeatable.",
+    ),
+    remark=" (ml)",
 )
-@method_options(lw.MaximumLikelihood, "ml", remark=" (ml)")
 @method_options(lw.PhysicsInformedSindy, "sindy", remark=" (sindy)")
 @folder_option(RESULT)
 @truth_option
@@ -55,7 +59,6 @@ def identify(
     source: RecordOptions,
     structure: Path,
     method: str,
-    more: tuple[Path, ...],
     ml: dict[str, Any],
     sindy: dict[str, Any],
     output: Path | None,
@@ -82,7 +85,7 @@ def identify(
       linkwise identify run.csv unknown.toml --exact
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    estimator = _estimator(method, source, {"ml": {"more": more, **ml} if more else ml, "sindy": sindy})
+    estimator = _estimator(method, source, {"ml": ml, "sindy": sindy})
     subject = read_told(structure)
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
@@ -90,7 +93,10 @@ def identify(
     for remark in source.masses_beside(subject):
         tell(f"note: {remark}")
     with progress("reading") as step:
-        records = [replace(source, record=path).read_motion_of(subject) for path in (source.record, *more)]
+        records = [
+            replace(source, record=path).read_motion_of(subject)
+            for path in (source.record, *ml.get("more", ()))
+        ]
         step(lw.estimates.ProgressReport(0.0, "identifying"))
         estimate = lw.identify(
             records[0] if len(records) == 1 else records, subject, method=estimator, progress=step

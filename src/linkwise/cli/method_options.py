@@ -33,16 +33,18 @@ _SPELLED = {"admit": "let", "loss": "robust", "tested": "test"}
 
 
 def method_options(
-    kind: type, keyword: str, *, remark: str = ""
+    kind: type, keyword: str, *further: Callable[[Any], Any], remark: str = ""
 ) -> Callable[[Callable[..., R]], Callable[..., R]]:
     """A decorator that gives a command the options of `kind` as one argument `keyword`: a dict of those that were given.
 
-    `remark` stands at the end of what each does.
+    `further` options stand before those of the fields; `remark` stands at the end of what each does.
     """
     texts = described(kind)
     typed = [field for field in fields(kind) if "typed" in field.metadata]
     return keyword_group(
-        keyword, *(_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed)
+        keyword,
+        *further,
+        *(_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed),
     )
 
 
