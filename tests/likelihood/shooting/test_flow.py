@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,11 +14,7 @@ from problems import rubbing_trio, truth
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.shooting.flow import (
-    CLOSING,
     POINTS,
-    STAGE_POINT,
-    STAGE_ROWS,
-    TANGENT_CLOSING,
     Inputs,
     Trajectories,
     flow,
@@ -69,16 +67,6 @@ def states(record: lw.Record, every: int) -> np.ndarray:
     """(2, n, K) the true states at each `every`-th sample."""
     motion = present(record.simulated)
     return np.stack([motion.displacement[::every].T, motion.velocity[::every].T])
-
-
-def test_the_tableau_sums_what_every_method_of_its_kind_must() -> None:
-    # x'' = 1 from rest, for one step of length 1: displacement 1/2, velocity 1; a stage at t has moved by t^2/2
-    assert CLOSING.sum(axis=1) == pytest.approx([0.5, 1.0], abs=1e-12)
-    assert TANGENT_CLOSING.sum(axis=1) == pytest.approx([0.5, 1.0], abs=1e-6)  # single precision
-    time = POINTS[list(STAGE_POINT)]
-    assert STAGE_ROWS[:, 0, 1] == pytest.approx(time, abs=1e-12)
-    bends = np.arange(len(time)) != 1  # stage 1 predicts the middle along the tangent
-    assert STAGE_ROWS[bends, 0, 2:].sum(axis=1) == pytest.approx(time[bends] ** 2 / 2, abs=1e-12)
 
 
 def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three: lw.Structure) -> None:
@@ -172,61 +160,6 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, unknown: lw.Str
             assert np.abs(present(ours)[..., column, :] - difference).max() < limit * size, column
 
 
-def test_tangents_have_their_declared_order(three: lw.Structure, unknown: lw.Structure) -> None:
-    system, theta = System.of(unknown), truth(three, unknown)
-    record = driven(three, duration=0.1)
-    start = states(record, 5)[..., :-1]
-    time = record.time[::5][:-1]
-    scale = np.repeat([1e-4, 1e-1], 3)
-
-    def end(refine: int) -> np.ndarray:
-        step = 1e-3 / refine
-        h = np.full(len(time), step)
-        orbit = flow(system.at(theta), start, h, 5 * refine, exact_inputs(time, step, 5 * refine))
-        *_, last = tangents(
-            system.at(theta), orbit, h, scale, theta, inputs=exact_inputs(time, step, 5 * refine)
-        )
-        scaled: np.ndarray = last.state / np.array([1.0, step])[:, None, None, None]
-        return scaled
-
-    exact = end(16)
-    size = np.abs(exact).max(axis=(1, 3), keepdims=True)  # each sensitivity by its own size
-    errors = [np.sqrt(np.mean(((end(refine) - exact) / size) ** 2)) for refine in (1, 2, 4)]
-    assert np.log2(errors[0] / errors[1]) > 3.0  # order 4 in the displacements, 3 in the rates
-    assert np.log2(errors[1] / errors[2]) > 2.5  # single precision begins to show
-
-
-def test_a_base_without_record_is_refused(three: lw.Structure) -> None:
-    record = driven(three, sensors=("x",)).select(["x:m1", "x:m2", "x:m3", "force:m2"])
-    with pytest.raises(lw.IdentificationError, match="give a channel x:base"):
-        cut_segments([record], three, System.of(three), samples=5, refine=1, offsets=())
-
-
-def test_a_gap_in_an_input_is_refused(three: lw.Structure) -> None:
-    record = driven(three, sensors=("x",))
-    values = record.values.copy()
-    values[50, [str(channel) for channel in record.channels].index("force:m2")] = np.nan
-    gappy = lw.Record(0.0, RATE, record.channels, values)
-    with pytest.raises(
-        lw.IdentificationError, match=r"force:m2: 1 of .* samples are missing.*inputs must be complete"
-    ):
-        cut_segments([gappy], three, System.of(three), samples=5, refine=1, offsets=())
-
-
-def test_records_of_other_channels_are_refused(three: lw.Structure) -> None:
-    record = driven(three, sensors=("x",))
-    reordered = record.select(["x:m1", "x:m2", "force:m2", "x:base"])
-    with pytest.raises(lw.IdentificationError, match=r"same channels in the same order.*record\.select"):
-        cut_segments([record, reordered], three, System.of(three), samples=5, refine=1, offsets=())
-    with pytest.raises(lw.IdentificationError, match="no offset or gain of x:m9"):
-        cut_segments([record], three, System.of(three), samples=5, refine=1, offsets=["x:m9"])
-    with pytest.raises(lw.IdentificationError, match="has no response"):
-        only = record.select(["force:m2", "x:base"])
-        cut_segments([only], three, System.of(three), samples=5, refine=1, offsets=())
-    with pytest.raises(lw.IdentificationError, match=r"x:m3 belongs to no mass.*m1, m2"):
-        cut_segments([record], lw.bnes_chain(2), System.of(lw.bnes_chain(2)), samples=5, refine=1, offsets=())
-
-
 STEP, STEPS, SCALE = 3e-3, 6, np.repeat([1e-4, 1e-1], 3)
 ENDS = np.array([-1, 0]), np.array([1, 2])  # of two candidates, one of them on a single mass
 NOTHING = Inputs()
@@ -285,3 +218,35 @@ def test_all_columns_have_their_declared_order(without_inputs: tuple[System, Flo
     assert np.max(errors[1]) < 0.01
     orders = np.log2(errors[0] / errors[1])  # 4 in the displacements, 3 in the rates
     assert np.median(orders) > 3.0 and np.min(orders) > 2.5
+
+
+Records = list[lw.Record]
+
+
+def with_gap(record: lw.Record) -> lw.Record:
+    values = record.values.copy()
+    values[50, record.channels.index("force:m2")] = np.nan
+    return replace(record, values=values)
+
+
+@pytest.mark.parametrize(
+    ("change", "offsets", "message"),
+    [
+        (lambda record: [record.select(["x:m1", "x:m2", "x:m3", "force:m2"])], [], "add a channel x:base"),
+        (lambda record: [with_gap(record)], [], "force:m2: 1 of .* missing.*inputs must be complete"),
+        (lambda record: [record], ["x:m9"], "no offset or gain of x:m9"),
+        (lambda record: [record.select(["force:m2", "x:base"])], [], "channel"),
+    ],
+)
+def test_records_that_the_flow_does_not_take_are_refused(
+    three: lw.Structure, change: Callable[[lw.Record], Records], offsets: list[str], message: str
+) -> None:
+    with pytest.raises((lw.IdentificationError, lw.RecordError), match=message):
+        lw.identify(change(driven(three, sensors=("x",))), three.unknown("spring"), offsets=offsets)
+
+
+def test_records_of_other_channels_are_refused(three: lw.Structure) -> None:
+    record = driven(three, sensors=("x",))
+    fewer = record.select(["x:m1", "x:m2", "force:m2", "x:base"])[50:]
+    with pytest.raises(lw.IdentificationError, match=r"same channels in the same order.*record\.select"):
+        cut_segments([record, fewer], three, System.of(three), samples=5, refine=1, offsets=())
