@@ -112,13 +112,6 @@ def test_missing_friction_is_no_filter(seed: int) -> None:
     assert fit.diagnosis[0].kind == "term" and "filter" not in [cause.kind for cause in fit.diagnosis]
 
 
-@pytest.mark.parametrize("seed", [900, *(pytest.param(k, marks=pytest.mark.slow) for k in range(901, 906))])
-def test_a_clean_record_has_no_cause(seed: int) -> None:
-    fit = lw.identify(chain_record(2).with_noise(SNR, seed=seed), CHAIN.unknown("all"))
-    assert fit.trusted and fit.diagnosis == () and fit.to_dict()["diagnosis"] == []
-    assert fit.to_dict()["model_error_percent"] == 0.0
-
-
 OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=4e5)
 RATE, DURATION = 200.0, 20.0
 

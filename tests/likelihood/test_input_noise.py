@@ -7,21 +7,18 @@ from functools import cache
 
 import numpy as np
 import pytest
-import scipy
 from present import present
 from structures import link, oscillator, structure
 from within import assert_within
 
 import linkwise as lw
-from linkwise.arrays import Floats
-from linkwise.likelihood.fit import likelihood_fit, sensor_model
+from linkwise.likelihood.fit import sensor_model
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import shooting_problem
 from linkwise.likelihood.random_forces import random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.tests.variances import _multipliers, for_noise_of_inputs, noise_of_inputs
 from linkwise.signals.base_frame import framed
 from linkwise.verdict import Verdict
 
@@ -79,65 +76,6 @@ def test_clean_inputs_have_no_noise(channel: str, end: str, seed: int) -> None:
     fit = lw.identify(driven(channel, 0.0, seed), mounted(end).unknown("all"))
     assert fit.trusted, fit.message
     assert "input noise" not in [cause.kind for cause in fit.diagnosis]
-
-
-def test_slopes_by_kicks_are_those_of_a_dense_least_squares_problem() -> None:
-    record, structure = driven("force:m1", 0.02, 5), mounted("ground").unknown("all")
-    fit = likelihood_fit([record], structure, np.array([STIFFNESS, DAMPING]))
-    segments, optimum = fit.segments, fit.optimum
-    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
-    slopes = _multipliers(optimum, misfit, np.ones(2, dtype=bool))[:, 0]
-    samples, sigma = len(segments.samples), float(optimum.scales.sigma[0])
-
-    def response(values: Floats) -> Floats:
-        """(N, N + 2) displacements by kicks of the velocity at every sample, and by the state at the first."""
-        matrix = np.array([[0.0, 1.0], [-values[0], -values[1]]])
-        powers = scipy.linalg.expm(matrix[None] * np.arange(COUNT)[:, None, None] / RATE)
-        kicks = scipy.linalg.toeplitz(powers[:, 0, 1], np.zeros(COUNT))
-        return np.column_stack([kicks, powers[:, 0]])
-
-    def driven_by_record(values: Floats) -> Floats:
-        """(N,) displacements by the recorded force from rest, by quadrature at the points of the flow's steps."""
-        moved = replace(optimum.point, theta=values, nodes=np.zeros_like(optimum.point.nodes))
-        still = evaluate(segments, moved, optimum.scales, optimum.loss)
-        kicks = present(still.trajectories.ends(segments.step))  # of each segment alone, from rest
-        matrix = np.array([[0.0, 1.0], [-values[0], -values[1]]])
-        onward = scipy.linalg.expm(matrix * samples / RATE)
-        state, out = np.zeros(2), []
-        inside = [scipy.linalg.expm(matrix * j / RATE)[0] for j in range(samples)]
-        alone = still.trajectories.states[: segments.steps : segments.refine, 0, 0]
-        for number in range(segments.count):
-            out += [alone[j, number] + inside[j] @ state for j in range(samples)]
-            state = onward @ state + kicks[:, number]
-        return np.array(out[:COUNT])
-
-    values, every = optimum.point.theta, response(optimum.point.theta)
-    nodes = optimum.point.nodes[:, 0]
-    steps = np.diag(1e-4 * values)
-
-    def model(theta: Floats) -> Floats:
-        return driven_by_record(theta) + response(theta)[:, COUNT:] @ nodes
-
-    by_theta = [(model(values + step) - model(values - step)) / 2e-4 for step in steps]
-    columns = np.column_stack([*by_theta, every[:, COUNT:]])
-    residuals = record.channel("x:m1") - model(values)
-    basis = np.linalg.qr(columns)[0]
-    left = (residuals - basis @ (basis.T @ residuals)) / sigma**2
-    dense = every[:, samples:COUNT:samples].T @ left
-    # residuals and Jacobian agree to what the relaxed flow and single precision leave
-    assert len(dense) == len(slopes) == segments.count - 1 > 100
-    np.testing.assert_allclose(slopes[:, 0], dense, atol=0.02 * np.abs(dense).max())
-    named = dict(zip((p.name for p in structure.parameters), values.tolist(), strict=True))
-    [noise] = noise_of_inputs(fit, structure.with_values(named), record.channels)
-    hinting = replace(noise, score=replace(noise.score, normal=3.0))
-    _, added = present(for_noise_of_inputs(fit, [hinting]))
-    moved = (
-        np.linalg.lstsq(columns, every[:, samples:COUNT:samples] * noise.pattern[:, 0])[0][:2]
-        * values[:, None]
-    )
-    np.testing.assert_allclose(
-        added, (noise.score.deviation**2 + noise.score.error) * (moved @ moved.T), rtol=0.02
-    )
 
 
 def test_intervals_hold_noise_that_residuals_hint_at() -> None:

@@ -11,8 +11,8 @@ import numpy as np
 import paper_fits
 import pytest
 import scipy
-from paper_fits import FIRST, LARGEST_NMSE, Runs, identified
-from present import present, some
+from paper_fits import LARGEST_NMSE, Runs, identified
+from present import present
 from problems import chain_record, truth
 from scipy.integrate import solve_ivp
 from scipy.optimize import OptimizeResult, least_squares
@@ -20,12 +20,8 @@ from structures import asked_oscillator, oscillator
 from within import assert_within
 
 import linkwise as lw
-from linkwise.likelihood.checks.skewed_profiles import _accelerations
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
-from linkwise.likelihood.optima import other_optima, profiles
-from linkwise.likelihood.optima.other_optima import rise_of_profile
-from linkwise.likelihood.search import block_scatter, block_scores
-from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.optima import profiles
 
 NAMES = ("spring1.k", "spring1.c", "nes1.alpha", "nes1.beta", "nes1.c")
 TRUE = np.array([3e4, 1.0, -100.0, 1e6, 0.02])
@@ -185,22 +181,6 @@ def test_errors_are_as_small_as_information_allows(many: Runs) -> None:
     paper_fits.check_bound(many, SHORT)
 
 
-def test_a_wrong_noise_model_is_caught_each_time() -> None:
-    unknown = lw.bnes_chain(2).unknown("all")
-    for seed in range(FIRST, FIRST + 5):
-        record = chain_record(2, duration=SHORT).with_noise(20.0, seed=seed)
-        half = {name: 0.5 * sigma for name, sigma in present(record.simulated).noise.items()}
-        fit = lw.identify(lw.Record(0.0, 1000.0, record.channels, record.values, half), unknown)
-        assert fit.status == "chi-square off"
-        assert all(
-            coefficient.interval is None for link in some(fit.links) for coefficient in link.coefficients
-        )
-
-
-def number(value: float) -> lw.Coefficient:
-    return lw.Coefficient.number(value)
-
-
 @pytest.fixture(scope="module")
 def linear() -> lw.Structure:
     return oscillator("k*d + c*v", k=400.0, c=0.4)
@@ -309,23 +289,11 @@ def test_no_interval_where_none_can_be(
 
 CHAIN = lw.bnes_chain(2)
 UNKNOWN = CHAIN.unknown("all")
-ALPHA = [str(parameter.name) for parameter in UNKNOWN.parameters].index("nes1.alpha")
 
 
 def released(speed: float, duration: float, decibel: float, seed: int) -> lw.Record:
     clean = lw.simulate(CHAIN, release={"v:m1": speed}, duration=duration, rate=1000.0)
     return clean.with_noise(decibel, seed=seed)
-
-
-def fitted_from_starts(record: lw.Record) -> LikelihoodFit:
-    theta, spread = starting_values([record], UNKNOWN)
-    return likelihood_fit([record], UNKNOWN, theta, spread=spread)
-
-
-@pytest.fixture(scope="module")
-def skewed() -> LikelihoodFit:
-    """A motion that nearly rests between the wells, after a search of few steps."""
-    return fitted_from_starts(released(0.7, 2.0, 20.0, 5730328))
 
 
 @pytest.mark.parametrize(
@@ -352,70 +320,6 @@ def test_another_optimum_behind_the_wall_takes_trust_away() -> None:
     assert off.max() > 5.0
     assert estimate.status == "several optima" and not estimate.trusted
     assert "or rises again beyond" in estimate.message
-
-
-def test_the_acceleration_is_the_third_difference_of_the_profile(
-    skewed: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """To within the fifth derivative over a fifth of a standard error."""
-    monkeypatch.setattr(other_optima, "_PRECISION", 1e-5)
-    error, distance = float(np.sqrt(skewed.covariance[ALPHA, ALPHA])), 0.2
-    rises = []
-    for side in (1.0, -1.0):
-        step = np.array([side * distance * error])
-        rise, converged = rise_of_profile(skewed, np.array([ALPHA]), step, distance)
-        assert converged
-        rises.append(rise)
-    acceleration = _accelerations(skewed, None)[ALPHA]
-    assert acceleration < -1.0
-    assert acceleration == pytest.approx((rises[1] - rises[0]) / (2.0 * distance), rel=0.1)
-
-
-def whole_fit(record: lw.Record, structure: lw.Structure) -> LikelihoodFit:
-    theta, spread = starting_values([record], structure, None)
-    return likelihood_fit([record], structure, theta, spread=spread)
-
-
-@pytest.fixture(scope="module")
-def chain_fit() -> LikelihoodFit:
-    record = chain_record(2).with_noise(30.0, seed=77)
-    return whole_fit(record, lw.bnes_chain(2).unknown("all"))
-
-
-def test_blocks_add_up_to_the_whole(chain_fit: LikelihoodFit) -> None:
-    optimum = chain_fit.optimum
-    scores = block_scores(
-        optimum.segments, chain_fit.misfit, optimum.scales, optimum.loss, optimum.q, blocks=24
-    )
-    assert scores is not None
-    whole = np.linalg.inv(scores.information.sum(axis=0)) * np.outer(
-        optimum.scales.theta, optimum.scales.theta
-    )
-    # sums of single-precision products in another order
-    assert np.allclose(whole, chain_fit.covariance, rtol=1e-2, atol=1e-2 * np.abs(chain_fit.covariance).max())
-    step = np.linalg.solve(scores.information.sum(axis=0), scores.scores.sum(axis=0))
-    deviations = np.sqrt(whole.diagonal()) / optimum.scales.theta
-    assert np.all(np.abs(step) < 0.1 * deviations)  # the optimum: no step is left
-    merged = scores.merged(6)
-    assert np.allclose(merged.scores.sum(axis=0), scores.scores.sum(axis=0))
-    assert len(merged.information) == 6
-
-
-def test_white_noise_hardly_widens(chain_fit: LikelihoodFit) -> None:
-    optimum = chain_fit.optimum
-    scatter = block_scatter(
-        optimum.segments,
-        chain_fit.misfit,
-        optimum.scales,
-        optimum.loss,
-        q=optimum.q,
-        noise=optimum.noise,
-        free=np.ones(len(optimum.scales.theta), dtype=bool),
-    )
-    assert scatter is not None
-    ratios = scatter.ratios
-    # t over normal quantile is 1.15 for ten blocks, and the deviation of ten draws exceeds 1.6 times the true one in 0.2 %
-    assert np.all(ratios >= 1.0) and np.all(ratios < 1.15 * 1.7)
 
 
 @pytest.mark.slow

@@ -185,6 +185,8 @@ def test_clean_records_are_trusted(seed: int, chain: lw.Structure) -> None:
     for snr_db in (10.0, 20.0, 40.0):
         fit = lw.identify(record(chain).with_noise(snr_db, seed=3000 + seed), chain.unknown("all"))
         assert fit.verdicts == (lw.Verdict.CONVERGED,)
+        assert fit.diagnosis == () and fit.to_dict()["diagnosis"] == []
+        assert fit.to_dict()["model_error_percent"] == 0.0
 
 
 def test_steps_of_the_flow_bend_no_coefficient() -> None:

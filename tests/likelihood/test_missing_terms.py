@@ -13,12 +13,9 @@ from judged import masses
 from present import present, some
 from problems import truth
 from random_force import random_force
-from scipy.integrate import solve_ivp
 from structures import link, named, oscillator, with_links
 
 import linkwise as lw
-from linkwise.likelihood.search import BlockScores
-from linkwise.likelihood.tests.score_test import MEMORY_FORCES, MemoryForce, Relaxation, Slip
 
 RATE, DURATION = 200.0, 20.0
 LAW = "k*d + c*v + k3*d**3"
@@ -130,77 +127,6 @@ def test_intervals_hold_a_term_that_hardly_raises_chi_square() -> None:
     assert (fit.diagnosis[0].where, fit.diagnosis[0].term) == ("nes1", "d**5")
     assert "Most of what is left would be explained by a force like d**5 in nes1" in fit.message
     assert_held(fit, chain, "nes1.beta")
-
-
-def of_noise(rng: np.random.Generator, blocks: int, unknowns: int) -> BlockScores:
-    """Scores of white noise at the optimum, with information that differs from block to block as an amplitude does."""
-    rows = rng.normal(size=(blocks, 40, unknowns)) * rng.uniform(0.5, 2.0, (blocks, 1, 1))
-    noise = rng.normal(size=(blocks, 40))
-    flat = rows.reshape(-1, unknowns)
-    noise -= (flat @ np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]).reshape(noise.shape)
-    return BlockScores(np.einsum("brp,br->bp", rows, noise), np.einsum("brp,brq->bpq", rows, rows))
-
-
-def test_chances_of_noise_are_uniform() -> None:
-    rng = np.random.default_rng(5)
-    chances = np.concatenate([of_noise(rng, 20, 3).chances(np.ones(3, dtype=bool), 1.0) for _ in range(400)])
-    for level in (0.02, 0.1, 0.5):
-        # 1200 chances, in threes that are hardly dependent: four binomial deviations, and a fifth of the level for the
-        # approximation by a multiple of chi-square
-        allowed = 4.0 * np.sqrt(level * (1.0 - level) / len(chances)) + 0.2 * level
-        assert abs(np.mean(chances < level) - level) < allowed
-
-
-def cut(values: np.ndarray, steps: int) -> np.ndarray:
-    """(2 J + 1, 2, 1, K) in segments of so many steps, of (2, N) at ends and middles in turn."""
-    count = (values.shape[1] - 1) // (2 * steps)
-    pieces = [values[:, 2 * steps * k : 2 * steps * (k + 1) + 1] for k in range(count)]
-    return np.stack(pieces, axis=-1).transpose(1, 0, 2)[:, :, None]
-
-
-TIME = np.linspace(0.0, 6.0, 6001)
-MOTION = np.stack(
-    [np.sin(3.0 * TIME) + 0.4 * np.cos(7.0 * TIME), 3.0 * np.cos(3.0 * TIME) - 2.8 * np.sin(7.0 * TIME)]
-)
-DEVIATION, RATE_DEVIATION = MOTION.std(axis=1)
-
-
-@pytest.mark.parametrize(
-    ("force", "rate"),
-    [
-        (Slip(0.3), lambda v, z: (v - z * abs(v)) / (0.3 * DEVIATION)),
-        (Relaxation(2.0), lambda v, z: v - z * RATE_DEVIATION / (2.0 * DEVIATION)),
-    ],
-    ids=["slip", "relaxation"],
-)
-def test_a_force_with_memory_follows_its_differential_equation(
-    force: MemoryForce, rate: Callable[[float, float], float]
-) -> None:
-    motion = cut(MOTION, 5)
-    links = np.ones(motion.shape[-1] - 1, dtype=bool)
-    along = force.along(motion, np.full(len(links) + 1, 2e-3), links)
-    exact = solve_ivp(
-        lambda t, z: rate(float(np.interp(t, TIME, MOTION[1])), z),
-        (0.0, 6.0),
-        [0.0],
-        t_eval=TIME,
-        rtol=1e-8,
-        max_step=2e-3,
-    ).y
-    wanted = cut(exact, 5)
-    # ends of segments count twice in the deviation, by a thousandth; a reversal between two values turns by 1e-5 of it
-    allowed = 2e-3 * np.max(np.abs(exact))
-    assert np.max(np.abs(along - wanted[:, 0])) < allowed
-
-
-@pytest.mark.parametrize("force", MEMORY_FORCES, ids=[force.text for force in MEMORY_FORCES])
-def test_a_force_with_memory_starts_anew_in_each_record(force: MemoryForce) -> None:
-    motion = cut(MOTION, 5)
-    step, links = np.full(motion.shape[-1], 2e-3), np.ones(motion.shape[-1] - 1, dtype=bool)
-    links[19] = False
-    along = force.along(motion, step, links)
-    assert along[0, 0, 20] == 0.0 and along[0, 0, 19] != 0.0
-    assert not force.along(0.0 * motion, step, links).any()
 
 
 def test_a_relaxation_is_named_in_place_of_a_gain() -> None:

@@ -21,9 +21,6 @@ from structures import (
 from within import assert_within, of
 
 import linkwise as lw
-from linkwise.likelihood.fit import likelihood_fit
-from linkwise.likelihood.optima.other_optima import elongation_energy
-from linkwise.likelihood.starts.values import starting_values
 
 
 @pytest.mark.parametrize("seed", [1, 2, 6])
@@ -149,20 +146,6 @@ def test_a_link_as_good_as_rigid_is_not_trusted() -> None:
     fit = lw.identify(released(structure, 5.0, 2), structure.unknown("all"))
     assert fit.verdicts[0] is lw.Verdict.SEVERAL_OPTIMA
     assert "inner.k, inner.c" in fit.message
-
-
-def test_energy_is_that_of_the_elongation_over_the_noise_of_both_ends() -> None:
-    structure = pair(3.0 * STIFFNESS)
-    clean = lw.simulate(structure, release={"v:m1": 1.0}, duration=DURATION, rate=RATE)
-    record, unknown = clean.with_noise(20.0, seed=1), structure.unknown("all")
-    theta, spread = starting_values([record], unknown)
-    fit = likelihood_fit([record], unknown, theta, spread=spread)
-    x = np.stack([clean.channel("x:m1"), clean.channel("x:m2")])
-    sigma = np.sqrt(np.mean(x**2, axis=1) * 10.0 ** (-20.0 / 10.0))
-    d = x[1] - x[0]
-    outer, inner = np.var(x[0]) / sigma[0] ** 2, np.var(d) / np.sum(sigma**2)
-    # of fitted motion and noise: 3 % of the noise, and the elongation to sqrt(2 / energy)
-    assert elongation_energy(fit) == pytest.approx(len(clean) * np.array([outer, inner]), rel=0.1)
 
 
 SINK = {"alpha": -60.0, "beta": 2e6, "c": 0.1}

@@ -14,8 +14,7 @@ from within import assert_within, of
 
 import linkwise as lw
 from linkwise import Verdict
-from linkwise.likelihood.rigs.problem import LinkPath, PrescribedMotion
-from linkwise.signals.smooth import smoothing_spline
+from linkwise.likelihood.rigs.problem import LinkPath
 
 SEEDS = 20
 
@@ -333,35 +332,3 @@ def test_derivatives_by_unknowns_are_those_of_differences(law: lw.Law) -> None:
         by_difference = (above.force() - below.force()) / 2e-6
         column = len(law.coefficients) + state
         np.testing.assert_allclose(slopes[:, column], by_difference, atol=1e-4)
-
-
-def test_the_transposed_equations_agree_with_the_direct_ones() -> None:
-    rng = np.random.default_rng(3)
-    tangents = path(TWO, 400, initial=(0.1, 2.0)).tangents(TWO.coefficients)
-    weights, changes = rng.standard_normal((401, 3)), rng.standard_normal((2, 401, 2))
-    forward = weights.T @ tangents.by_motion(*changes)
-    by_d, by_v = tangents.to_motion(weights)
-    np.testing.assert_allclose(by_d.T @ changes[0] + by_v.T @ changes[1], forward, rtol=1e-9)
-
-
-def test_noise_of_samples_reaches_the_motion_as_the_spline_passes_it() -> None:
-    rng = np.random.default_rng(5)
-    samples = np.sin(np.arange(120) / 7.0) + 0.01 * rng.standard_normal(120)
-    spline = smoothing_spline(samples, 50.0)
-    moved = PrescribedMotion.of(spline, 3, 1.0)
-    weights = rng.standard_normal((2, len(moved.d), 2))
-    noise = moved.noise_of(*weights)
-    step = np.zeros(120)
-    step[40] = 1.0
-    changed = PrescribedMotion.of(
-        smoothing_spline(samples + step, 50.0, smoothing=float(spline.smoothing[0])), 3, 1.0
-    )
-    change = weights[0].T @ (changed.d - moved.d) + weights[1].T @ (changed.v - moved.v)
-    np.testing.assert_allclose(noise[40], change, rtol=1e-7)
-
-
-def test_a_state_that_runs_away_is_told() -> None:
-    law = lw.Law.parse("k*d + F*z", {"z": "v/x0 + z*z*abs(v)/x0"})
-    link = rig("k*d", {"k": 1.0}).link("damper")
-    assert link.law.states == ()
-    assert not path(law, 200, initial=(50.0,)).converged
