@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.polynomial import Polynomial
 from present import present, some
 from problems import chain_record
 from structures import host, link, oscillator, row_of_masses, structure
@@ -18,7 +18,6 @@ from within import assert_within
 
 import linkwise as lw
 from linkwise.likelihood.options import errors_to_find, uncounted
-from linkwise.likelihood.shooting.flow import Trajectories, late_motion
 
 CHAIN = lw.bnes_chain(2)
 CHAIN_ASKED = CHAIN.unknown("all")
@@ -96,48 +95,6 @@ def test_a_delay_of_the_only_force_is_admitted_as_responses_that_are_early() -> 
     assert_within(fit, structure)
 
 
-def test_a_delay_of_no_sensor_is_refused() -> None:
-    with pytest.raises(lw.IdentificationError, match="no delay of x:m9 can be estimated: the sensors"):
-        lw.identify(late("x:m1", 0, seed=34), CHAIN_ASKED, delays=["x:m9"])
-
-
-def test_errors_of_sensors_that_cannot_be_found_are_refused() -> None:
-    record = late("a:m2", 30, seed=36)
-    coarse = record.decimate(2)
-    with pytest.raises(
-        lw.IdentificationError,
-        match=r"late by more than a sample, which cannot be found from records of different",
-    ):
-        lw.identify([record, coarse], CHAIN_ASKED, delays=["a:m2"])
-    for errors in ({"delays": ["x:m1", "x:m1"]}, {"offsets": ["x:m1", "x:m1"]}):
-        with pytest.raises(lw.IdentificationError, match="x:m1 is named twice"):
-            lw.identify(record, CHAIN_ASKED, **errors)  # type: ignore[arg-type]  # of one of the keywords
-
-
-@pytest.mark.parametrize("kind", [0, 1, 2])
-@pytest.mark.parametrize("delay", [0.5, -0.3])
-@pytest.mark.parametrize("degree", [11, 12])
-def test_the_motion_between_samples_is_of_degree_11(kind: int, delay: float, degree: int) -> None:
-    """Motion t^11 is exact, and t^12 less the remainder of Hermite's polynomial: prod (t - t_i)^3 over four samples."""
-    step, count, points = 0.4, 6, 4
-    time = step * (np.arange(count) - 2.5)
-    motion = Polynomial.basis(degree)
-    states = np.stack([motion(time), step * motion.deriv()(time)], axis=1)[:, :, None, None]
-    accelerations = motion.deriv(2)(time)[:, None, None]
-    empty = np.empty((0, 0))
-    orbit = Trajectories(states, empty, accelerations, empty, empty, empty, empty)
-    shown, rate = late_motion(orbit, np.array([step]), 1, mass=0, kind=kind, delay=delay * step)
-    # rounding of 1e-16 through coefficients of up to 1e3, and two digits; inside, the remainder is 1e-6 and more
-    approximately = partial(pytest.approx, rel=1e-9, abs=1e-9 / step ** (kind + 1))
-    for sample in range(count - 1):
-        at = time[sample] - delay * step
-        first = min(max(int(np.floor(sample - delay)) + 1 - points // 2, 0), count - points)
-        around = np.repeat(time[first : first + points], 3)
-        polynomial = motion if degree == 11 else motion - Polynomial.fromroots(around)
-        assert shown[sample, 0] == approximately(polynomial.deriv(kind)(at))
-        assert rate[sample, 0] == approximately(polynomial.deriv(kind + 1)(at))
-
-
 QUAKE = "0.0004*sin(61*t) + 0.0003*sin(97*t + 1) + 0.0002*sin(131*t + 2) + 0.0001*sin(210*t)"
 STOREY = oscillator("k*d + c*v", to="base", name="frame", k=19000.0, c=1.2)
 
@@ -157,14 +114,10 @@ def explained(fit: lw.Estimate, late: float) -> None:
     assert abs(delay - late) < 5.0 * deviation
 
 
-def test_a_delay_of_a_third_of_a_period_is_found_beyond_nearer_optima() -> None:
-    """A fit from no delay ends about half of the way."""
-    explained(lw.identify(shaken(1.0, 0.015), STOREY.unknown("all"), delays=["a:m1"]), 0.015)
-
-
-def test_half_a_sample_on_a_moving_base_is_found_as_a_delay_of_all_that_the_sensor_shows() -> None:
-    """To first order the base alone would leave 9 % of a signal at 33 Hz, nine times the noise."""
-    explained(lw.identify(shaken(1.5, 0.0042), STOREY.unknown("all"), delays=["a:m1"]), 0.0042)
+@pytest.mark.parametrize(("duration", "late"), [pytest.param(1.0, 0.015, marks=pytest.mark.slow), (1.5, 0.0042)])
+def test_a_delay_of_all_that_a_sensor_on_a_moving_base_shows_is_found(duration: float, late: float) -> None:
+    """A third of a period, beyond nearer optima; half a sample, of which the base alone would leave nine times the noise."""
+    explained(lw.identify(shaken(duration, late), STOREY.unknown("all"), delays=["a:m1"]), late)
 
 
 def test_a_base_that_is_late_is_admitted_as_a_response_that_is_early() -> None:
@@ -322,6 +275,8 @@ def test_the_calibration_of_all_is_of_no_force() -> None:
         for each, more in ((stated, {}), (record, {"force:m2": 0.02}))
     )
     assert every.values == pytest.approx(alone.values, rel=1e-12)
+    acting = [driven(gains=ZERO, seed=41), driven(seed=42)]
+    assert errors_to_find(acting, gains=["force:m1"])["gains"] == ("force:m1",)  # in one of two
     assert not any("not counted" in line for line in every.findings)
 
 
@@ -353,18 +308,41 @@ def test_a_gain_is_admitted_where_the_diagnosis_names_it_alone() -> None:
     assert not lw.identify(single, one.unknown("all"), admit=["gain"]).sensor_errors
 
 
-def test_a_force_that_no_channel_shows_has_no_gain() -> None:
-    record = driven({"m2": SECOND})
-    for keywords in ({"gains": ["force:m1"]}, {"delays": ["force:m1"]}):
-        with pytest.raises(
-            lw.IdentificationError,
-            match=r"no gain or delay of force:m1 can be estimated.*has the forces force:m2",
-        ):
-            lw.identify(record, ASKED, **keywords)  # type: ignore[arg-type]  # of one of the keywords
-    with pytest.raises(
-        lw.IdentificationError, match=r"no calibration of force:m1 .* and the forces force:m2"
-    ):
-        lw.identify(record, ASKED, calibration={"force:m1": 0.01})
+FIRST_ABSENT = "no gain or delay of force:m1 can be estimated.*has the forces force:m2"
+FIRST_ZERO = "no gain or delay of force:m1 .* is 0 throughout the record"
+ON_TIME, DRIVEN_AT_TOP, ZERO = (
+    partial(late, "x:m1", 0, 34),
+    partial(driven, {"m2": SECOND}),
+    {"force:m1": 0.0},
+)
+
+
+@pytest.mark.parametrize(
+    ("records", "asked", "options", "message"),
+    [
+        (ON_TIME, CHAIN_ASKED, {"delays": ["x:m9"]}, "no delay of x:m9 can be estimated: the sensors"),
+        (ON_TIME, CHAIN_ASKED, {"delays": ["x:m1", "x:m1"]}, "x:m1 is named twice"),
+        (ON_TIME, CHAIN_ASKED, {"offsets": ["x:m1", "x:m1"]}, "x:m1 is named twice"),
+        (lambda: [late("a:m2", 30, seed=36), late("a:m2", 30, seed=36).decimate(2)], CHAIN_ASKED, {"delays": ["a:m2"]},
+         "late by more than a sample, which cannot be found from records of different"),
+        (DRIVEN_AT_TOP, ASKED, {"gains": ["force:m1"]}, FIRST_ABSENT),
+        (DRIVEN_AT_TOP, ASKED, {"delays": ["force:m1"]}, FIRST_ABSENT),
+        (DRIVEN_AT_TOP, ASKED, {"calibration": {"force:m1": 0.01}}, "no calibration of force:m1 .* and the forces force:m2"),
+        (lambda: replace(driven(), interpolation={"force:m2": "held"}), ASKED, {"delays": ["force:m2"]},
+         "no delay of force:m2, which is held between its samples"),
+        (partial(driven, gains=ZERO), ASKED, {"gains": ["force:m1"]}, FIRST_ZERO),
+        (partial(driven, gains=ZERO), ASKED, {"delays": ["force:m1"]}, FIRST_ZERO),
+        (lambda: [driven(gains=ZERO, seed=seed) for seed in (41, 42)], ASKED, {"gains": ["force:m1"]}, FIRST_ZERO),
+    ],
+)  # fmt: skip
+def test_errors_of_channels_that_cannot_be_found_are_refused(
+    records: Callable[[], lw.Record | list[lw.Record]],
+    asked: lw.Structure,
+    options: dict[str, Any],
+    message: str,
+) -> None:
+    with pytest.raises(lw.IdentificationError, match=message):
+        lw.identify(records(), asked, **options)
 
 
 @pytest.mark.parametrize("delay", [1.5e-3, -12e-3])
@@ -382,14 +360,6 @@ def test_a_delay_that_is_known_to_within_is_counted_and_one_that_is_diagnosed_ad
     for fit in (lw.identify(stated, ASKED), lw.identify(record, ASKED, admit=["delay"])):
         assert_error(fit, "force:m2", 1.5e-3, "delay")
         assert_within(fit, PAIR, 5.0)
-
-
-def test_no_delay_of_a_force_that_jumps_is_found_beside_others() -> None:
-    record = replace(driven(), interpolation={"force:m2": "held"})
-    with pytest.raises(
-        lw.IdentificationError, match="no delay of force:m2, which is held between its samples"
-    ):
-        lw.identify(record, ASKED, delays=["force:m2"])
 
 
 def test_beside_a_moving_base_a_gain_is_of_the_applied_force_alone() -> None:
@@ -500,17 +470,3 @@ def test_unknown_gains_of_every_channel_are_refused_unless_a_known_law_sets_the_
         assert abs(error.value - 1.0) < 5.0 * error.standard_error < 0.25
     for gains in (ALL_OF_PAIR[:3], ALL_OF_PAIR[1:]):
         assert lw.identify(record, ASKED, gains=gains).trusted
-
-
-def test_the_gain_of_a_force_that_is_zero_throughout_is_refused() -> None:
-    """It was said of its gain that another scale explains the records as well."""
-    record = driven(gains={"force:m1": 0.0}, seed=41)
-    for keywords in ({"gains": ["force:m1"]}, {"delays": ["force:m1"]}):
-        with pytest.raises(
-            lw.IdentificationError, match=r"no gain or delay of force:m1 .* is 0 throughout the record"
-        ):
-            lw.identify(record, ASKED, **keywords)  # type: ignore[arg-type]  # of one of the keywords
-    with pytest.raises(lw.IdentificationError, match="0 throughout the records"):
-        lw.identify([record, driven(gains={"force:m1": 0.0}, seed=42)], ASKED, gains=["force:m1"])
-    acting = errors_to_find([record, driven(seed=42)], gains=["force:m1"])  # in one of two
-    assert acting["gains"] == ("force:m1",)

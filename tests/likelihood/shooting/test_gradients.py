@@ -10,7 +10,16 @@ import pytest
 from present import present, some
 from problems import chain_record, rubbing_trio, truth
 from scipy.stats import norm
-from structures import row_of_masses
+from structures import (
+    CANTILEVER,
+    CANTILEVER_SHAPES,
+    CANTILEVER_SINK,
+    NES,
+    host,
+    link,
+    row_of_masses,
+    structure,
+)
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -163,6 +172,21 @@ def pair_driven() -> lw.Record:
     return lw.simulate(PAIR, forces=forces, duration=1.0, rate=200.0).with_noise(35.0, seed=1)
 
 
+#: A sink that also remembers, on a cantilever whose shapes are known to within.
+BEAM = structure(
+    {"sink": 0.03},
+    link("nes", "sink-beam.tip", NES, **CANTILEVER_SINK),
+    link("creep", "sink-beam.tip", "k*z", {"z": "v + pull*d - z/tau"}, k=50.0, pull=30.0, tau=0.01),
+    hosts=[host("beam", CANTILEVER, 0.01, CANTILEVER_SHAPES).known_to_within(shape=0.02)],
+)
+
+
+def hit_beam() -> lw.Record:
+    hit = {"beam.mid": "80*exp(-((t - 0.05)/0.002)**2)"}
+    sensors = ["a:beam.tip", "a:beam.root", "a:sink"]
+    return lw.simulate(BEAM, forces=hit, duration=0.1, rate=1000.0, sensors=sensors).with_noise(25.0, seed=42)
+
+
 ERRORS_OF_SENSORS = {  # records, structure, what is unknown of sensors, and by how much slopes may differ
     "offset and gain": (
         [chain_released()], lw.bnes_chain(2), {"offsets": ("x:m2",), "gains": ("x:m2",)}, 1e-4,
@@ -181,6 +205,7 @@ ERRORS_OF_SENSORS = {  # records, structure, what is unknown of sensors, and by 
         1e-2,
     ),
     "calibration": ([chain_released()], lw.bnes_chain(2), {"calibration": {"x:m2": 0.01}}, 1e-4),
+    "shapes of a host": ([hit_beam()], BEAM, {"gains": ("a:sink",)}, 1e-2),
 }  # fmt: skip
 
 
@@ -209,7 +234,10 @@ def test_slopes_by_errors_of_sensors_are_the_costs_differences(kind: str, q: flo
 
     linear = linearise(segments, evaluate(segments, point, scales, Gaussian()), scales, Gaussian())
     computed = -2.0 * linear.equations(q).corner_gradient
-    for number in some(range(len(true.unknown("all").parameters), len(computed))):
+    names = [parameter.name for parameter in true.unknown("all").parameters]
+    shapes = [number for number, name in enumerate(names) if ".shape." in name]
+    assert len(shapes) == (9 if true is BEAM else 0)
+    for number in some([*shapes, *range(len(names), len(computed))]):
         step = EPS * scales.theta * (np.arange(len(computed)) == number)
         quotient = (cost(point.border + step) - cost(point.border - step)) / (2.0 * EPS)
         assert computed[number] == pytest.approx(quotient, rel=tolerance), number
