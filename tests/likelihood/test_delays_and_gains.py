@@ -114,7 +114,9 @@ def explained(fit: lw.Estimate, late: float) -> None:
     assert abs(delay - late) < 5.0 * deviation
 
 
-@pytest.mark.parametrize(("duration", "late"), [pytest.param(1.0, 0.015, marks=pytest.mark.slow), (1.5, 0.0042)])
+@pytest.mark.parametrize(
+    ("duration", "late"), [pytest.param(1.0, 0.015, marks=pytest.mark.slow), (1.5, 0.0042)]
+)
 def test_a_delay_of_all_that_a_sensor_on_a_moving_base_shows_is_found(duration: float, late: float) -> None:
     """A third of a period, beyond nearer optima; half a sample, of which the base alone would leave nine times the noise."""
     explained(lw.identify(shaken(duration, late), STOREY.unknown("all"), delays=["a:m1"]), late)
@@ -154,6 +156,7 @@ PAIR = row_of_masses(
     lower=("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 2e5, "c": 0.6}),
     upper=("k*d + c*v", {"k": 1000.0, "c": 0.6}),
 )
+ONE = oscillator("k*d + c*v", name="s", k=900.0, c=0.6)
 ASKED = PAIR.unknown("all")
 WEIGHED = PAIR.unknown("all", "mass:m1", "mass:m2")
 BOTH = {"m1": FIRST, "m2": SECOND}
@@ -249,14 +252,13 @@ def test_nothing_tells_the_gain_where_every_mass_is_unknown() -> None:
 
 def test_gains_that_stand_for_each_other_are_refused() -> None:
     """A linear oscillator shows the ratio of two gains alone, and one that swings freely none at all."""
-    one = structure({"m1": 1.0}, link("s", "m1-ground", "k*d + c*v", k=900.0, c=0.6))
-    asked = one.unknown("all")
-    record = driven({"m1": FIRST}, subject=one)
+    asked = ONE.unknown("all")
+    record = driven({"m1": FIRST}, subject=ONE)
     with pytest.raises(
         lw.IdentificationError, match=r"do not tell the gain of x:m1, force:m1: .* Leave one of them"
     ):
         lw.identify(record, asked, gains=["x:m1", "force:m1"])
-    free = lw.simulate(one, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=3)
+    free = lw.simulate(ONE, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=3)
     with pytest.raises(lw.IdentificationError, match=r"do not tell the gain of x:m1: .* Leave it out"):
         lw.identify(free, asked, gains=["x:m1"])
     # of which one is known to within a part, which is the other's error then
@@ -303,9 +305,8 @@ def test_a_gain_is_admitted_where_the_diagnosis_names_it_alone() -> None:
     assert_error(fit, "force:m1", 1.05)
     assert_within(fit, PAIR, 5.0)
     # of one mass a force that is too large is a response that is too small: neither is taken for the other
-    one = structure({"m1": 1.0}, link("s", "m1-ground", "k*d + c*v", k=900.0, c=0.6))
-    single = driven({"m1": FIRST}, gains={"force:m1": 1.1}, subject=one)
-    assert not lw.identify(single, one.unknown("all"), admit=["gain"]).sensor_errors
+    single = driven({"m1": FIRST}, gains={"force:m1": 1.1}, subject=ONE)
+    assert not lw.identify(single, ONE.unknown("all"), admit=["gain"]).sensor_errors
 
 
 FIRST_ABSENT = "no gain or delay of force:m1 can be estimated.*has the forces force:m2"
@@ -389,16 +390,8 @@ def test_the_gain_of_a_force_at_a_point_of_a_host_is_found() -> None:
         link("stop", "store-beam.tip", "k*d + c*v", k=2000.0, c=0.5),
         hosts=[host("beam", [20.0], 0.005, {"tip": [1.0]})],
     )
-    record = lw.simulate(
-        beam, forces={"beam.tip": FIRST}, duration=2.0, rate=500.0, sensors=["x:beam.tip", "x:store"]
-    ).with_noise(35.0, seed=3)
-    values = record.values.copy()
-    values[:, record.channels.index("force:beam.tip")] = 1.05 * lw.model.TimeFunction(FIRST).value(
-        record.time
-    )
-    fit = lw.identify(
-        replace(record, values=values, simulated=None), beam.unknown("stop"), gains=["force:beam.tip"]
-    )
+    record = driven({"beam.tip": FIRST}, gains={"force:beam.tip": 1.05}, subject=beam, seed=3)
+    fit = lw.identify(record, beam.unknown("stop"), gains=["force:beam.tip"])
     assert_error(fit, "force:beam.tip", 1.05)
     assert_within(fit, {"stop.k": 2000.0}, 5.0)
 
@@ -436,7 +429,6 @@ def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(seed: int, t
 
 def test_an_interrupted_search_gives_the_best_so_far() -> None:
     """Of a gain for which the mass and the law stand as well, so that a search that ends is refused."""
-    one = structure({"m1": 1.0}, link("s", "m1-ground", "k*d + c*v", k=900.0, c=0.6))
     reports: list[lw.estimates.ProgressReport] = []
 
     def stop(report: lw.estimates.ProgressReport) -> None:
@@ -444,7 +436,7 @@ def test_an_interrupted_search_gives_the_best_so_far() -> None:
         if len(reports) == 2:
             raise KeyboardInterrupt
 
-    record, asked = driven({"m1": FIRST}, subject=one, seed=41), one.unknown("all", "mass:m1")
+    record, asked = driven({"m1": FIRST}, subject=ONE, seed=41), ONE.unknown("all", "mass:m1")
     with pytest.raises(lw.IdentificationError, match="do not tell the gain of x:m1"):
         lw.identify(record, asked, gains=["x:m1"])
     fit = lw.identify(record, asked, gains=["x:m1"], progress=stop)

@@ -7,19 +7,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from present import present
 from structures import link, oscillator, structure
 from within import assert_within
 
 import linkwise as lw
-from linkwise.likelihood.fit import sensor_model
-from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.problem import shooting_problem
-from linkwise.likelihood.random_forces import random_forces
-from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.normal_equations import linearise
-from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.signals.base_frame import framed
 from linkwise.verdict import Verdict
 
 RATE, COUNT = 100.0, 801
@@ -231,31 +222,6 @@ def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
     errors = np.sqrt(of_base.covariance.diagonal())
     np.testing.assert_allclose(of_base.values, of_force.values, atol=0.1 * float(errors.min()))
     np.testing.assert_allclose(errors, np.sqrt(of_force.covariance.diagonal()), rtol=0.02)
-
-
-@pytest.mark.parametrize("sensors", [("a", "a:base"), ("x", "x:base"), ("rel:x", "x:base")])
-def test_sensitivities_to_the_noise_agree_with_differences(sensors: tuple[str, ...]) -> None:
-    record, structure = on_noisy_base(sensors, "k*d + c*v", 6), storeys()
-    frames = [framed(record, structure)]
-    options = LikelihoodOptions(random=random_forces((), "all", record, structure))
-    problem = shooting_problem(
-        [frames[0].record], structure, np.zeros(0), None, sensor_model(frames, options)
-    )
-    segments, scales, loss = problem.segments, problem.scales, Gaussian()
-    random = present(segments.random)
-    [row] = random.rows.tolist()
-    linear = linearise(segments, evaluate(segments, problem.start, scales, loss), scales, loss)
-    by_segment = linear.equations(1.0).diagonal[:, row, row] - (scales.state[row] / random.deviation[0]) ** 2
-    moved = problem.start.nodes.copy()
-    moved[row] += scales.state[row]
-    nodes = [
-        evaluate(segments, replace(problem.start, nodes=nodes), scales, loss)
-        for nodes in (problem.start.nodes, moved)
-    ]
-    squares = np.sum((nodes[1].residuals - nodes[0].residuals) ** 2, axis=(0, 1))
-    defects = np.sum((nodes[1].defects - nodes[0].defects) ** 2, axis=0)
-    # linear laws; sensitivities are of order 4 in steps that are fine enough for a fifth of a per cent, so twice that
-    np.testing.assert_allclose(by_segment[:-1], squares[:-1] + defects, rtol=4e-3)
 
 
 def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:

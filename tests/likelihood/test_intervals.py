@@ -23,6 +23,8 @@ import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.optima import profiles
 
+CHAIN = lw.bnes_chain(2)
+UNKNOWN = CHAIN.unknown("all")
 NAMES = ("spring1.k", "spring1.c", "nes1.alpha", "nes1.beta", "nes1.c")
 TRUE = np.array([3e4, 1.0, -100.0, 1e6, 0.02])
 START = TRUE * np.array([1.02, 0.7, 1.1, 0.9, 1.3])
@@ -81,25 +83,17 @@ def slow(short_record: lw.Record) -> OptimizeResult:
     )
 
 
-def fit_of(record: lw.Record, structure: lw.Structure, start: np.ndarray) -> LikelihoodFit:
-    return likelihood_fit([record], structure, start)
-
-
 @pytest.fixture(scope="module")
 def ours(short_record: lw.Record) -> LikelihoodFit:
-    return fit_of(short_record, lw.bnes_chain(2).unknown("all"), START)
+    return likelihood_fit([short_record], UNKNOWN, START)
 
 
-def test_the_optimum_is_the_same(ours: LikelihoodFit, slow: OptimizeResult) -> None:
+def test_optimum_and_covariance_are_the_same(ours: LikelihoodFit, slow: OptimizeResult) -> None:
     assert ours.status.value == "converged"
     error = np.sqrt(np.diag(slow.covariance))
     # the search ends with less than 0.02 of the cost to gain, sqrt(0.02) standard errors along the worst direction
     assert np.abs((ours.values - slow.theta) / error).max() < 0.14
     assert ours.misfit.data == pytest.approx(slow.cost, abs=0.02)  # that end itself
-
-
-def test_the_covariance_is_the_same(ours: LikelihoodFit, slow: OptimizeResult) -> None:
-    error = np.sqrt(np.diag(slow.covariance))
     scaled = (ours.covariance - slow.covariance) / np.outer(error, error)
     assert np.abs(scaled).max() < 0.02  # tangents of order 4 in steps of a sample
 
@@ -112,7 +106,7 @@ def test_the_curvature_is_the_profiles(short_record: lw.Record, ours: Likelihood
     rises = []
     for sign in (-1.0, 1.0):
         constrained = lw.bnes_chain(2).unknown("all").with_values({name: ours.values[number] + sign * error})
-        others = fit_of(short_record, constrained, np.delete(ours.values, number))
+        others = likelihood_fit([short_record], constrained, np.delete(ours.values, number))
         assert others.status.value == "converged"
         q = ours.path[-1].q
         rises.append(others.misfit.cost(q) - ours.misfit.cost(q))
@@ -127,7 +121,7 @@ def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
     for seed in range(60):
         noisy = clean.with_noise(40.0, seed=seed)
         noisy = replace(noisy, noise=dict(present(noisy.simulated).noise))
-        estimates.append(fit_of(noisy, lw.bnes_chain(2).unknown("all"), TRUE).values)
+        estimates.append(likelihood_fit([noisy], UNKNOWN, TRUE).values)
     z = (np.stack(estimates) - TRUE) / np.sqrt(np.diag(slow.covariance))
     # a variance over 60 scatters by sqrt(2/60) = 0.18: 3 deviations
     assert np.mean(z**2, axis=0) == pytest.approx(np.ones(5), abs=0.55)
@@ -285,10 +279,6 @@ def test_no_interval_where_none_can_be(
 ) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
         lw.likelihood.profile_interval(replace(nearly_linear, **change), name)
-
-
-CHAIN = lw.bnes_chain(2)
-UNKNOWN = CHAIN.unknown("all")
 
 
 def released(speed: float, duration: float, decibel: float, seed: int) -> lw.Record:

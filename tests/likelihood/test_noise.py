@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from coloured_noise import autoregressive, differenced
 from duffing_ring import NOISE, SIZE, VALUES, noisy, ring
 from present import present
 from problems import chain_record, truth
@@ -15,21 +16,9 @@ from random_force import random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw
-from linkwise.likelihood.noise import ColouredNoise, _resonates
+from linkwise.likelihood.noise import ColouredNoise
 
 SNR = 30.0
-
-
-def autoregressive(rng: np.random.Generator, shape: tuple[int, int], correlation: float) -> np.ndarray:
-    """First-order noise of unit power in the first channel, white noise in the others."""
-    noise = rng.normal(size=shape)
-    driven = scipy.signal.lfilter([1.0], [1.0, -correlation], noise[:, 0])
-    noise[:, 0] = driven * np.sqrt(1.0 - correlation**2)
-    return noise
-
-
-def differenced(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    return np.asarray(np.diff(rng.normal(size=(shape[0] + 1, shape[1])), axis=0) / np.sqrt(2.0))
 
 
 COLOURS: dict[str, Callable[[np.random.Generator, tuple[int, int]], np.ndarray]] = {
@@ -112,8 +101,7 @@ def test_noise_that_is_stated_and_larger_is_not_excused() -> None:
 def test_an_autoregression_is_found(correlation: float) -> None:
     series = autoregressive(np.random.default_rng(1), (6000, 2), correlation)
     series[700:710] = 0.0  # missing
-    noise = estimated_noise(series)
-    assert noise is not None
+    noise = present(estimated_noise(series))
     assert noise.channels.tolist() == [0] and noise.samples.tolist() == [5990, 5990]
     error = np.sqrt((1.0 - correlation**2) / 6000)
     assert noise.coefficients[0][0] == pytest.approx(correlation, abs=4.0 * error)
@@ -121,64 +109,43 @@ def test_an_autoregression_is_found(correlation: float) -> None:
     assert noise.variances[0] == pytest.approx(1.0, abs=4.0 * size + 0.05)  # never below what is left is flat
 
 
-def _fading(series: np.ndarray) -> np.ndarray:
-    return series * np.linspace(1.5, 0.5, len(series))[:, None]
+def resonant(rng: np.random.Generator, samples: float, damping: float) -> np.ndarray:
+    """A motion at so many samples a period under white forces."""
+    pole = np.exp((-damping + 1j) * 2.0 * np.pi / samples)
+    return np.asarray(scipy.signal.lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.normal(size=6000)))
 
 
-def _resonant(rng: np.random.Generator) -> np.ndarray:
-    """A motion at a seventh of the rate with 1 % of damping under white forces."""
-    pole = 0.99 * np.exp(2j * np.pi / 7.0)
-    return np.asarray(
-        scipy.signal.lfilter([1.0], np.poly([pole, pole.conj()]), rng.normal(size=(6000, 1)), axis=0)
-    )
+def spectrum(kind: str, rng: np.random.Generator) -> np.ndarray:
+    """(N,) a series of a kind."""
+    white = rng.normal(size=6010)
+    return {
+        "white": lambda: white[10:],
+        "drift": lambda: np.cumsum(white)[10:],
+        "fading": lambda: autoregressive(rng, (6000, 1), 0.5)[:, 0] * np.linspace(1.5, 0.5, 6000),
+        "lightly damped": lambda: resonant(rng, 7.0, 0.01),
+        # at so few samples a period its poles are far from the circle; laws that miss a link leave it
+        "damped": lambda: resonant(rng, 5.0, 0.05) + 0.5 * white[10:],
+        "well damped": lambda: resonant(rng, 5.0, 0.3) + 0.5 * white[10:],
+        "average": lambda: np.convolve(white, np.ones(3), mode="valid")[:6000],
+        "filter": lambda: (
+            scipy.signal.sosfilt(scipy.signal.butter(8, 0.5, output="sos"), white)[10:]
+            + 0.05 * rng.normal(size=6000)
+        ),
+        "notch": lambda: scipy.signal.lfilter(*scipy.signal.iirnotch(0.3, 2.0), white)[10:],
+    }[kind]()
 
 
-@pytest.mark.parametrize("kind", ["white", "drift", "fading", "resonant"])
-def test_what_is_no_coloured_noise_of_a_sensor(kind: str) -> None:
-    rng = np.random.default_rng(2)
-    series = {
-        "white": rng.normal(size=(6000, 2)),
-        "drift": np.cumsum(rng.normal(size=(6000, 1)), axis=0),
-        "fading": _fading(autoregressive(rng, (6000, 1), 0.5)),
-        "resonant": _resonant(rng),
-    }[kind]
-    assert estimated_noise(series) is None
-
-
-def _ringing(seed: int, damping: float) -> np.ndarray:
-    """A mode at a fifth of the rate beside white noise: at so few samples a period its poles are far from the circle."""
-    rng, frequency = np.random.default_rng(seed), 2.0 * np.pi / 5.0
-    pole = np.exp((-damping + 1j) * frequency)
-    mode = scipy.signal.lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.normal(size=(6000, 1)), axis=0)
-    return np.asarray(mode + 0.5 * rng.normal(size=(6000, 1)))
-
-
-def test_a_damped_mode_at_few_samples_a_period_is_no_noise() -> None:
-    """Laws that miss a link leave it; it was taken for noise that remembers less than twenty samples."""
-    assert estimated_noise(_ringing(1, 0.05)) is None
-    assert estimated_noise(_ringing(1, 0.3)) is not None
-
-
-@pytest.mark.parametrize("samples", [2.2, 2.5, 2.8, 3.0, 4.0, 5.0, 8.0, 15.0])
-@pytest.mark.parametrize(("damping", "is_mode"), [(0.03, True), (0.14, True), (0.16, False), (0.5, False)])
-def test_a_mode_resonates_up_to_its_damping_at_any_number_of_samples_a_period(
-    samples: float, damping: float, is_mode: bool
-) -> None:
-    pole = np.exp(2.0 * np.pi / samples * (-damping + 1j * np.sqrt(1.0 - damping**2)))
-    coefficients = np.asarray(-np.poly([pole, pole.conj()]).real[1:], dtype=np.float64)
-    assert _resonates(coefficients) is is_mode
-
-
-@pytest.mark.parametrize("kind", ["average", "filter", "notch"])
-def test_spectra_with_edges_and_notches_are_noise(kind: str) -> None:
-    white = np.random.default_rng(5).normal(size=6010)
-    series = {
-        "average": np.convolve(white, np.ones(3), mode="valid")[:6000],
-        "filter": scipy.signal.sosfilt(scipy.signal.butter(8, 0.5, output="sos"), white)[10:]
-        + 0.05 * np.random.default_rng(6).normal(size=6000),
-        "notch": scipy.signal.lfilter(*scipy.signal.iirnotch(0.3, 2.0), white)[10:],
-    }[kind]
-    assert estimated_noise(series[:, None]) is not None
+@pytest.mark.parametrize(
+    ("kind", "is_noise"),
+    [
+        *((kind, False) for kind in ("white", "drift", "fading", "lightly damped", "damped")),
+        *((kind, True) for kind in ("well damped", "average", "filter", "notch")),
+    ],
+)
+def test_what_is_coloured_noise_of_a_sensor(kind: str, is_noise: bool) -> None:
+    """Spectra with edges and notches, not the motion of a mode."""
+    noise = estimated_noise(spectrum(kind, np.random.default_rng(5))[:, None])
+    assert (noise is not None) is is_noise
 
 
 @pytest.mark.parametrize("damping", [0.22, 0.4])

@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.starts.kalman import innovations, smooth, steady_covariance
+from linkwise.likelihood.starts.kalman import innovations, smooth
 from linkwise.likelihood.starts.linear_part import LinearModel
 
 
@@ -81,26 +81,3 @@ def test_agrees_with_the_conditional_mean_of_all_states_as_one_vector(process: f
     # a frequency or damping of the wrong sign: the state at the start alone would not tell the end of the record
     growing = dataclasses.replace(model, transition=1.5 * model.transition)
     assert np.isfinite(smooth(growing, samples, inputs).states).all()
-
-
-def test_the_covariance_far_from_the_start_solves_the_riccati_equation() -> None:
-    """Of 24 modes, of which a solver by the generalised Schur form found none; each sample had a gain of its own then."""
-    modes, rng = 24, np.random.default_rng(8)
-    omega, zero = 2.0 * np.pi * np.linspace(5.0, 150.0, modes), np.zeros((modes, modes))
-    rates = np.block([[zero, np.eye(modes)], [-np.diag(omega**2), -0.02 * np.diag(omega)]])
-    model = LinearModel(
-        transition=scipy.linalg.expm(rates / 1000.0),
-        process=np.diag(np.append(np.full(modes, 1e-12), rng.normal(size=modes) ** 2)),
-        observation=rng.normal(size=(6, modes)) @ rates[modes:],
-        noise=np.ones(6),
-        drive=np.zeros((2 * modes, 0)),
-        direct=np.zeros((6, 0)),
-        first=np.diag(np.repeat([1.0, 1e4], modes)),
-    )
-    covariance = steady_covariance(model)
-    assert covariance is not None
-    shown = model.observation @ covariance
-    updated = covariance - shown.T @ np.linalg.solve(shown @ model.observation.T + np.eye(6), shown)
-    again = model.transition @ updated @ model.transition.T + model.process
-    size = np.sqrt(np.diag(covariance))
-    assert np.abs((again - covariance) / np.outer(size, size)).max() < 1e-7
