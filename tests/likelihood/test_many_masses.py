@@ -53,10 +53,6 @@ def tree(count: int) -> lw.Structure:
     return linked("tree", [(k, (k - 1) // 2 if k else -1) for k in range(count)], count)
 
 
-def star(count: int) -> lw.Structure:
-    return linked("star", [(k, 0 if k else -1) for k in range(count)], count)
-
-
 def with_memory(count: int) -> lw.Structure:
     """A chain with a hysteretic link in its middle."""
     chain = linked("chain with memory", [(k, k - 1) for k in range(count) if k != 5], count)
@@ -83,7 +79,6 @@ CASES = {
     "chain": Case(lambda: lw.bnes_chain(12)),
     "tree": Case(lambda: tree(14)),
     "grid": Case(lambda: grid(4), offsets=("x:m3", "x:m12")),
-    "star": Case(lambda: star(9)),
     "shared coefficients and unknown masses": Case(lambda: shared(12), ("mass:m3", "mass:m11")),
     "links with memory": Case(lambda: with_memory(10), sensors=("x", "state")),
     "velocities and accelerations": Case(lambda: tree(12), sensors=("v", "a")),

@@ -356,32 +356,32 @@ def test_an_interrupt_returns_the_best_so_far(chain: lw.Structure, clean: lw.Rec
     assert fit.coefficient("nes1.alpha").value == pytest.approx(-100.0, rel=0.4)
 
 
-def test_without_any_start_it_says_which_is_missing() -> None:
+def test_without_any_start_it_says_which_are_missing() -> None:
     true = two("k*d + F*tanh(v/s)", k=500.0, F=3.0, s=0.1)
     record = Case(true, FORCE, ("v:m1",)).record(20)
     with pytest.raises(lw.IdentificationError, match=r"no starting value for .*link\.s.*start = "):
         lw.identify(record, true.unknown("link"))
-
-
-def test_many_missing_starts_are_counted() -> None:
     chain = lw.bnes_chain(4)
-    short = lw.simulate(chain, release={"v:m1": 3.0}, duration=0.02, rate=1000.0)
-    record = short.select([f"x:{name}" for name in chain.mass_names]).with_noise(40.0, seed=1)
+    short = chain_record(4, duration=0.02).with_noise(40.0, seed=1)
     with pytest.raises(lw.IdentificationError, match=r"no starting value for (\S+, ){5}\S+ and \d+ more: "):
-        lw.identify(record, chain.unknown("all"))
+        lw.identify(short, chain.unknown("all"))
 
 
-def test_options_of_ml_are_refused_elsewhere(chain: lw.Structure, clean: lw.Record) -> None:
-    with pytest.raises(lw.IdentificationError, match='are for method "ml", not for "weak"'):
-        lw.identify(clean, chain.unknown("nes"), method="weak", offsets=["x:m2"])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "weak", "offsets": ["x:m2"]}, 'are for method "ml", not for "weak"'),
+        ({"loss": "huber"}, r"one of Gaussian\(\), Huber\(\) and Student\(\), got "),
+        ({"loss": Huber}, r"one of Gaussian\(\), Huber\(\) and Student\(\), got "),
+    ],
+)
+def test_options_that_are_none_are_refused(
+    options: dict[str, Any], message: str, chain: lw.Structure, clean: lw.Record
+) -> None:
+    with pytest.raises(lw.IdentificationError, match=message):
+        lw.identify(clean, chain.unknown("nes"), **options)
     with pytest.raises(lw.IdentificationError, match="there is no record"):
         lw.identify([], chain.unknown("nes"))
-
-
-@pytest.mark.parametrize("loss", ["huber", Huber])
-def test_a_loss_that_is_none_is_refused(loss: object, chain: lw.Structure, clean: lw.Record) -> None:
-    with pytest.raises(lw.IdentificationError, match=r"one of Gaussian\(\), Huber\(\) and Student\(\), got "):
-        lw.identify(clean, chain.unknown("nes"), loss=loss)  # type: ignore[arg-type]  # the point of the test
 
 
 FIRST = 1000  # seed
