@@ -148,7 +148,7 @@ def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
     assert right.trusted and right.diagnosis == ()
 
 
-@pytest.mark.parametrize("seed", [5202711, 5202713])
+@pytest.mark.parametrize("seed", [5202711, pytest.param(5202713, marks=pytest.mark.slow)])
 def test_a_missing_damper_is_named_where_chi_square_hardly_shows_it(seed: int) -> None:
     """With the first noise a term of a link stands for it, with the second the motion is held loosely to the laws."""
     chain = lw.bnes_chain(4)

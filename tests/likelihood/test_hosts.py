@@ -438,7 +438,7 @@ def damped(between: float) -> lw.Record:
     ).with_noise(25.0, seed=811)
 
 
-@pytest.mark.parametrize("between", [BETWEEN, -BETWEEN])
+@pytest.mark.parametrize("between", [BETWEEN, pytest.param(-BETWEEN, marks=pytest.mark.slow)])
 def test_damping_that_a_host_lacks_is_not_trusted_and_named(between: float) -> None:
     fit = lw.identify(damped(between), wing().unknown("payload"))
     assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,)

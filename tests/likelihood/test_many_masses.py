@@ -165,10 +165,8 @@ def test_candidates_and_errors_of_sensors(name: str) -> None:
     ]
     candidates, _ = candidates_along(shooting.segments, misfit, forces)
     errors = SensorErrors.of(shooting.segments, misfit)
-    local, dense = (
-        present(linear.factor(0.1))
-        for linear in both(name, whole=False, candidates=candidates, errors=errors)
-    )
+    equations = both(name, whole=False, candidates=candidates, errors=errors)
+    local, dense = present(equations[0].factor(0.1)), present(equations[1].factor(0.1))
     scale = np.sqrt(np.diag(dense.schur))
     assert len(scale) == shooting.segments.parameters + len(forces) + len(errors.kind)
     assert np.max(np.abs(local.schur - dense.schur) / np.outer(scale, scale)) < 10.0 * TOLERANCE

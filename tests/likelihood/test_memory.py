@@ -185,7 +185,7 @@ INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
 """By which a mass seems larger by Newmark's average acceleration, (w h)**2 / 6, that made the benchmark at 15 kHz."""
 
 
-@pytest.mark.parametrize("name", ["hand-written", "bouc-wen-classical"])
+@pytest.mark.parametrize("name", [pytest.param("hand-written", marks=pytest.mark.slow), "bouc-wen-classical"])
 def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path, name: str) -> None:
     with h5py.File(shared_data / "bouc_wen_train.h5") as file:
         force, shown = (np.ravel(file[f"multisine/{name}"][:])[:4096] for name in ("u", "y"))
@@ -219,7 +219,7 @@ def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
     assert any('the law "bouc-wen-classical" has no such bound' in line for line in fit.findings)
 
 
-@pytest.mark.parametrize("frequency", [1.0, 10.0])
+@pytest.mark.parametrize("frequency", [1.0, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_hysteretic_storeys_of_any_speed_are_found_from_accelerations(frequency: float) -> None:
     """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
     w = 2.0 * np.pi * frequency

@@ -118,7 +118,7 @@ def resonant(rng: np.random.Generator, samples: float, damping: float) -> np.nda
 def spectrum(kind: str, rng: np.random.Generator) -> np.ndarray:
     """(N,) a series of a kind."""
     white = rng.normal(size=6010)
-    return {
+    series: dict[str, Callable[[], np.ndarray]] = {
         "white": lambda: white[10:],
         "drift": lambda: np.cumsum(white)[10:],
         "fading": lambda: autoregressive(rng, (6000, 1), 0.5)[:, 0] * np.linspace(1.5, 0.5, 6000),
@@ -132,7 +132,8 @@ def spectrum(kind: str, rng: np.random.Generator) -> np.ndarray:
             + 0.05 * rng.normal(size=6000)
         ),
         "notch": lambda: scipy.signal.lfilter(*scipy.signal.iirnotch(0.3, 2.0), white)[10:],
-    }[kind]()
+    }
+    return np.asarray(series[kind]())
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,10 @@ def loosened(fit: lw.Estimate) -> bool:
     return any("allowed to depart from the laws" in remark for remark in fit.remarks)
 
 
-@pytest.mark.parametrize(("seed", "departs"), [(1012, False), (1014, True), (1019, False), (1107, True)])
+@pytest.mark.parametrize(
+    ("seed", "departs"),
+    [(1012, False), (1014, True), (1019, False), pytest.param(1107, True, marks=pytest.mark.slow)],
+)
 def test_motion_departs_from_the_laws_where_the_likelihood_has_many_optima(seed: int, departs: bool) -> None:
     """Steps along the curvature of the flow find that the likelihood is smooth in some, of which straight ones are refused."""
     fit = identified(seed)
@@ -175,7 +178,11 @@ def _hit(
 
 @pytest.mark.parametrize(
     ("well", "mass", "seed"),
-    [(WELL, 0.03, 5205201), (-WELL, 0.03, 5205202), (WELL, lw.Coefficient.unknown(start=0.025), 5205203)],
+    [
+        (WELL, 0.03, 5205201),
+        pytest.param(-WELL, 0.03, 5205202, marks=pytest.mark.slow),
+        (WELL, lw.Coefficient.unknown(start=0.025), 5205203),
+    ],
 )
 def test_the_well_in_which_a_hidden_mass_rests_is_identified(
     well: float, mass: float | lw.Coefficient, seed: int
@@ -188,7 +195,11 @@ def test_the_well_in_which_a_hidden_mass_rests_is_identified(
 
 @pytest.mark.parametrize(
     ("well", "force", "snr", "seed"),
-    [(WELL, 0.3, 30.0, 5215201), (-WELL, 1.0, 20.0, 5215202), (-WELL, 2.0, 25.0, 5215203)],
+    [
+        (WELL, 0.3, 30.0, 5215201),
+        (-WELL, 1.0, 20.0, 5215202),
+        pytest.param(-WELL, 2.0, 25.0, 5215203, marks=pytest.mark.slow),
+    ],
 )
 def test_the_well_of_a_motion_in_which_the_law_hardly_bends_is_the_likelier_one(
     well: float, force: float, snr: float, seed: int

@@ -74,7 +74,9 @@ def test_a_link_that_the_model_error_hides_takes_trust_away(
     assert abs(fit.coefficient(moved).value - true) > 0.02 * abs(true)
 
 
-@pytest.mark.parametrize(("name", "moved"), [("m1", "spring1.k"), ("m2", "nes1.beta")])
+@pytest.mark.parametrize(
+    ("name", "moved"), [pytest.param("m1", "spring1.k", marks=pytest.mark.slow), ("m2", "nes1.beta")]
+)
 def test_a_stated_mass_that_the_model_error_hides_takes_trust_away(name: str, moved: str) -> None:
     """One of 3 % more than it is; the records tell the ratio of the two."""
     heavy = structure({**MASSES, name: 1.03 * MASSES[name]}, *STATED.links)
@@ -124,7 +126,9 @@ DAMPED = link("spring1", "m1-ground", "k*d + c*v + g*d**3 + q*(v*abs(v))", k=3e4
 HEAVY = structure({**MASSES, "m2": 1.02 * MASSES["m2"]}, *STATED.links)
 
 
-@pytest.mark.parametrize(("offset", "left"), [(0.0, "only"), (1e-5, "hardly more than")])
+@pytest.mark.parametrize(
+    ("offset", "left"), [(0.0, "only"), pytest.param(1e-5, "hardly more than", marks=pytest.mark.slow)]
+)
 def test_three_errors_take_trust_away_with_or_without_a_fourth(offset: float, left: str) -> None:
     """Damping that grows with speed, and a mass of 2 %, of which the other mass stands for most; an offset is left."""
     damped = lw.simulate(structure(MASSES, DAMPED, SINK), release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
