@@ -110,6 +110,21 @@ def test_a_gain_is_what_a_fit_of_the_column_takes_off() -> None:
     np.testing.assert_allclose(tests.sizes, [solution[-1] for _, solution in fitted], rtol=1e-8)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_column_that_is_not_finite_leaves_the_others_as_they_are(value: float) -> None:
+    """One such column ended the tests of all, so that no error of a sensor and no missing term was named."""
+    columns, residuals = equations(2)
+    curvature, slope = columns.T @ columns, columns.T @ residuals
+    apart = single_tests(curvature, slope, curvature, PARAMETERS)
+    infinite, others = PARAMETERS + 1, [0, 2]
+    curvature[infinite], curvature[:, infinite], slope[infinite] = value, value, value
+    for scatter in (curvature, 1.0 * curvature):
+        tests = single_tests(curvature, slope, scatter, PARAMETERS)
+        assert tests.gains[1] == 0.0 and tests.sizes[1] == 0.0
+        np.testing.assert_allclose(tests.gains[others], apart.gains[others], rtol=1e-12)
+        np.testing.assert_allclose(tests.sizes[others], apart.sizes[others], rtol=1e-12)
+
+
 RATE, DURATION = 200.0, 10.0
 CUBIC = oscillator("k*d + c*v + k3*d**3", k=987.0, c=6.0, k3=4e4)
 LINEAR = oscillator("k*d + c*v", k=987.0, c=6.0).unknown("all")

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_fit
-from structures import host, link, row_of_masses, structure
+from structures import host, link, named, row_of_masses, structure
 from within import assert_within
 
 import linkwise as lw
+from linkwise.arrays import Floats
 from linkwise.likelihood.starts.linear_part import LinearPart, stable_starts
+from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.model.law import Law
 
 
 def test_a_nonlinear_coefficient_starts_beside_linear_ones_that_forces_tell() -> None:
@@ -64,6 +67,25 @@ def test_a_hidden_mass_needs_starts_for_its_own_links_only() -> None:
         lw.identify(record, asked)
     with pytest.raises(lw.IdentificationError, match=r"no starting value for a\.k.* no information on h\.c"):
         lw.identify(record, asked, method=lw.MaximumLikelihood(starts={"h.k": 240.0}))
+
+
+@pytest.mark.parametrize(("name", "count"), [("jenkins", 1), ("iwan(3)", 4)])
+def test_sliders_follow_the_elongation_within_their_bounds(name: str, count: int) -> None:
+    """Without the error of steps over their corners: one state, `beside`, makes the law step as others do."""
+    law = named("link", "a-b", name).law
+    beside = {rate.name: rate.text for rate in law.rates} | {"beside": "-beside**3"}
+    stepped = Law.parse(law.text, beside)
+    values: dict[str, float | Floats] = {"k": 2e3, "Fs": np.array([[5.0], [9.0]]), "KT": 2e3, "FS": 9.0}
+    values |= {"chi": -0.4, "beta": np.array([[0.5], [2.0]])}
+    errors = []
+    for samples in (1501, 6001):
+        time = np.linspace(0.0, 3.0, samples)
+        d, v = 1e-2 * np.sin(40.0 * time), 0.4 * np.cos(40.0 * time)
+        slid = follow_states(law, values, d, v, time[1], 2)
+        steps = follow_states(stepped, values, d, v, time[1], 2)[:-1]
+        assert slid.shape == (count, 2, samples)
+        errors.append(float(np.sqrt(np.mean((slid - steps) ** 2)) / np.abs(slid).max()))
+    assert errors[0] < 0.1 and errors[1] < 0.5 * errors[0]  # those of the steps, of order 1: a quarter
 
 
 WING = host("wing", (5.0, 9.0), 0.01, {"tip": (0.1, 0.2), "mid": (0.15, -0.1)})
