@@ -133,7 +133,7 @@ def coverage(truth: lw.Structure, plain: lw.Structure, endless: np.ndarray, dura
         lw.identify(record_of(truth, duration, seed), structure)
         for seed in range(FIRST_SEED, FIRST_SEED + SEEDS)
     ]
-    trusted = [fit for fit in fits if fit.trusted]
+    trusted = [fit for fit in fits if fit.grade is not lw.Grade.REFUSED]
     errors = np.array([np.sqrt(np.asarray(fit.covariance).diagonal()) for fit in trusted])
     errors = errors.reshape(-1, len(true))
     values = np.array([fit.values for fit in trusted]).reshape(errors.shape)
@@ -292,4 +292,4 @@ def test_silverbox() -> None:
     rmse = lw.analysis.free_run(discovery.structure, record[seen:], settling=50).rmse["x:m1"]
     print(f"\nSilverbox, discover: {seconds:.0f} s, free run {1e3 * rmse:.3f} mV\n{discovery}")
     assert rmse < 3.1e-4
-    assert discovery.trusted and len(discovery.estimate.parameters) <= 10
+    assert discovery.grade is not lw.Grade.REFUSED and len(discovery.estimate.parameters) <= 10

@@ -27,8 +27,7 @@ BUDGETS = (20_000, 100_000, 500_000)
 """Time in ms on the clock of the page, which runs ahead of a busy machine: the next one where pictures were not loaded."""
 # What the page is allowed, put into a copy: all that it carries in itself. Asking for anything else is a word on the console,
 # which a file or a host that cannot be had is not.
-PROBE = """<script>addEventListener("load", async () => {
-  await Promise.allSettled([...document.images].map(image => image.decode()));
+PROBE = """<script>addEventListener("load", () => {
   for (const image of document.images) image.dataset.width = image.naturalWidth;
   document.body.dataset.loaded = "yes";
 })</script>"""

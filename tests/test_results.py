@@ -21,7 +21,6 @@ from test_public_types import returned
 
 import linkwise as lw
 from linkwise.output import to_json
-from linkwise.verdict import is_trusted
 
 NO_ANSWERS = {  # what public functions give that is not an answer of its own, and why
     "DenseSystem": "the equations that a regression solves",
@@ -124,7 +123,7 @@ def test_an_answer_says_whether_it_can_be_trusted(name: str, makers: dict[str, C
     answer: Any = makers[name]()
     assert type(answer) is answers()[name]
     assert answer.verdicts and all(isinstance(verdict, lw.Verdict) for verdict in some(answer.verdicts))
-    assert answer.trusted is is_trusted(answer.verdicts) is True
+    assert answer.trusted and answer.grade is lw.Grade.EXPLAINED
     document = json.loads(to_json(answer.to_dict()))
     assert document["verdicts"] == [verdict.name for verdict in answer.verdicts]
     assert document["trusted"] is True

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 import linkwise as lw
-from linkwise.verdict import Verdict, is_trusted, status_of
+from linkwise.verdict import Verdict, admit_intervals, status_of
 
 ADMISSIBLE = {
     Verdict.CONVERGED,
@@ -36,8 +36,8 @@ def test_every_verdict_advises_and_forbids_or_not(verdict: Verdict) -> None:
 
 
 def test_one_verdict_that_forbids_is_enough() -> None:
-    assert is_trusted((Verdict.CONVERGED, Verdict.MODEL_ERROR_NEEDED)) and is_trusted(())
-    assert not is_trusted((Verdict.CONVERGED, Verdict.SEARCH_UNSETTLED))
+    assert admit_intervals((Verdict.CONVERGED, Verdict.MODEL_ERROR_NEEDED)) and admit_intervals(())
+    assert not admit_intervals((Verdict.CONVERGED, Verdict.SEARCH_UNSETTLED))
     assert status_of((Verdict.CONVERGED, Verdict.UNEXPLAINED_FORCES)) == "forces unexplained"
     assert status_of((Verdict.MODEL_ERROR_NEEDED,)) == "converged"
 
@@ -48,8 +48,14 @@ def test_text_data_and_intervals_of_an_estimate_follow_its_verdicts(
 ) -> None:
     estimate = replace(fitted, fit_verdicts=(verdict,))
     document = estimate.to_dict()
-    assert document["verdicts"] == [verdict.name] and document["trusted"] is not verdict.forbids
+    assert document["verdicts"] == [verdict.name] and document["trusted"] is (
+        verdict.grade is lw.Grade.EXPLAINED
+    )
     assert document["status"] == estimate.status
     first = str(estimate).splitlines()[0]
-    assert first.endswith("NOT to be trusted" if verdict.forbids else ", can be trusted")
+    assert first.endswith(f", {estimate.grade.trust}") and document["grade"] == estimate.grade.value
     assert (estimate.coefficient("nes1.alpha").interval is None) is verdict.forbids
+    told = replace(estimate, approximate=True)  # by the scatter between parts of the record
+    assert told.grade is verdict.grade and ("Intervals are approximate" in str(told).replace("\n", " ")) is (
+        verdict.grade is lw.Grade.APPROXIMATE
+    )

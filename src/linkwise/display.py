@@ -12,7 +12,7 @@ from math import floor, isfinite, log10
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from linkwise.verdict import Verdict, is_trusted
+from linkwise.verdict import Grade, Verdict
 
 _MARKED = (*"=+-@＝＋－＠\t\r\n'",)  # with which a formula may begin, and the apostrophe itself
 _FAR_FROM_NOISE = 1e4  # chi-square from which its decimals say nothing
@@ -158,12 +158,18 @@ class JudgedView(NotebookView):
 
     @property
     def trusted(self) -> bool:
-        """Whether no verdict forbids trust."""
-        return is_trusted(self.verdicts)
+        """Whether only noise is left, and nothing speaks against the answer."""
+        return self.grade is Grade.EXPLAINED
+
+    @property
+    def grade(self) -> Grade:
+        """How far the answer goes, on which exit codes depend."""
+        return Grade.worst(verdict.grade for verdict in self.verdicts)
 
     def _judgement(self) -> dict[str, Any]:
         """The part of `to_dict` that all answers share."""
-        return {"verdicts": [verdict.name for verdict in self.verdicts], "trusted": self.trusted}
+        verdicts = [verdict.name for verdict in self.verdicts]
+        return {"verdicts": verdicts, "trusted": self.trusted, "grade": self.grade.value}
 
 
 @singledispatch

@@ -6,17 +6,75 @@ from collections.abc import Iterable
 from enum import Enum
 
 
+class Grade(Enum):
+    """How far an answer goes, which exit codes follow.
+
+    Attributes
+    ----------
+    EXPLAINED
+        Only noise is left, and the answer can be trusted: exit code 0.
+    APPROXIMATE
+        The laws leave more than noise. Intervals are of the laws of this form that come closest, and hold the scatter between
+        parts of the records; the answer is not trusted: exit code 4.
+    REFUSED
+        The search did not converge, the records do not determine the values, or they contradict what was stated: no intervals,
+        exit code 3.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.Verdict.SYSTEMATIC_MISFIT.grade.value, lw.Verdict.NOT_CONVERGED.grade.value
+    ('approximate', 'refused')
+    """
+
+    EXPLAINED = "explained"
+    APPROXIMATE = "approximate"
+    REFUSED = "refused"
+
+    @classmethod
+    def worst(cls, grades: Iterable[Grade]) -> Grade:
+        """The worst of some grades.
+
+        Parameters
+        ----------
+        grades : iterable of Grade
+            The grades.
+
+        Returns
+        -------
+        Grade
+            The last of them in the order above; explained without any.
+        """
+        return max(grades, key=list(cls).index, default=cls.EXPLAINED)
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of commands that end with such an answer."""
+        return {Grade.EXPLAINED: 0, Grade.APPROXIMATE: 4, Grade.REFUSED: 3}[self]
+
+    @property
+    def trust(self) -> str:
+        """In words, whether such an answer can be trusted."""
+        return {
+            Grade.EXPLAINED: "can be trusted",
+            Grade.APPROXIMATE: "approximate, NOT to be trusted as exact",
+            Grade.REFUSED: "NOT to be trusted",
+        }[self]
+
+
 class Verdict(Enum):
     """A finding about an answer as a whole; its value is the advice that goes with it.
 
-    A result carries all that apply, the most important first, and can be trusted where none of them `forbids` it.
+    A result carries all that apply, the most important first, and can be trusted where the `grade` of all is explained.
 
     Attributes
     ----------
     value : str
         What it means, and what to do about it.
     forbids : bool
-        Whether an answer with this verdict must not be trusted.
+        Whether the model of an answer with this verdict gives no intervals.
+    grade : Grade
+        The best grade of an answer with it.
     status : str
         The verdict in lower-case words, "not converged".
 
@@ -157,8 +215,15 @@ class Verdict(Enum):
 
     @property
     def forbids(self) -> bool:
-        """Whether an answer with this verdict must not be trusted."""
+        """Whether the model of an answer with this verdict gives no intervals."""
         return self not in _ADMISSIBLE
+
+    @property
+    def grade(self) -> Grade:
+        """The best grade of an answer with this verdict."""
+        if self in _APPROXIMATE:
+            return Grade.APPROXIMATE
+        return Grade.REFUSED if self.forbids else Grade.EXPLAINED
 
     @property
     def status(self) -> str:
@@ -181,6 +246,19 @@ _ADMISSIBLE = frozenset(
         Verdict.CASES_WITHOUT_ANSWER,
     }
 )
+_APPROXIMATE = frozenset(
+    {
+        Verdict.MODEL_ERROR_NEEDED,
+        Verdict.SYSTEMATIC_MISFIT,
+        Verdict.UNEXPLAINED_FORCES,
+        Verdict.NOISE_MISMATCH,
+        Verdict.MEASUREMENT_ERROR,
+        Verdict.COEFFICIENT_CHANGES,
+        Verdict.TERMS_MAY_BE_MISSING,
+    }
+)
+"""Verdicts that leave values of which the scatter between parts of the records gives intervals."""
+
 _STATUS = {  # as result.json has always named them
     Verdict.NOISE_MISMATCH: "chi-square off",
     Verdict.UNEXPLAINED_FORCES: "forces unexplained",
@@ -192,8 +270,8 @@ _STATUS = {  # as result.json has always named them
 STATUSES = frozenset(verdict.status for verdict in Verdict)  # all that a file may state
 
 
-def is_trusted(verdicts: Iterable[Verdict]) -> bool:
-    """Whether none of the verdicts forbids trust."""
+def admit_intervals(verdicts: Iterable[Verdict]) -> bool:
+    """Whether the model of the answer gives intervals, be they with a model error."""
     return not any(verdict.forbids for verdict in verdicts)
 
 

@@ -40,7 +40,7 @@ def test_the_structure_is_found_with_a_model_error() -> None:
     assert {frozenset(link.between) for link in discovery.structure.links} == {
         frozenset(link.between) for link in chain.links
     }
-    assert discovery.trusted and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
+    assert discovery.grade is lw.Grade.APPROXIMATE and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
     assert 0.0 < discovery.estimate.model_error < 0.05
     stiffness = {term.name: term.decision for term in discovery.terms}
     assert (
@@ -71,7 +71,7 @@ def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
     force = wide_force(np.random.default_rng(5))
     record = lw.simulate(rig, forces={"m1": force}, duration=DURATION, rate=RATE).with_noise(40.0, seed=5)
     discovery = lw.discover(record, {"m1": "unknown"}, terms="1, cubic")
-    assert discovery.trusted
+    assert discovery.grade is not lw.Grade.REFUSED
     assert {term.term for term in discovery.terms if term.kept} == {"1", "d", "v"}
     low, high = discovery.estimate.coefficient("m1.mass").interval or (np.nan, np.nan)
     # the truth
@@ -88,7 +88,7 @@ def test_a_constant_force_acts_from_the_ground_only() -> None:
     assert [term.coefficient for term in candidates] == ["f0", "k", "c"]
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01}, terms="1, cubic")
-    assert discovery.trusted
+    assert discovery.grade is not lw.Grade.REFUSED
     assert not [term for term in discovery.terms if term.term == "1" and "ground" not in term.between]
     assert not [term for term in discovery.terms if term.term == "1" and term.kept]
 
@@ -104,7 +104,7 @@ def test_a_term_that_stands_in_for_another_in_few_blocks_is_a_runner_up() -> Non
     terms = "1, d, d**2, d**3, v, v*abs(v), v*d**2, d**5"
     discovery = lw.discover(clean.with_noise(40.0, seed=1067), {"m1": 1.0}, terms=terms)
     assert {term.term for term in discovery.kept} == {"d", "d**3", "v"}
-    assert discovery.trusted and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
+    assert discovery.grade is lw.Grade.APPROXIMATE and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
     [dropped] = [term for term in discovery.terms if term.term == "v*abs(v)"]
     assert dropped.decision is lw.discovery.Decision.DOUBTFUL
     [remark] = [text for text in discovery.remarks if "are predicted as well without" in text]
@@ -148,7 +148,7 @@ def test_what_filters_make_of_harmonics_is_no_damping() -> None:
     record = filtered_record()
     terms = "d, d**3, v, v*abs(v), v*d**2, v**3"
     discovery = lw.discover(record[: 3 * len(record) // 4], {"m1": 1.0}, terms=terms)
-    assert discovery.trusted and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
+    assert discovery.grade is lw.Grade.APPROXIMATE and lw.Verdict.MODEL_ERROR_NEEDED in discovery.verdicts
     assert {term.term for term in discovery.kept} == {"d", "d**3", "v"}
     [remark] = [text for text in discovery.remarks if "Held to the laws" in text]
     assert "v*d**2" in remark

@@ -40,7 +40,7 @@ nes1 (m2 - m1): alpha*d + beta*d**3 + c*v
 BAD = """\
 bistable chain of 2 masses: weak, chi-square off, NOT to be trusted
 The laws explain the record to within 3.1 % of its forces, which is 4.53 times what noise would
-leave, so no interval is given. (12002 samples, chi-square 20.530, 0.012 s)
+leave. No interval is given. (12002 samples, chi-square 20.530, 0.012 s)
 
   noise   deviation  signal/noise
   x:m1   0.000115 m  20.0 dB
@@ -102,8 +102,7 @@ def test_an_answer_that_can_be_trusted_and_one_that_cannot() -> None:
     refused = replace(
         answer(),
         fit_verdicts=(lw.Verdict.NOISE_MISMATCH,),
-        message="The laws explain the record to within 3.1 % of its forces, which is 4.53 times what noise would leave, so no "
-        "interval is given.",
+        message="The laws explain the record to within 3.1 % of its forces, which is 4.53 times what noise would leave.",
         chi_square_per_sample=20.53,
         remarks=(
             "12 samples are missing; equations that need them are left out. A sentence that is too long for one line is "

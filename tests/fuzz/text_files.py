@@ -140,7 +140,7 @@ def sound_answer() -> Mapping[str, bytes]:
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
     fit = lw.identify(record, chain.unknown("nes"), method="weak")
     with TemporaryDirectory() as folder:
-        write_numbers(fit, Path(folder), fit.verdicts)
+        write_numbers(fit, Path(folder), fit)
         files = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
     return MappingProxyType(files | {"result.json": json.dumps(lw.report.result_of(fit)).encode()})
 

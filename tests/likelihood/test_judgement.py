@@ -50,7 +50,7 @@ def test_a_fading_colour_is_not_trusted(chain: lw.Structure) -> None:
     errors = autoregressive(np.random.default_rng(3), clean.values.shape, 0.5)
     errors[:, 0] *= np.linspace(2.0, 0.1, len(errors))
     fit = lw.identify(with_errors(clean, errors), chain.unknown("all"))
-    assert not fit.trusted and fit.coefficient("nes1.alpha").interval is None
+    assert fit.verdicts[0].forbids and fit.grade is lw.Grade.APPROXIMATE
 
 
 def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Structure) -> None:
@@ -261,8 +261,8 @@ def test_a_missing_link_takes_trust_away(
     assert f"a link m2-ground with a force like {term} of" in fit.message
 
 
-def test_a_term_that_overturns_a_coefficient_is_held_by_its_interval() -> None:
-    """Quadratic damping of 4 % of the force and no other, told as linear damping, which is then not told from zero."""
+def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> None:
+    """Quadratic damping of 4 % of the force and no other, told as the linear damping that comes closest."""
     rng = np.random.default_rng(4102)
     force = random_force(rng, 10.0, 200.0, band_limited=True)
     unknown = oscillator("k*d + c*v + k3*d**3", k=987.0, c=6.0, k3=4e5).unknown("all")
@@ -273,9 +273,8 @@ def test_a_term_that_overturns_a_coefficient_is_held_by_its_interval() -> None:
         fits.append(lw.identify(clean.with_noise(40.0, seed=4102), unknown))
     assert fits[0].diagnosis[0].overturned == ("link.c",)
     assert fits[0].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
-    low, high = present(fits[0].coefficient("link.c").interval)
-    assert low < 0.0 < high
-    assert any("link.c cannot be distinguished from zero" in finding for finding in fits[0].findings)
+    assert {fit.grade for fit in fits} == {lw.Grade.APPROXIMATE}  # of a linear damper that comes closest
+    assert present(fits[0].coefficient("link.c").interval)[0] > 0.0
     narrow = fits[0].diagnosis[0]
     assert decisive((narrow,), by_blocks=True) is narrow
     assert decisive((replace(narrow, overturned=()),), by_blocks=True) is None

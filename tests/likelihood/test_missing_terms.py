@@ -48,11 +48,10 @@ DRAG = extra("q*v*abs(v)", q=0.5)
 SLIP = named("extra", "m1-ground", "bouc-wen", k=0.0, c=0.0, F=0.13, x0=0.003, s=0.5)
 RELAXATION = named("extra", "m1-ground", "maxwell", k=2.0, c=0.06)
 HINT, MOST = "The residuals hint at a force like ", "Most of what is left would be explained by a force like "
-ALLOWED = "the intervals allow for that"
 LACKING = [  # a term, the verdict of laws without it, what is said, and the coefficient that was many standard errors off
-    (TRUE, extra("q*d**5", q=2e7), 3, NEEDED, ALLOWED, "link.k3", 1.0),
-    (TRUE, DRAG, 3, NEEDED, ALLOWED, "link.c", 1.0),
-    (TRUE, extra("q*tanh(v/0.01)", q=0.08), 3, NEEDED, ALLOWED, "link.c", 1.0),
+    (TRUE, extra("q*d**5", q=2e7), 3, NEEDED, "With it, ", "link.k3", 1.0),
+    (TRUE, DRAG, 3, NEEDED, "With it, ", "link.c", 1.0),
+    (TRUE, extra("q*tanh(v/0.01)", q=0.08), 3, NEEDED, "With it, ", "link.c", 1.0),
     (TRUE, extra("q*v*abs(v) + r*d**5", q=0.5, r=6e6), 17, NEEDED, "", "link.k3", 1.0),
     (TRUE, extra("q*v*abs(v) + r*d**5", q=0.5, r=6e6), 19, NEEDED, "", "link.k3", 1.0),
     (TRUE, extra("q*d**5", q=6e5), 7, EXACT, f"{HINT}d**5 in link", "link.k3", 3.0),
@@ -77,34 +76,21 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
     moved: str,
     times: float,
 ) -> None:
-    """All were trusted, some as exact: by blocks of the record these do not differ."""
+    """Of laws that leave hardly more than noise; with a model error the answer is of the laws that come closest."""
     fit = lw.identify(record(with_links(asked, term), seed), asked.unknown("all"))
-    assert fit.trusted and verdict in (None, *fit.verdicts[:1])
+    assert not fit.verdicts[0].forbids and verdict in (None, *fit.verdicts[:1])
     assert said in fit.message and (term is not SLIP or "such as bouc-wen" in fit.message)
-    assert_held(fit, asked, moved, times)
-    if verdict is EXACT:
+    if fit.trusted:
+        assert_held(fit, asked, moved, times)
         assert not fit.diagnosis
     if said.startswith(MOST):
         assert 0.0 < fit.model_error < 0.01
-    if said == ALLOWED:
+    if said == "With it, ":
         assert fit.diagnosis[0].shifted == moved
         with pytest.raises(lw.IdentificationError, match="does not allow for terms that are missing"):
             lw.likelihood.profile_interval(fit, moved)
     if "r*d**5" in term.law.text:  # the second term is not significant
         assert "d**5" not in [cause.term for cause in fit.diagnosis]
-
-
-def test_intervals_beside_errors_of_sensors_hold_the_same() -> None:
-    """An offset is found with the coefficients, and is not one of them."""
-    given = record(with_links(TRUE, DRAG), 3)
-    unknown = TRUE.unknown("all")
-    fit = lw.identify(given, unknown, offsets=["x:m1"])
-    added = present(fit.for_dropped_terms)
-    assert added.shape == (3, 3)
-    alone = present(lw.identify(given, unknown).for_dropped_terms)
-    number = [str(parameter.name) for parameter in fit.parameters].index("link.c")
-    # an offset moves the damping by far less than the missing damping does
-    assert added[number, number] == pytest.approx(alone[number, number], rel=0.2)
 
 
 def test_chance_hints_at_a_term_in_few_records_of_exact_laws() -> None:
@@ -114,7 +100,7 @@ def test_chance_hints_at_a_term_in_few_records_of_exact_laws() -> None:
     assert sum(fit.for_dropped_terms is not None for fit in fits) <= 2
 
 
-def test_intervals_hold_a_term_that_hardly_raises_chi_square() -> None:
+def test_a_term_that_hardly_raises_chi_square_is_told() -> None:
     """Coefficients of a chain of six masses were 11 standard errors off, and trusted: chi-square was within chance of 1."""
     chain = lw.bnes_chain(6)
     quintic = link("quintic", "-".join(chain.link("nes1").between), "q*d**5", q=1e7)
@@ -126,7 +112,7 @@ def test_intervals_hold_a_term_that_hardly_raises_chi_square() -> None:
     assert abs(present(fit.chi_square_per_sample) - 1.0) < 3.0 * np.sqrt(2.0 / fit.samples)
     assert (fit.diagnosis[0].where, fit.diagnosis[0].term) == ("nes1", "d**5")
     assert "Most of what is left would be explained by a force like d**5 in nes1" in fit.message
-    assert_held(fit, chain, "nes1.beta")
+    assert fit.grade is lw.Grade.APPROXIMATE
 
 
 def test_a_relaxation_is_named_in_place_of_a_gain() -> None:
@@ -304,23 +290,20 @@ def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
     ("change", "structure", "kind"),
     [(drifting(3e-4), PLAY, "drift"), (late(3e-4), PLAY, "delay"), (late(3e-4), MORE_DRAG, "term")],
 )
-def test_an_error_that_intervals_hold_leaves_trust(
+def test_a_small_error_beside_a_missing_term_leaves_an_approximate_answer(
     change: Change, structure: lw.Structure, kind: str
 ) -> None:
     """It explains most of what is left, or less than a term; no coefficient moves by three standard errors."""
     fit = lw.identify(recorded(change, structure), TRUE.unknown("all"))
-    assert fit.trusted and fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
+    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,) and fit.grade is lw.Grade.APPROXIMATE
     assert fit.diagnosis[0].kind.endswith(kind)
-    assert_held(fit, TRUE)
     if kind == "term":
         assert some(cause for cause in fit.diagnosis if cause.kind.endswith("delay"))
         return
-    assert fit.diagnosis[0].is_instrument and ALLOWED in fit.message
-    covariance = np.asarray(fit.covariance)
-    for cause in some(cause for cause in fit.diagnosis if cause.is_instrument):
-        number = [str(parameter.name) for parameter in fit.parameters].index(cause.shifted)
-        before = np.sqrt((covariance - present(fit.for_dropped_terms))[number, number])
-        assert cause.shift <= 3.0 and before < np.sqrt(covariance[number, number])
+    assert (
+        fit.diagnosis[0].is_instrument and "of its standard errors, and no coefficient by more" in fit.message
+    )
+    assert all(cause.shift <= 3.0 for cause in some(cause for cause in fit.diagnosis if cause.is_instrument))
 
 
 def louder(record: lw.Record) -> np.ndarray:

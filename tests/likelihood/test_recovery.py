@@ -284,10 +284,9 @@ def test_noise_stated_wrong_is_caught(chain: lw.Structure, clean: lw.Record, fac
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=14)
     stated = {name: factor * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = lw.identify(replace(record, noise=stated), chain.unknown("all"))
-    assert fit.status == "chi-square off" and "no interval is given" in fit.message
+    assert fit.status == "chi-square off" and fit.grade is lw.Grade.APPROXIMATE
     # 4002 samples: 4.5 of sqrt(2/4002)
     assert fit.chi_square_per_sample == pytest.approx(1.0 / factor**2, rel=0.1)
-    assert fit.coefficient("nes1.alpha").interval is None
     estimate = lw.identify(replace(record, noise=dict(present(record.simulated).noise)), chain.unknown("all"))
     assert estimate.trusted and estimate.coefficient("nes1.alpha").interval is not None
 
@@ -295,8 +294,7 @@ def test_noise_stated_wrong_is_caught(chain: lw.Structure, clean: lw.Record, fac
 def test_a_wrong_law_is_not_trusted(chain: lw.Structure, clean: lw.Record) -> None:
     straight = with_links(chain, link("nes1", "m2-m1", "k*d + c*v"))
     fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=15), straight)
-    assert not fit.trusted
-    assert fit.coefficient("nes1.k").interval is None
+    assert not fit.trusted and fit.verdicts[0].forbids
     assert "missing" in fit.message
 
 

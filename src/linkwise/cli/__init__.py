@@ -1,7 +1,7 @@
 """The command line: one command a file, no logic; what goes wrong ends in one paragraph and an exit code.
 
 Exit codes: 0 done; 1 failed with a reason; 2 wrong usage or unreadable input; 3 finished, but the answer is
-not to be trusted.
+refused; 4 finished, and the answer is approximate.
 """
 
 from __future__ import annotations

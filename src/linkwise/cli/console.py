@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,6 @@ from linkwise.errors import OutputError
 from linkwise.output import to_json
 from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
-from linkwise.verdict import Verdict, is_trusted
 
 if TYPE_CHECKING:
     from rich import console as terminal
@@ -43,13 +42,6 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
     },
 )
 """The folder that a command writes; figures are for those who want one, so it is loaded then."""
-
-UNTRUSTED = 3  # exit code: finished, but the answer is not to be trusted
-
-
-def exit_code(verdicts: Iterable[Verdict]) -> int:
-    """0, or `UNTRUSTED` where a verdict forbids trust."""
-    return 0 if is_trusted(verdicts) else UNTRUSTED
 
 
 def fail(message: str) -> None:
@@ -97,7 +89,7 @@ def deliver(
             tell(f"written to {folder}; open {folder / 'report.html'}")
     if unheard is not None:
         raise unheard
-    return exit_code(result.verdicts)
+    return result.grade.exit_code
 
 
 def _keep(

@@ -121,8 +121,8 @@ def discover(
     With --structure, links in the file keep their terms, and others may be added; a link with the law "0" is known to be
     absent, as is a term with a coefficient of 0. With hosts in the file, links may end at their points as at masses, and
     accelerometers at some of the points are enough. What the record cannot determine is reported on standard error before the
-    search. Exit code 3 means that the search did not settle or the fit is not to be trusted; Ctrl-C ends the search with the
-    best result so far.
+    search. Exit code 3 means that the search did not settle or the fit is refused, 4 that it is approximate; Ctrl-C ends the
+    search with the best result so far.
 
     \b
     Examples:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise.cli.console import UNTRUSTED, tell
+from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, listing
 from linkwise.export import answer as exports
 from linkwise.output import to_json
@@ -43,4 +43,4 @@ def export(answer: Path, files: tuple[Path, ...], as_json: bool) -> int:
             click.echo(f"written to {file}")
     if as_json:
         click.echo(to_json({"files": [str(file) for file in files]}))
-    return UNTRUSTED if content.warning else 0
+    return content.grade.exit_code

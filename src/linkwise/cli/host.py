@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 import linkwise as lw
-from linkwise.cli.console import exit_code, progress, tell
+from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FILE, grouped, pairs, typed
 from linkwise.cli.reading_options import ReadingOptions
 from linkwise.model import rotations
@@ -160,7 +160,7 @@ def host(
         click.echo(str(estimate))
     else:
         _tell_doubts(estimate)
-    return exit_code(estimate.verdicts)
+    return estimate.grade.exit_code
 
 
 def _holds_hosts_alone(path: Path) -> bool:

@@ -67,8 +67,8 @@ def identify(
 ) -> int:
     """Identify the unknown coefficients of STRUCTURE from RECORD.
 
-    Exit code 3 means that the answer is not to be trusted; the table says why. Ctrl-C ends the search with the best result so
-    far, which is not to be trusted either.
+    Exit code 4 means that the laws leave more than noise and the intervals are approximate; 3 that the answer is refused. The
+    table says why. Ctrl-C ends the search with the best result so far, which is refused.
 
     \b
     Examples:

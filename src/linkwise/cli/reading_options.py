@@ -12,7 +12,7 @@ import click
 import linkwise as lw
 from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs, typed
-from linkwise.estimates.estimate import untrusted_remark
+from linkwise.estimates.estimate import stated_grade
 from linkwise.model import rotations
 
 _EXAMPLES = {"gain": "x:m1=1.02", "offset": "x:m1=0.3mm", "delay": "a:base=2ms"}
@@ -317,7 +317,7 @@ record_options = grouped(RecordOptions, "source", click.argument("record", type=
 def read_told(path: Path) -> lw.Structure:
     """The structure of a file; notes on it and its hosts go to standard error."""
     subject = lw.read_structure(path)
-    if remark := untrusted_remark(path):
+    if remark := stated_grade(path)[1]:
         tell(f"note: {path}: {remark}")
     tell_of_hosts(subject.hosts)
     return subject

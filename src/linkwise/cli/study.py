@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise.cli.console import UNTRUSTED, progress, tell
+from linkwise.cli.console import progress, tell
 from linkwise.cli.options import FOLDER, grouped, typed
 from linkwise.output import to_json
 
@@ -74,7 +74,7 @@ def study(name: str, options: RunOptions, as_json: bool) -> int:
         page = lw.report.write_study_report(options.output, progress=step)
     files.append(str(page))
     click.echo(to_json({**summary.to_dict(), "files": files}) if as_json else f"written: {', '.join(files)}")
-    return UNTRUSTED if summary.failed_cells else 0
+    return (lw.Grade.REFUSED if summary.failed_cells else lw.Grade.EXPLAINED).exit_code
 
 
 def _require_stored(study: lw.Study, output: Path) -> None:

@@ -42,7 +42,7 @@ from linkwise.records.joining import joined_notes, record_list
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
-from linkwise.verdict import Verdict
+from linkwise.verdict import Verdict, admit_intervals
 
 _SCREENED = 0.1  # of the progress, when the screen is done
 _SEARCHED = 0.99  # of the progress, when a selection is judged
@@ -268,7 +268,7 @@ def _select(
         simpler = select_nearly_right(search, selection, screened.first)
         reduced = judged_discovery(records, checks, screened, simpler, simpler.fit.delays)
         follows = Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
-        if (follows and reduced.trusted) or simpler.has_fewer_links(selection):
+        if (follows and admit_intervals(reduced.verdicts)) or simpler.has_fewer_links(selection):
             selection, discovery = simpler, reduced
     return _Selected(checks, screened, selection, discovery)
 
@@ -277,7 +277,7 @@ def _may_remember(selection: Selection, discovery: Discovery) -> bool:
     """Whether a force with memory would explain most of what the laws leave, or they leave much and are not trusted."""
     if any(cause.term in MEMORY_TERMS for cause in discovery.diagnosis[:1]):
         return True
-    untrusted = not (selection.is_exact or discovery.trusted)
+    untrusted = not (selection.is_exact or admit_intervals(discovery.verdicts))
     return untrusted and discovery.estimate.model_error > _MEMORY
 
 

@@ -36,6 +36,7 @@ from linkwise.discovery.selection import (
     Selection,
     inverse_of,
     link_motions,
+    singular,
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
@@ -68,13 +69,17 @@ class DroppedTerms:
     def of(cls, quadratic: QuadraticModel, penalty: Penalty, count: int) -> DroppedTerms:
         """Those of a model whose first `count` coefficients are those of the selection.
 
-        Raises numpy.linalg.LinAlgError if the columns of the selection are linearly dependent.
+        Raises IdentificationError if the columns of the selection are linearly dependent, as those of the best that a search
+        visited may be where nothing converged.
         """
         linked = set(penalty.pair[:count].tolist()) | penalty.stated
         others = range(count, len(quadratic.names))
         dropped = np.array([number for number in others if penalty.pair[number] in linked], dtype=np.intp)
         inside = np.arange(count)
-        covariance = inverse_of(quadratic.h[:count, :count])
+        try:
+            covariance = inverse_of(quadratic.h[:count, :count])
+        except np.linalg.LinAlgError:
+            raise singular(quadratic.names[:count]) from None
         follow = covariance @ quadratic.h[np.ix_(inside, dropped)]
         square = quadratic.h[dropped, dropped]
         scale = 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0))

@@ -48,7 +48,7 @@ from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.records.record import Record
-from linkwise.verdict import Verdict, is_trusted
+from linkwise.verdict import Verdict, admit_intervals
 
 _INTEGRATED = (
     "Some displacements were integrated from velocities or accelerations, without their constants, and the laws leave more "
@@ -102,20 +102,20 @@ def judged_discovery(
     estimate = estimate_of(selection.structure, fit, records, delays, offered=candidates.full_structure)
     dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
-    firm, names = estimate.trusted and selection.settled, selection.quadratic.names
-    tested = firm and not fit.random_forces
+    told, names = admit_intervals(estimate.verdicts), selection.quadratic.names
+    tested = (firm := told and selection.settled) and not fit.random_forces
     rivals = (*frequencies, *rival_errors(selection, estimate.structure)) if tested else ()
     offsets = rival_offsets(selection, candidates, records[0].channels) if tested else ()
     forms = rival_forms(selection, candidates) if tested else ()
-    moved = link_exchanges(selection, candidates) if tested or (estimate.trusted and candidates.hosts) else ()
+    moved = link_exchanges(selection, candidates) if tested or (told and candidates.hosts) else ()
     estimate = allowing_for(_beside_rivals(estimate, rivals, offsets), forms)
     parabolas = path_parabolas(selection, candidates)
     needless = terms_without_gain(selection, parabolas, estimate.model_error)
     origins = unknown_origins(estimate, records, selection, candidates) if screened.integrated else ()
     others: tuple[_Rival, ...] = (*rivals, *offsets, *moved, *forms, *origins, *needless)
-    memory = tuple(replace(law, unambiguous=law.unambiguous and estimate.trusted) for law in memory)
+    memory = tuple(replace(law, unambiguous=law.unambiguous and told) for law in memory)
     search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
-    trusted = is_trusted(verdicts := (*estimate.verdicts, *(verdict for verdict, _ in search)))
+    trusted = admit_intervals(verdicts := (*estimate.verdicts, *(verdict for verdict, _ in search)))
     path = selection_path(selection, parabolas)
     discovery = Discovery(
         estimate=estimate,
@@ -226,7 +226,7 @@ def _doubts_of_search(
     """The verdicts that forbid trust in a search, each with a sentence."""
     valueless = without_values(screened.candidates, selection)
     opposed = opposed_damping(selection, screened.candidates)
-    inexact = not (selection.is_exact and estimate.trusted)
+    inexact = not (selection.is_exact and admit_intervals(estimate.verdicts))
     search = [
         (bool(opposed), Verdict.TERMS_MAY_BE_MISSING, _OPPOSED.format(" and ".join(opposed))),
         (
@@ -235,7 +235,11 @@ def _doubts_of_search(
             _STAND_INS,
         ),
         (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
-        (not selection.is_exact and not estimate.trusted, Verdict.TERMS_MAY_BE_MISSING, _INEXACT),
+        (
+            not selection.is_exact and not admit_intervals(estimate.verdicts),
+            Verdict.TERMS_MAY_BE_MISSING,
+            _INEXACT,
+        ),
         (screened.integrated and inexact, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
         (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
     ]

@@ -28,7 +28,7 @@ from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.model.structure import Structure
-from linkwise.verdict import Decision, Verdict
+from linkwise.verdict import Decision, Grade, Verdict, admit_intervals
 
 #: Rise of the criterion, on the scale of -2 log likelihood, that makes a decision certain: the odds are exp(5) to 1 or better,
 #: "very strong" evidence.
@@ -298,6 +298,12 @@ class Discovery(JudgedView):
             default=float("inf"),
         )
 
+    @cached_property
+    def grade(self) -> Grade:
+        """How far the answer goes: that of its estimate, and of what the search left."""
+        search = (verdict.grade for verdict in self.verdicts if verdict not in self.estimate.verdicts)
+        return Grade.worst((self.estimate.grade, *search))
+
     def __str__(self) -> str:
         return discovery_text(self)
 
@@ -423,8 +429,8 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
         for coefficient in link.coefficients
         if coefficient.name.key not in link.link.law.nonlinear
     )
-    trust = "can be trusted" if discovery.trusted else "NOT to be trusted"
-    if discovery.trusted and discovery.in_doubt:
+    trust = discovery.grade.trust
+    if admit_intervals(discovery.verdicts) and discovery.in_doubt:
         trust += (
             f", but for {_count(len(discovery.in_doubt), 'link')} in doubt: {', '.join(discovery.in_doubt)}"
         )
@@ -443,7 +449,7 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
 
 def certainty_sentence(discovery: Discovery) -> str:
     """How many decisions are not certain, in a sentence."""
-    if not discovery.trusted:
+    if not admit_intervals(discovery.verdicts):
         return "No decision is certain."
     selected = sum(term.kept for term in discovery.doubtful)
     dropped = len(discovery.doubtful) - selected
@@ -463,7 +469,7 @@ def links_by_certainty(discovery: Discovery) -> list[LinkEstimate]:
 def doubt_mark(discovery: Discovery, link: LinkEstimate) -> str:
     """What follows the name of a link that is in doubt, in a result to be trusted."""
     certain = discovery.decision(link.link.name) is Decision.CERTAIN
-    return "" if certain or not discovery.trusted else " (in doubt)"
+    return "" if certain or not admit_intervals(discovery.verdicts) else " (in doubt)"
 
 
 def link_title(discovery: Discovery, link: LinkEstimate) -> str:
@@ -499,7 +505,7 @@ def term_rows(discovery: Discovery, link: LinkEstimate) -> Rows:
         _term_row(
             coefficient,
             evidence.get(coefficient.name),
-            marked=discovery.trusted,
+            marked=admit_intervals(discovery.verdicts),
             without="of memory"
             if coefficient.name in remembering
             else "of a term"
@@ -536,13 +542,15 @@ def _term_row(
 
 def doubtful_title(discovery: Discovery) -> str:
     """The title of the table of doubtful terms."""
-    ambiguous = discovery.trusted and any(not term.unambiguous for term in discovery.doubtful)
+    ambiguous = admit_intervals(discovery.verdicts) and any(
+        not term.unambiguous for term in discovery.doubtful
+    )
     reasons = (
         ", the interval contains zero, masses moved together, or another term would fit as well"
         if ambiguous
         else ""
     )
-    if discovery.trusted and any(term.may_matter for term in discovery.doubtful):
+    if admit_intervals(discovery.verdicts) and any(term.may_matter for term in discovery.doubtful):
         reasons += ", or the record would not show a term that matters"
     return f"in doubt: the margin is {CERTAIN:g} or less{reasons}"
 
@@ -551,7 +559,7 @@ def doubtful_rows(discovery: Discovery) -> Rows:
     """The terms whose decision is not certain; without trust, those with a small margin."""
     rows: Rows = [DOUBTFUL_HEAD]
     for term in discovery.doubtful:
-        if not discovery.trusted and term.identifiable and term.margin > CERTAIN:
+        if not admit_intervals(discovery.verdicts) and term.identifiable and term.margin > CERTAIN:
             continue
         size = abs(term.standard_error) if isfinite(term.standard_error) else None
         value = f"{format_value(term.value, size)} {term.unit}" if term.identifiable else "not identifiable"

@@ -509,10 +509,12 @@ def _converged(fit: LikelihoodFit) -> bool:
     return fit.status is AnnealingStatus.CONVERGED and tight
 
 
-_SINGULAR = (
-    "the fit of the terms that the search starts from ({}) does not converge: its equations became singular. Sample faster, "
-    "record for longer or with less noise, or state links that are known in a structure file"
-)
+def singular(names: Iterable[str]) -> IdentificationError:
+    """The error of a search whose fit of the terms `names` does not tell them apart."""
+    return IdentificationError(
+        f"the fit of the terms {', '.join(sorted(names))} does not converge: its equations became singular. Sample faster, "
+        "record for longer or with less noise, or state links that are known in a structure file"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -655,7 +657,7 @@ def _descend(
                 return replace(best_of([*visited.values()]), rounds=number)
             if isinstance(error, IdentificationError):
                 raise
-            raise IdentificationError(_SINGULAR.format(", ".join(sorted(chosen)))) from None
+            raise singular(chosen) from None
         names = frozenset(quadratic.names[k] for k in after) & frozenset(search.candidates.by_name)
         selection = Selection(chosen, structure, fit, quadratic, penalty, names == chosen, number)
         if selection.settled or fit.status is AnnealingStatus.INTERRUPTED:

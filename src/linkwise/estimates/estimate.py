@@ -51,7 +51,7 @@ from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
-from linkwise.verdict import STATUSES, Verdict, is_trusted, status_of
+from linkwise.verdict import STATUSES, Grade, Verdict, admit_intervals, status_of
 
 
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
@@ -113,31 +113,47 @@ def mode_document(mode: LinkEstimate, shapes: Sequence[CoefficientEstimate] = ()
     return {"name": mode.link.name, **coefficients, **({"shape": own} if own else {})}
 
 
-_MARK = "# NOT to be trusted"
+_REFUSED = "No interval is given."
+_APPROXIMATE = (
+    "Intervals are approximate: of the laws of this form that come closest over motion like that of the record. They hold the "
+    "scatter between parts of it and the change to longer horizons, and say nothing of laws of another form."
+)
+_MARKS = {Grade.APPROXIMATE: "# approximate", Grade.REFUSED: "# NOT to be trusted"}
+_FILES = {
+    Grade.APPROXIMATE: "numbers of laws that leave more than noise of their record",
+    Grade.REFUSED: "numbers of an answer that does not explain its record",
+}
+_REMARKS = {
+    Grade.EXPLAINED: "",
+    Grade.APPROXIMATE: (
+        "The answer is approximate{}: its laws leave more than noise, and so does what follows from its numbers."
+    ),
+    Grade.REFUSED: "The answer is NOT to be trusted{}, and neither is what follows from its numbers.",
+}
 
 
-def untrusted_comment(status: str) -> str:
-    """The first line of the structure file of an answer with this status, which is not trusted."""
-    return f"{_MARK} ({status}): numbers of an answer that does not explain its record.\n"
+def grade_comment(grade: Grade, status: str) -> str:
+    """The first line of the structure file of an answer with this grade and status, empty for one that can be trusted."""
+    return f"{_MARKS[grade]} ({status}): {_FILES[grade]}.\n" if grade in _MARKS else ""
 
 
-def untrusted_remark(path: Path) -> str:
-    """What the comment in a structure file says, as a sentence; empty where there is none or the file cannot be read."""
+def stated_grade(path: Path) -> tuple[Grade, str]:
+    """The grade that the comment in a structure file states, explained without one, and a sentence on it."""
     try:
         with path.open(encoding="utf-8") as file:
             line = file.readline()
     except (OSError, UnicodeDecodeError):
-        return ""
-    if not line.startswith(_MARK):
-        return ""
-    status = line.removeprefix(_MARK).partition(":")[0].strip(" ()\n")
-    return not_trusted(status if status in STATUSES else "")
+        return Grade.EXPLAINED, ""
+    for grade, mark in _MARKS.items():
+        if line.startswith(mark):
+            status = line.removeprefix(mark).partition(":")[0].strip(" ()\n")
+            return grade, grade_remark(grade, status if status in STATUSES else "")
+    return Grade.EXPLAINED, ""
 
 
-def not_trusted(status: str) -> str:
-    """The sentence on an answer with this status, for whatever is computed from its numbers."""
-    reason = f" ({status})" if status else ""
-    return f"The answer is NOT to be trusted{reason}, and neither is what follows from its numbers."
+def grade_remark(grade: Grade, status: str) -> str:
+    """The sentence on an answer with this grade and status, for whatever is computed from its numbers."""
+    return _REMARKS[grade].format(f" ({status})" if status else "")
 
 
 _ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the square of it is zero
@@ -173,6 +189,9 @@ class Estimate(JudgedView):
         False for methods whose covariance gives no confidence intervals.
     profile : callable or None
         Profile-likelihood interval, for `profile_interval`; None without a likelihood.
+    approximate : bool
+        Whether values and covariance are those of laws that leave more than noise, with the scatter between parts of the
+        records.
     profile_intervals : mapping of str to tuple of float
         Profile-likelihood intervals of unknowns, where they were asked for.
     remarks, notes : tuple of str
@@ -236,6 +255,7 @@ class Estimate(JudgedView):
     links_in_doubt: frozenset[str] = frozenset()
     for_dropped_terms: Floats | None = None
     profile_intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    approximate: bool = False
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -249,7 +269,7 @@ class Estimate(JudgedView):
     @property
     def _has_negative_variance(self) -> bool:
         """Whether a variance is negative beyond the rounding of its coefficient."""
-        if not (self.intervals and is_trusted(self.fit_verdicts)):
+        if not (self.intervals and admit_intervals(self.fit_verdicts)):
             return False
         variance = self.covariance.diagonal()[self.free]
         return bool(np.any(~(variance >= -((_ROUNDING * self.values[self.free]) ** 2))))
@@ -257,7 +277,7 @@ class Estimate(JudgedView):
     @cached_property
     def supplies(self) -> dict[str, float]:
         """Mean power in W of links that supply energy to the motion, by name; empty without trusted intervals."""
-        if not (self.intervals and is_trusted(self.fit_verdicts)):
+        if not (self.intervals and admit_intervals(self.fit_verdicts)):
             return {}
         powers = {
             link.name: supplied_power(
@@ -268,10 +288,22 @@ class Estimate(JudgedView):
         }
         return {name: power for name, power in powers.items() if power is not None}
 
+    @cached_property
+    def grade(self) -> Grade:
+        """How far the answer goes: the verdicts allow it, and an approximate one has intervals by parts of the records."""
+        grade = Grade.worst(verdict.grade for verdict in self.verdicts)
+        withheld = not (self.approximate or admit_intervals(self.verdicts))
+        return Grade.REFUSED if grade is Grade.APPROXIMATE and withheld else grade
+
     @property
     def explanation(self) -> str:
-        """`message`, and the advice of verdicts on the identified laws."""
-        return " ".join([self.message, *(v.value for v in self.verdicts if v not in self.fit_verdicts)])
+        """`message`, the advice of verdicts on the identified laws, and what intervals are beside more than noise."""
+        advice = (verdict.value for verdict in self.verdicts if verdict not in self.fit_verdicts)
+        consequence = {
+            Grade.REFUSED: (_REFUSED,),
+            Grade.APPROXIMATE: (_APPROXIMATE,) if self.approximate else (),
+        }
+        return " ".join([self.message, *advice, *consequence.get(self.grade, ())])
 
     @property
     def status(self) -> str:
@@ -478,7 +510,8 @@ class Estimate(JudgedView):
         number = self._parameter_index.get((index, name.key))
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
-        identified = self.trusted and self.free[number] and name.owner not in self.links_in_doubt
+        told = self.grade is not Grade.REFUSED and self.free[number]
+        identified = told and name.owner not in self.links_in_doubt
         if not identified:
             return CoefficientEstimate(name, value, unit, known=False)
         error = float(np.sqrt(max(self.covariance[number, number], 0.0)))
@@ -490,7 +523,8 @@ class Estimate(JudgedView):
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
-        has_intervals = self.trusted and self.intervals and link.name not in self.links_in_doubt
+        told = self.grade is not Grade.REFUSED and self.intervals
+        has_intervals = told and link.name not in self.links_in_doubt
         return LinkEstimate(
             link=link,
             coefficients=tuple(
@@ -598,10 +632,9 @@ _HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 
 def _verdict(estimate: Estimate) -> str:
-    trust = "can be trusted" if estimate.trusted else "NOT to be trusted"
     value = estimate.chi_square_per_sample
     chi = "" if value is None else f", chi-square {format_chi_square(value)}"
-    head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {trust}"
+    head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {estimate.grade.trust}"
     summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {format_duration(estimate.seconds)})"
     return f"{head}\n{paragraph(summary)}"
 

@@ -18,7 +18,7 @@ from linkwise.model.names import MASS, Name
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
-from linkwise.verdict import STATUSES, Verdict
+from linkwise.verdict import STATUSES, Grade, Verdict
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -88,8 +88,9 @@ class Posterior:
         IdentificationError
             If the estimate is not trusted or its method gives no intervals.
         """
-        if not (estimate.trusted and estimate.intervals):
-            why = estimate.status if not estimate.trusted else f"{estimate.method} gives no intervals"
+        refused = estimate.grade is Grade.REFUSED
+        if refused or not estimate.intervals:
+            why = estimate.status if refused else f"{estimate.method} gives no intervals"
             raise IdentificationError(
                 f"this estimate has no covariance to draw from ({why}); identify again until the estimate can be trusted, or "
                 "use its structure without uncertainty"

@@ -20,6 +20,7 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
 from linkwise.registry import Registry
+from linkwise.verdict import Grade
 
 _LONGEST = 50  # characters of a name: MATLAB takes 63, and prefixes are added
 
@@ -39,7 +40,7 @@ class ExportedCoefficient:
 class ExportedAnswer:
     """A structure of numbers, with the covariance (p, p) of those coefficients that were identified, by `names`.
 
-    `note` is what there is to know of it, of which `warning` says that it is not to be trusted.
+    `note` is what there is to know of it, of which `warning` says that it is not explained.
     """
 
     structure: Structure
@@ -47,6 +48,7 @@ class ExportedAnswer:
     covariance: Floats
     note: str
     version: str
+    grade: Grade = Grade.EXPLAINED
     warning: str = ""
 
     @classmethod
@@ -67,7 +69,7 @@ class ExportedAnswer:
                 "moments in N m."
             )
         note = " ".join(notes)
-        return cls(given.structure, names, covariance, note, version("linkwise"), given.warning)
+        return cls(given.structure, names, covariance, note, version("linkwise"), given.grade, given.warning)
 
     @property
     def links(self) -> tuple[Link, ...]:

@@ -135,7 +135,7 @@ class HostEstimate(JudgedView):
 
     def __str__(self) -> str:
         host = self.host
-        trust = "can be trusted" if self.trusted else "NOT to be trusted"
+        trust = self.grade.trust
         status = " ".join(verdict.value for verdict in self.verdicts)
         head = f"{host.name}: {len(host.modes)} modes at {len(host.points)} points, {trust}"
         numbers = f"{self.samples} samples, chi-square {self.chi_square_per_sample:.3f}"

@@ -19,6 +19,7 @@ from linkwise.estimates.causes import ErrorKind, NoiseEstimate, SensorErrorEstim
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.inspection.missing_samples import EstimatedError
 from linkwise.likelihood.checks.held_errors import unseen_terms
+from linkwise.likelihood.checks.horizons import over_horizons
 from linkwise.likelihood.checks.record import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit, motion_of_links, require_told
@@ -553,6 +554,13 @@ def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) 
     )
 
 
+def _with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
+    """The structure with the values of a fit."""
+    return structure.with_values(
+        dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
+    )
+
+
 def estimate_of(
     structure: Structure,
     fit: LikelihoodFit,
@@ -567,22 +575,21 @@ def estimate_of(
     IdentificationError where the records do not tell a gain.
     """
     require_told(fit)
-    values: dict[str, float] = dict(
-        zip((p.name for p in structure.parameters), map(float, fit.values), strict=True)
-    )
-    identified = structure.with_values(values)
-    fit = with_limits(fit)
+    identified, fit = _with_values(structure, fit), with_limits(fit)
     structures = (structure,) if offered is None else (offered, structure)
     judgement = judge(fit, identified, structures, records, searched=offered is not None)
+    residuals = fit.misfit.residuals
+    approximate = over_horizons(fit) if offered is None and judgement.may_be_approximate else None
+    if approximate is not None:
+        fit, identified = approximate, _with_values(structure, approximate)
     covariance, faint = with_faint_modes(fit, identified)
-    additions = (judgement.for_missing_terms, judgement.for_blocks, judgement.for_input_noise)
-    added = [addition for addition in additions if addition is not None]
-    skewed = judgement.for_skewed_profiles
-    covariance = sum(added if skewed is None else [*added, skewed], covariance)
+    added = [] if approximate else judgement.additions  # the scatter of blocks and the path hold all that
+    covariance = sum(added, covariance)
     units: dict[str, str] = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
-    unseen = unseen_terms(fit, identified, judgement.trusted_tests, covariance, terms=of_terms)
+    tested = None if approximate else judgement.trusted_tests
+    unseen = unseen_terms(fit, identified, tested, covariance, terms=of_terms)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),
@@ -598,7 +605,7 @@ def estimate_of(
         },
         chi_square_per_sample=fit.chi_square,
         samples=fit.samples,
-        compute_motion=partial(motion_of_links, fit, identified, records),
+        compute_motion=partial(motion_of_links, fit, identified, records, judged=residuals),
         record=records[0],
         more_records=tuple(records[1:]),
         remarks=(
@@ -606,12 +613,13 @@ def estimate_of(
             *unseen_remark(unseen),
             *(inseparable(fit) if judgement.verdict.forbids else ()),
         ),
-        profile=None if added else partial(profile_ends, fit.optimum),
+        profile=None if approximate or judgement.widens_for_laws else partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
         disturbances=estimated_disturbances(fit),
         unseen_terms=unseen,
-        for_dropped_terms=judgement.for_missing_terms,
+        for_dropped_terms=None if approximate else judgement.for_missing_terms,
+        approximate=approximate is not None,
     )

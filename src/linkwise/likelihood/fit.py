@@ -477,8 +477,13 @@ def _force_error(fit: AnnealingFit, system: System, segments: Segments) -> Float
     return np.asarray(system.at(fit.point.theta).masses * jumps / duration)
 
 
-def motion_of_links(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
-    """The links along the fitted orbit, at the samples of all records; residuals are those of the weak form."""
+def motion_of_links(
+    fit: LikelihoodFit, identified: Structure, records: Sequence[Record], *, judged: Floats | None = None
+) -> LinkMotion:
+    """The links along the fitted orbit, at the samples of all records, and residuals of the weak form.
+
+    The residuals (M, C, K) of channels are those of the fit, or those `judged` in its place.
+    """
     records = framed_records(records, identified, integrated=True)
     segments, samples = fit.segments, len(fit.segments.samples)
     states = fit.misfit.trajectories.states[segments.at_samples]
@@ -488,7 +493,8 @@ def motion_of_links(fit: LikelihoodFit, identified: Structure, records: Sequence
     firsts = np.cumsum([0, *whole[:-1]])
     memory = fit.misfit.trajectories.memory[segments.at_samples]
     inside = memory.transpose(2, 0, 1).reshape(len(x), -1)
-    left = fit.misfit.residuals.transpose(2, 0, 1).reshape(len(x), -1)
+    left = fit.misfit.residuals if judged is None else judged
+    left = left.transpose(2, 0, 1).reshape(len(x), -1)
     observed = fit.segments.observed.transpose(2, 0, 1).reshape(len(x), -1)
     left = np.where(observed, left, np.nan)
     d, rates, forces, remains = [], [], [], []

@@ -79,6 +79,19 @@ class BlockScores:
         out[chosen] = quantiles * np.sqrt(variance)
         return out
 
+    def by_scores(self, free: Bools) -> Floats:
+        """(p,) standard errors by the scores of blocks at the common optimum, widened to normal quantiles; zero where not
+        `free`. One block that holds nearly all information, as a hit of a hammer does, does not inflate them.
+        """
+        chosen, blocks = np.flatnonzero(free), len(self.scores)
+        information = self.information.sum(axis=0)[np.ix_(chosen, chosen)]
+        moved = np.linalg.solve(information, self.scores[:, chosen].T)
+        variance = np.sum((moved - moved.mean(axis=1, keepdims=True)) ** 2, axis=1) * blocks / (blocks - 1)
+        quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
+        out = np.zeros(len(free))
+        out[chosen] = quantiles * np.sqrt(variance)
+        return out
+
     def chances(self, free: Bools, noise: float) -> Floats:
         """(p,) probabilities that noise alone scatters estimates without one block so far; 1 where not `free`.
 

@@ -187,10 +187,8 @@ class Link:
             states = as_link_states(given)
         if states:
             law = Law.parse(self.law.text, states)
-            vars(self).update(
-                law=replace(law, angular=True) if self.law.angular else law,
-                states=_OwnStates(self.name, states),
-            )
+            vars(self).update(law=replace(law, angular=True) if self.law.angular else law)
+        vars(self).update(states=_OwnStates(self.name, states))
 
     @property
     def rate_texts(self) -> tuple[str, ...]:

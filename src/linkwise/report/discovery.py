@@ -41,6 +41,7 @@ from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.estimate import estimate_figures, page_parts, result_of, write_numbers
 from linkwise.report.page import Build, Reported, ResultFolder, Section, figure_section, rendered, sections_of
+from linkwise.verdict import admit_intervals
 
 if TYPE_CHECKING:
     from linkwise.plot import discoveries as result_figures
@@ -154,7 +155,9 @@ def _sizes(reported: Reported[Discovery]) -> Section | None:
 def _average(reported: Reported[Discovery]) -> Section | None:
     """The models that survive beside the selected one, if they give another force; none without trust."""
     discovery = reported.result
-    link = discovery.average.departing(discovery.estimate.links) if discovery.trusted else None
+    link = (
+        discovery.average.departing(discovery.estimate.links) if admit_intervals(discovery.verdicts) else None
+    )
     if link is None:
         return None
     return Section(
@@ -284,7 +287,7 @@ _COLUMNS = {"identifiable": "told", "unambiguous": "reliable"}
 def _write_data(reported: Reported[Discovery], folder: Path) -> None:
     """The candidates, and what is written of an estimate."""
     _write_terms(reported.result, folder / "terms.csv")
-    write_numbers(reported.result.estimate, folder, reported.result.verdicts)
+    write_numbers(reported.result.estimate, folder, reported.result)
 
 
 def _with_aligned_truth(discovery: Discovery) -> Discovery:

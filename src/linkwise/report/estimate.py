@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +11,10 @@ import numpy as np
 from markupsafe import Markup
 
 from linkwise import __version__
-from linkwise.display import format_chi_square, format_error, format_value
+from linkwise.display import JudgedView, format_chi_square, format_error, format_value
 from linkwise.errors import RecordError, expect
 from linkwise.estimates.curves import GRID, has_loop
-from linkwise.estimates.estimate import Estimate, untrusted_comment
+from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.identification.force_error import nmse
@@ -25,7 +25,7 @@ from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, rendered, sections_of
-from linkwise.verdict import Verdict, is_trusted, status_of
+from linkwise.verdict import Grade, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -362,16 +362,15 @@ def write_result(
     return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 
 
-def write_numbers(estimate: Estimate, folder: Path, verdicts: Collection[Verdict]) -> None:
-    """Write structure, forces of links and, of an answer to be trusted, the covariance into an empty `folder`."""
-    trusted = is_trusted(verdicts)
-    comment = "" if trusted else untrusted_comment(status_of(verdicts))
+def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
+    """Write structure, forces of links and, of an answer that is not refused, the covariance into an empty `folder`."""
+    comment = grade_comment(result.grade, status_of(result.verdicts))
     (folder / "structure.toml").write_text(
         comment + format_structure(estimate.structure), encoding="utf-8", newline="\n"
     )
     for estimated_link in estimate.links:
         _write_force(estimate, estimated_link.link.name, folder / f"force_{estimated_link.link.name}.csv")
-    if trusted and estimate.intervals:
+    if result.grade is not Grade.REFUSED and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
 
 
@@ -384,7 +383,7 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
 
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
     document=result_of,
-    data=lambda reported, folder: write_numbers(reported.result, folder, reported.result.verdicts),
+    data=lambda reported, folder: write_numbers(reported.result, folder, reported.result),
     figures=estimate_figures,
     page=estimate_page,
 )

@@ -38,7 +38,7 @@ from linkwise.study.row import Row
 from linkwise.study.store import read_rows, stored_study
 from linkwise.study.success_map import SuccessMap, maps_of
 from linkwise.study.summary import SPREAD, Cell, StudyTable, covered
-from linkwise.verdict import Verdict, is_trusted
+from linkwise.verdict import Verdict, admit_intervals
 
 if TYPE_CHECKING:
     from linkwise.plot import studies as study_figures
@@ -112,7 +112,7 @@ class StudyReport:
     @property
     def trusted(self) -> bool:
         """Whether every claim holds, and no verdict on the study forbids trust."""
-        return all(claim.met for claim in self.claims) and is_trusted(self.table.verdicts)
+        return all(claim.met for claim in self.claims) and admit_intervals(self.table.verdicts)
 
     @property
     def lacks(self) -> list[str]:

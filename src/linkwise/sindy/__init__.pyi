@@ -10,12 +10,8 @@ from linkwise.sindy.force_reading import monomial_nmse as monomial_nmse
 from linkwise.sindy.library import link_columns as link_columns
 from linkwise.sindy.library import local_equations as local_equations
 from linkwise.sindy.library import monomial_equations as monomial_equations
-from linkwise.sindy.regression.gram import AnchoredSums as AnchoredSums
-from linkwise.sindy.regression.gram import Gram as Gram
-from linkwise.sindy.regression.gram import Solution as Solution
 from linkwise.sindy.regression.linear_system import DenseSystem as DenseSystem
 from linkwise.sindy.regression.linear_system import GramSums as GramSums
-from linkwise.sindy.regression.linear_system import LinearSystem as LinearSystem
 from linkwise.sindy.regression.linear_system import StreamedSystem as StreamedSystem
 from linkwise.sindy.regression.regressor import RegressionFit as RegressionFit
 from linkwise.sindy.regression.regressor import Regressor as Regressor

@@ -16,6 +16,7 @@ from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.sindy.estimate import PhysicsInformedSindy
 from linkwise.study.row import MethodResult
 from linkwise.study.subject import Subject
+from linkwise.verdict import Grade
 
 
 class StudyMethod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -117,7 +118,11 @@ def _identify(
     record = subject.measured(clean).with_noise(snr_db, seed=seed)
     estimate = identify(record, subject.stated_structure(seed), method=estimator)
     names = [parameter.name for parameter in estimate.parameters]
-    errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)) if estimate.trusted else ()
+    errors = (
+        np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0))
+        if estimate.grade is not Grade.REFUSED
+        else ()
+    )
     return MethodResult(
         status=estimate.status,
         seconds=estimate.seconds,

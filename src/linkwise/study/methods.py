@@ -173,7 +173,7 @@ def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor:
     scaled = np.zeros((len(gram.names), len(targets)))
     setting = np.zeros(len(targets))
     for number, column in enumerate(columns):
-        solution, setting[number], _ = regressor.solve(gram, column)
+        solution, setting[number], _ = regressor._solve(gram, column)
         scaled[:, number] = solution.scaled
     norms = np.where(gram.norms[columns] > 0, gram.norms[columns], 1.0)
     return RegressionFit(
@@ -369,7 +369,7 @@ class SindyMethod(StudyMethod, frozen=True):
         unexplained = 0.0
         for number, target in enumerate(equations.targets):
             if target.endswith("''"):
-                solution = regressor.solve(gram, number)[0]
+                solution = regressor._solve(gram, number)[0]
                 chosen |= {(target, gram.names[column]) for column in np.flatnonzero(solution.scaled)}
                 unexplained = max(unexplained, np.sqrt(solution.squares) / (gram.norms[number] or 1.0))
         seconds = perf_counter() - started

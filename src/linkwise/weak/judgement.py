@@ -437,7 +437,7 @@ def _forbidden(
     if equations.motion.surplus > LARGEST_EXCESS:
         return Verdict.SYSTEMATIC_MISFIT, (
             "The sensors of a host do not move as its modes do: what they show beside these is "
-            f"{np.sqrt(equations.motion.surplus):.3g} times their noise, so no interval is given: a shape, a place or the "
+            f"{np.sqrt(equations.motion.surplus):.3g} times their noise: a shape, a place or the "
             "sign of a sensor is wrong, modes that were left out move, or the noise is larger than stated."
         )
     lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
@@ -447,7 +447,7 @@ def _forbidden(
         share = _model_error(equations, fit)
         return Verdict.NOISE_MISMATCH, (
             f"The laws explain the record to within {100.0 * share:.3g} % of its forces, which is {times} what noise "
-            "would leave, so no interval is given: a term is missing from a law, a link from the structure, a force from the "
+            "would leave: a term is missing from a law, a link from the structure, a force from the "
             f"record, the noise is not white{larger}, or the samples are too far apart to follow the motion. The values are "
             "the best of these laws."
         )
@@ -458,13 +458,13 @@ def _forbidden(
             else ("estimated", "State it, if it is known")
         )
         return Verdict.NOISE_MISMATCH, (
-            f"The residuals are only {times} what noise would leave, so no interval is given: the noise is smaller than "
+            f"The residuals are only {times} what noise would leave: the noise is smaller than "
             f"{source} or not white, and the correction for its bias has biased the values. {advice}."
         )
     if _has_outliers(record, structure, equations.motion):
         return Verdict.OUTLIERS, (
-            "The noise has more large errors than normal noise, for which the weak form corrects the bias, so no "
-            'interval is given. Remove the outliers, or use method "ml", with a robust loss where they are many.'
+            "The noise has more large errors than normal noise, for which the weak form corrects the "
+            'bias. Remove the outliers, or use method "ml", with a robust loss where they are many.'
         )
     hardly = [
         name
@@ -474,14 +474,14 @@ def _forbidden(
     if hardly:
         return Verdict.HARDLY_DETERMINED, (
             f"{_EXPLAINED}, but the record contains hardly more information on {', '.join(hardly)} than the noise that the "
-            "weak form subtracts, so no interval is given: it would be too narrow. Give a number, record a motion that "
+            "weak form subtracts, so that an interval would be too narrow. Give a number, record a motion that "
             'stands farther above the noise, or use method "ml", which needs no such correction.'
         )
     skewed = _skewed(equations, fit)
     if skewed:
         return Verdict.HARDLY_DETERMINED, (
             f"{_EXPLAINED}, but tells {', '.join(skewed)} to within more than {100.0 * _SKEWED:.0f} % only, and the rate of "
-            "a state is not linear in these, so no interval is given: it would be too narrow on one side. Give a number, "
+            "a state is not linear in these, so that an interval would be too narrow on one side. Give a number, "
             'record a motion that stands farther above the noise, or use method "ml".'
         )
     follows = _follows_the_motion(record, structure, equations, fit)
@@ -509,7 +509,7 @@ def _of_terms(
     if damping is not None:
         return WeakJudgement(
             Verdict.HARDLY_DETERMINED,
-            f"{_EXPLAINED}, but the record does not rule out {damping.description}, so no interval is given: where the motion "
+            f"{_EXPLAINED}, but the record does not rule out {damping.description}: where the motion "
             "is steady, friction and quadratic damping look like a linear damper. Record a free decay, or forces of several "
             "amplitudes, for longer or with less noise; or add the term to the law.",
         )

@@ -15,7 +15,7 @@ import scipy
 
 from linkwise.errors import IdentificationError, RecordError, StructureError
 from linkwise.estimates.causes import SensorErrorEstimate
-from linkwise.estimates.estimate import Estimate, not_trusted, untrusted_remark
+from linkwise.estimates.estimate import Estimate, grade_remark, stated_grade
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.identification.validation.result import CoefficientAgreement
 from linkwise.likelihood.estimate import MaximumLikelihood
@@ -31,7 +31,7 @@ from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import SensorUncertainty
 from linkwise.signals.noise import noise_variance
-from linkwise.verdict import STATUSES
+from linkwise.verdict import STATUSES, Grade
 
 _STRUCTURE = "structure.toml"
 
@@ -40,8 +40,8 @@ _STRUCTURE = "structure.toml"
 class ValidatedAnswer:
     """A structure of numbers, with what is known of the errors of its coefficients, its laws and the sensors.
 
-    That is the distribution of the coefficients if known, the model error, errors of sensors, and remarks on these; and a
-    warning where the answer is not to be trusted.
+    That is the distribution of the coefficients if known, the model error, errors of sensors, and remarks on these; and the
+    grade of the answer, with a warning where it is not explained.
     """
 
     structure: Structure
@@ -49,6 +49,7 @@ class ValidatedAnswer:
     model_error: float = 0.0
     remarks: tuple[str, ...] = ()
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+    grade: Grade = Grade.EXPLAINED
     warning: str = ""
 
     @classmethod
@@ -59,12 +60,13 @@ class ValidatedAnswer:
         if isinstance(answer, Posterior):
             return cls(answer.structure, answer)
         if isinstance(answer, Estimate):
-            error = answer.model_error if answer.trusted else 0.0
-            if answer.trusted and answer.intervals:
-                return cls(answer.structure, Posterior.of(answer), error, (), answer.sensor_errors)
-            why = answer.status if not answer.trusted else f"{answer.method} gives no intervals"
-            warning = "" if answer.trusted else not_trusted(why)
-            return cls(answer.structure, None, error, (_exact(why),), answer.sensor_errors, warning)
+            refused = answer.grade is Grade.REFUSED
+            error = 0.0 if refused else answer.model_error
+            graded = answer.sensor_errors, answer.grade, grade_remark(answer.grade, answer.status)
+            if answer.intervals and not refused:
+                return cls(answer.structure, Posterior.of(answer), error, (), *graded)
+            why = answer.status if refused else f"{answer.method} gives no intervals"
+            return cls(answer.structure, None, error, (_exact(why),), *graded)
         return cls(_numbers(answer))
 
 
@@ -86,7 +88,8 @@ def _numbers(structure: Structure, file: str | Path = "") -> Structure:
 def _read(path: Path) -> ValidatedAnswer:
     """A result folder of identify or discover, or a structure file."""
     if not path.is_dir():
-        return ValidatedAnswer(_numbers(read_structure(path), path), warning=untrusted_remark(path))
+        grade, warning = stated_grade(path)
+        return ValidatedAnswer(_numbers(read_structure(path), path), grade=grade, warning=warning)
     file = path / _STRUCTURE
     if not file.exists():
         raise StructureError(
@@ -96,20 +99,23 @@ def _read(path: Path) -> ValidatedAnswer:
     stated = _ResultFile.of(path / RESULT)
     structure = _numbers(read_structure(file), file)
     if (path / COVARIANCE).exists():
-        return ValidatedAnswer(structure, read_posterior(path), stated.model_error, (), stated.sensor_errors)
-    return ValidatedAnswer(
-        structure, None, stated.model_error, (_exact(stated.status),), stated.sensor_errors, stated.warning
-    )
+        return ValidatedAnswer(structure, read_posterior(path), stated.model_error, (), *stated.graded)
+    return ValidatedAnswer(structure, None, stated.model_error, (_exact(stated.status),), *stated.graded)
 
 
 @dataclass(frozen=True)
 class _ResultFile:
-    """What a result file states: its status, the model error of one that is trusted, errors of sensors, and a warning."""
+    """What a result file states: its status and grade, the model error of one that is not refused, and errors of sensors."""
 
     status: str
     model_error: float = 0.0
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
-    warning: str = ""
+    grade: Grade = Grade.EXPLAINED
+
+    @property
+    def graded(self) -> tuple[tuple[SensorErrorEstimate, ...], Grade, str]:
+        """Errors of sensors, the grade, and a sentence on it."""
+        return self.sensor_errors, self.grade, grade_remark(self.grade, self.status)
 
     @classmethod
     def of(cls, path: Path) -> _ResultFile:
@@ -120,7 +126,8 @@ class _ResultFile:
         try:
             result = json.loads(path.read_text(encoding="utf-8"))
             status = str(result["status"])
-            error = float(result.get("model_error_percent") or 0.0) / 100.0 if result.get("trusted") else 0.0
+            grade = Grade(result.get("grade", "refused"))
+            error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
             of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return cls(f"no covariance is beside {_STRUCTURE}")
@@ -130,8 +137,7 @@ class _ResultFile:
                 "beside it",
                 str(path),
             )
-        warning = "" if result.get("trusted") else not_trusted(status)
-        return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors, warning)
+        return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors, grade)
 
 
 _ORDER = ("offset", "gain", "delay")  # in which they are undone: an offset is added last

@@ -90,7 +90,7 @@ def with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgem
         message=(
             f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
             f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
-            "neither value, so none is given: identify the parts of the record before and after it by themselves."
+            "neither value: identify the parts of the record before and after it by themselves."
         ),
         diagnosis=(change, *judgement.diagnosis),
         for_missing_terms=None,

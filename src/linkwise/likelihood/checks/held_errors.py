@@ -378,8 +378,7 @@ def of_held_errors(causes: Sequence[Cause], errors: Sequence[Cause]) -> str:
     farthest = max(errors, key=lambda error: error.shift)
     return (
         f" {errors[0].description[0].upper()}{errors[0].description[1:]} would explain most of what is left. It would "
-        f"change {farthest.shifted} by {farthest.shift:.2g} of its standard errors, and no coefficient by more; the intervals "
-        "allow for that."
+        f"change {farthest.shifted} by {farthest.shift:.2g} of its standard errors, and no coefficient by more."
     )
 
 
@@ -443,10 +442,7 @@ def moved(causes: Sequence[Cause]) -> str:
     """Which coefficient the likeliest cause would change most, where it would change by more than its interval says."""
     if not causes or causes[0].shift <= LARGEST_SHIFT:
         return ""
-    return (
-        f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} of the standard errors of the laws as stated; "
-        "the intervals allow for that."
-    )
+    return f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} of the standard errors of the laws as stated."
 
 
 def of_instrument(cause: Cause) -> str:
@@ -456,29 +452,29 @@ def of_instrument(cause: Cause) -> str:
         more = "more of it, or let it be found" if cause.remark else f"{kind} {cause.where}"
         return (
             f", but {would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
-            f"wrong by more than their intervals say, so none is given: allow for {more}."
+            f"wrong by more than intervals of exact laws say: allow for {more}."
         )
     if cause.kind == UNSTEADY:
         return (
             f", but {would_explain(cause)}. The strongest parts tell most, so intervals would be at least "
-            f"{np.hypot(1.0, cause.size):.2g} times too narrow, and none is given: use parts of the record in which the level "
+            f"{np.hypot(1.0, cause.size):.2g} times too narrow: use parts of the record in which the level "
             "is about the same."
         )
     if cause.remark.endswith(BEHIND_FILTER):
         return (
             f", but {would_explain(cause)}. All frequencies tell the level of the forces, and dampings would be wrong by more "
-            "than their intervals say, so none is given: resample the accelerations at twice the frequency up to which the "
+            "than intervals of exact laws say: resample the accelerations at twice the frequency up to which the "
             "filter is flat, by their Fourier transform."
         )
     if cause.kind in SPECTRAL_KINDS:
         return (
             f", but {would_explain(cause)}. The laws take up what such forces differ by from white and independent ones, and "
-            "would be wrong by more than their intervals say, so none is given: record the forces, or the structure where "
+            "would be wrong by more than intervals of exact laws say: record the forces, or the structure where "
             "nothing but applied forces or its own decay moves it."
         )
     return (
-        f", but {would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than their intervals "
-        "say, so none is given: correct it, or estimate it with the other unknowns."
+        f", but {would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than intervals of "
+        "exact laws say: correct it, or estimate it with the other unknowns."
     )
 
 
@@ -486,7 +482,7 @@ def of_error_beside_terms(error: Cause) -> str:
     """What an error means that moves a coefficient farther than intervals hold, beside the terms that they count."""
     return (
         f", but {would_explain(error)}, and beside the terms that would explain more it would change {error.shifted} by "
-        f"{error.shift:.2g} of its standard errors. Intervals do not include that, so none is given: correct it, or estimate "
+        f"{error.shift:.2g} of its standard errors. Intervals of exact laws do not include that: correct it, or estimate "
         "it with the other unknowns."
     )
 
@@ -497,8 +493,8 @@ def of_systematic_misfit(cause: Cause) -> str:
     if cause.overturned:
         overturned = f", and {', '.join(cause.overturned)} would have no certain sign, or another one"
     return (
-        f", but what is left follows the motion: {would_explain(cause)}{overturned}. Intervals would count that as noise, "
-        "so none is given; a term or a link is missing, or a sensor has an error."
+        f", but what is left follows the motion: {would_explain(cause)}{overturned}. Intervals of exact laws would count that "
+        "as noise; a term or a link is missing, or a sensor has an error."
     )
 
 

@@ -61,27 +61,29 @@ from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.signals.noise import outliers_exceed_noise
-from linkwise.verdict import Verdict
+from linkwise.verdict import Grade, Verdict
 
 _NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals no larger than that
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error that is trusted. Intervals include the error to first order; the
 neglected second order is 1 % of the forces at this limit, a tenth of what they include."""
+_STATED = frozenset({MASS, "sign", "unit", "swapped", "gain", "force gain", "high pass", "clipped"})
+"""Causes by which the records contradict a stated mass, sign, unit, calibration or range of a sensor."""
 _NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NOT_WHITE = (
-    ", but the residuals are not white, as the noise is taken to be: intervals would be too narrow, so none is given. A "
+    ", but the residuals are not white, as the noise is taken to be: intervals of exact laws would be too narrow. A "
     "filter or a drift of a sensor, or a term that is missing, leaves such residuals."
 )
 _FILTERED = (
     ", as behind a filter that all sensors share. Such a filter also changes the recorded motion, which the residuals "
-    "do not show, so no interval is given. Remove the effect of the filter, or record without it."
+    "do not show. Remove the effect of the filter, or record without it."
 )
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
 _FEW_LINKS = 4  # whose missing terms cost little to look for: then wherever chi-square is above 1
 _NO_ERRORS = (
-    "The search converged, but standard errors are not finite, so no interval is given: a coefficient has no effect on what "
+    "The search converged, but standard errors are not finite: a coefficient has no effect on what "
     "was recorded, or a mode or a link moves faster than the sampling rate lets it be followed. Leave out modes far above the "
     "band of the record, or record at a higher rate."
 )
@@ -113,6 +115,25 @@ class Judgement:
     def trusted_tests(self) -> TestedCauses | None:
         """What was tested, where the verdict lets the answer be trusted."""
         return None if self.verdict.forbids else self.tested
+
+    @property
+    def widens_for_laws(self) -> bool:
+        """Whether intervals hold what laws or inputs may lack."""
+        laws = (self.for_missing_terms, self.for_blocks, self.for_input_noise)
+        return any(part is not None for part in laws)
+
+    @property
+    def additions(self) -> list[Floats]:
+        """All that is to be added to the covariance."""
+        laws = (self.for_missing_terms, self.for_blocks, self.for_input_noise, self.for_skewed_profiles)
+        return [part for part in laws if part is not None]
+
+    @property
+    def may_be_approximate(self) -> bool:
+        """Whether the scatter between parts of the records gives intervals: not where what was stated is contradicted."""
+        stated = self.verdict is Verdict.MEASUREMENT_ERROR and self.diagnosis[:1]
+        contradicted = any(cause.kind in _STATED for cause in stated or ())
+        return self.verdict.grade is Grade.APPROXIMATE and not contradicted
 
     @property
     def leaves_noise(self) -> bool:
@@ -256,7 +277,7 @@ def _with_hidden_term(
     advice = ": correct it, or estimate it with the other unknowns" if is_mass else "; a term is missing"
     return misfit, (
         f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
-        f"{would_explain(hidden.cause)}{change}. Intervals would not include that, so none is given{advice}."
+        f"{would_explain(hidden.cause)}{change}. Intervals of exact laws would not include that{advice}."
     )
 
 
@@ -309,19 +330,19 @@ def _verdict(
     if faint:
         return Verdict.SEVERAL_OPTIMA, (
             f"{explained}, but values of {', '.join(faint)} far from the estimates explain it as well: the elongation "
-            f"of the link hardly exceeds the noise, so no interval is given. Hold them at known values, or record "
+            f"of the link hardly exceeds the noise. Hold them at known values, or record "
             f"a motion with a larger elongation of the link."
         )
     if another_rest := about_another_rest(fit):
         return Verdict.SEVERAL_OPTIMA, f"{explained}, but {another_rest}"
     if not is_regular(fit, with_faint_modes(fit, identified)[1]):
         return Verdict.SEVERAL_OPTIMA, (
-            f"{explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume, "
-            "so no interval is given. Give closer starting values, a shorter part of the record, or less noise."
+            f"{explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume. "
+            "Give closer starting values, a shorter part of the record, or less noise."
         )
     if fit.model_error > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
-            f"{explained}, a model error that all intervals include. {_error_factor(fit)}{of_held_errors(causes, allowed)}"
+            f"{explained}.{_of_short_records(fit)}{of_held_errors(causes, allowed)}"
             f"{likeliest(others, 'of what is left' if others[:1] == list(causes[:1]) else 'of the rest')}{moved(others)}"
         )
     return Verdict.CONVERGED, f"{explained}{'; all intervals allow for that' if coloured else ''}."
@@ -333,11 +354,11 @@ def _mismatch(fit: LikelihoodFit, causes: Sequence[Cause]) -> tuple[Verdict, str
     residuals = fit.misfit.residuals.transpose(2, 0, 1).reshape(-1, fit.misfit.residuals.shape[1])
     if not causes and fit.chi_square > 1.0 and outliers_exceed_noise(residuals):
         return Verdict.OUTLIERS, (
-            f"{times}, because of outliers alone, so no interval is given: typical residuals match the noise found. "
+            f"{times}, because of outliers alone: typical residuals match the noise found. "
             f"Use a robust loss, which gives outliers little weight, or mark them as missing samples."
         )
     return Verdict.NOISE_MISMATCH, (
-        f"{times}, so no interval is given: the noise is not what was stated or found, a term is missing from a law, or a "
+        f"{times}: the noise is not what was stated or found, a term is missing from a law, or a "
         f"link from the structure. The values are the best of these laws.{likeliest(causes)}"
     )
 
@@ -388,16 +409,13 @@ def _of_forces(
     return ""
 
 
-def _error_factor(fit: LikelihoodFit) -> str:
-    """How much wider the intervals are than those of a model error that is white noise."""
-    if fit.error_ratios is None:
-        return (
-            "The record is too short to compare separate blocks of it, so the intervals take that error for white noise, and "
-            "may be too narrow."
-        )
+def _of_short_records(fit: LikelihoodFit) -> str:
+    """What records without blocks leave open."""
+    if fit.error_ratios is not None:
+        return ""
     return (
-        "Judged by separate blocks of the record, the standard errors are up to "
-        f"{float(np.max(fit.error_ratios)):.2g} times those of an error that is white noise."
+        " The record is too short to compare separate blocks of it, so the intervals take what is left for white noise, and "
+        "may be too narrow."
     )
 
 

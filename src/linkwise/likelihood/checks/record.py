@@ -81,7 +81,7 @@ def _lacking(judgement: Judgement, causes: Sequence[Cause]) -> Judgement:
     return replace(
         judgement,
         verdict=Verdict.UNEXPLAINED_FORCES,
-        message=f"The structure does not explain the record: {'; '.join(parts)}. No interval is given.",
+        message=f"The structure does not explain the record: {'; '.join(parts)}.",
         diagnosis=(*causes, *judgement.diagnosis),
     )
 
@@ -100,12 +100,12 @@ def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
         more = f" There is also {' and '.join(error.description for error in others)}." if others else ""
         return (
             f"The motion goes on beyond the range of {first.where}: {first.description} would lower -2 log likelihood by "
-            f"{first.gain:.3g}.{more} Intervals would not include that, so none is given: {advice}."
+            f"{first.gain:.3g}.{more} Intervals of exact laws would not include that: {advice}."
         )
     alike = f" ({' or '.join(error.description for error in others)} would do the same)" if others else ""
     return (
         f"The laws do not explain the record as it stands, and explain it to within its noise but for one error: "
-        f"{first.description}{alike}. No interval is given: {advice}, and identify again."
+        f"{first.description}{alike}: {advice}, and identify again."
     )
 
 

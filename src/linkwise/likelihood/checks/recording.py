@@ -309,7 +309,7 @@ def with_understated_noise(
         judgement,
         message=(
             f"The residuals exceed the noise that is stated ({which}), and are white, as noise is and what laws lack is not: "
-            f"it is stated too small, and no interval is given.{' The search did not converge with it.' if unsettled else ''} "
+            f"it is stated too small.{' The search did not converge with it.' if unsettled else ''} "
             "State what it is, or leave it out, so that it is found with the laws."
         ),
     )

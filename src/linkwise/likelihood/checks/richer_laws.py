@@ -176,7 +176,7 @@ def beside_richer_laws(
         return _without_trust(
             judgement,
             Verdict.NOT_CONVERGED,
-            f"Interrupted: the fit with {terms}, which tells whether intervals hold, did not end, so none is given. "
+            f"Interrupted: the fit with {terms}, which tells whether intervals hold, did not end. "
             "The values are the best of the laws as stated.",
         )
     with_them, names = f"With {terms}", fit.segments.system.parameters.names
@@ -193,7 +193,7 @@ def beside_richer_laws(
         judgement,
         Verdict.SYSTEMATIC_MISFIT,
         f"{with_them} the laws leave {'hardly more than' if exact.causes else 'only'} noise, and {shifted} is "
-        f"{shift:.2g} of the standard errors of this answer away, which its intervals do not include, so none is given: "
+        f"{shift:.2g} of the standard errors of this answer away, which intervals of exact laws do not include: "
         f"add what is missing{', and correct what is off' if any(of.is_instrument for of in exact.added) else ''}.",
     )
     added = set(map(_identity, exact.added))
@@ -209,9 +209,7 @@ def _beside_change(
         return judgement
     if abs(change.size) > NORMAL_95 * deviations[change.where]:
         return with_change(judgement, change, with_them)
-    remark = (
-        f"{with_them}, {change.description} would explain most of the rest; the intervals allow for that."
-    )
+    remark = f"{with_them}, {change.description} would explain most of the rest."
     return replace(judgement, message=f"{judgement.message} {remark}")
 
 

@@ -82,7 +82,7 @@ def with_skewed_profiles(judgement: Judgement, fit: LikelihoodFit, faint: Sequen
                 verdict=Verdict.SEVERAL_OPTIMA,
                 message=(
                     f"{judgement.message} But the likelihood of {names[number]} falls steeply on one side, and either cannot "
-                    "be followed to the end of its interval on the other or rises again beyond, so no interval is given. Hold "
+                    "be followed to the end of its interval on the other or rises again beyond. Hold "
                     "it at a known value, or add a record of another motion or with less noise."
                 ),
             )

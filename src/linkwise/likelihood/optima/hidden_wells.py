@@ -203,7 +203,7 @@ def about_another_rest(fit: LikelihoodFit) -> str:
         return ""
     return (
         f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} hardly determined: a motion about another place of rest "
-        "explains it as well, and no channel shows where the mass rests, so no interval is given. Record a larger motion, or "
+        "explains it as well, and no channel shows where the mass rests. Record a larger motion, or "
         "the displacement of the mass, or hold one of them at a known value."
     )
 

@@ -18,6 +18,7 @@ from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.segments import Iterate
 from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.verdict import Grade
 
 _LOOSENED = 1e3  # times the last q: annealing starts from here once a parameter was moved
 _LOOSEST = 1e-2
@@ -74,7 +75,7 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
             else "a profile does not allow for terms that are missing or that a discovery dropped, nor for noise of an input "
             "that the residuals hint at, as its intervals do"
         )
-    if not estimate.trusted:
+    if estimate.grade is Grade.REFUSED:
         raise IdentificationError(
             f"no interval is given for a fit that cannot be trusted ({estimate.status}): {estimate.explanation}"
         )
@@ -92,7 +93,7 @@ def with_profiles(estimate: Estimate, progress: Progress) -> Estimate:
     Shapes of hosts, of which there are dozens, are left out, as is what is left when the user interrupts. Without trust there
     is none.
     """
-    if not estimate.trusted:
+    if estimate.grade is Grade.REFUSED:
         return estimate
     shapes = {shape.name for shape in estimate.shapes}
     names = [parameter.name for parameter in estimate.parameters if parameter.name not in shapes]

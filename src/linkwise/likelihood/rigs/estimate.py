@@ -347,7 +347,7 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
     if not fit.determined:
         return (
             Verdict.HARDLY_DETERMINED,
-            f"{explained}, but the forces do not determine all unknowns, so no interval is given: hold some at known "
+            f"{explained}, but the forces do not determine all unknowns: hold some at known "
             "values, or record another motion.",
             share,
         )
@@ -361,14 +361,14 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
         return (
             Verdict.SYSTEMATIC_MISFIT,
             f"{explained}, but {causes[0].description} is missing: with it a coefficient would differ by "
-            f"{causes[0].shift:.2g} of its standard errors, so no interval is given. Offer the term, or a law with memory.",
+            f"{causes[0].shift:.2g} of its standard errors. Offer the term, or a law with memory.",
             share,
         )
     if causes:
         return (
             Verdict.MEASUREMENT_ERROR,
             f"{explained}, but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients "
-            "would be wrong by more than their intervals say, so none is given: correct it, or estimate it with the other "
+            "would be wrong by more than intervals of exact laws say: correct it, or estimate it with the other "
             "unknowns.",
             share,
         )

@@ -33,13 +33,36 @@ def fit_bytes(columns: int) -> int:
 
 
 class GramSums(Protocol):
-    """A'A of rows that come in blocks."""
+    """A'A of rows that come in blocks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> system = lw.sindy.DenseSystem(np.array([[3.0, 0.0], [4.0, 1.0]]), np.ones(2), ("a", "b"))
+    >>> sums = system.gram_sums()
+    >>> sums.add(system.matrix)
+    >>> sums.matrix().tolist()
+    [[25.0, 4.0], [4.0, 1.0]]
+    """
 
     def add(self, rows: Floats) -> None:
-        """Add the products of rows (B, p), in C or Fortran order."""
+        """Add the products of rows.
+
+        Parameters
+        ----------
+        rows : array of shape (B, p)
+            Rows of A, in C or Fortran order.
+        """
 
     def matrix(self) -> Floats:
-        """The matrix (p, p) in Fortran order."""
+        """The sums so far.
+
+        Returns
+        -------
+        array of shape (p, p)
+            A'A, in Fortran order.
+        """
 
 
 @final

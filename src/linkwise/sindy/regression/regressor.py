@@ -241,7 +241,7 @@ class Regressor(ABC):
         scaled, variances = np.zeros(shape), np.zeros(shape)
         setting, squares, paths = np.zeros(len(targets)), np.zeros(len(targets)), []
         for target in range(len(targets)):
-            solution, setting[target], path = self.solve(gram, target)
+            solution, setting[target], path = self._solve(gram, target)
             scaled[:, target], squares[target] = solution.scaled, solution.squares
             variances[:, target] = solution.variances()
             paths.append(path)
@@ -261,24 +261,9 @@ class Regressor(ABC):
         )
 
     @abstractmethod
-    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
-        """Choose the support of one target and solve for its coefficients.
-
-        Parameters
-        ----------
-        gram : Gram
-            Gram matrix of the system.
-        target : int
-            Index of the target.
-
-        Returns
-        -------
-        solution : Solution
-            Its coefficients on the support.
-        setting : float
-            Threshold or penalty in force; 0 where there is none.
-        path : tuple of SupportCandidate
-            The supports that were compared.
+    def _solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
+        """Coefficients of one target on the support that is chosen, the threshold or penalty in force (0 where there is none),
+        and the supports that were compared.
         """
 
 

@@ -86,7 +86,7 @@ class Stlsq(Regressor):
     def with_threshold(self, threshold: float) -> Stlsq:
         return Stlsq(threshold)
 
-    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
+    def _solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
         with one_blas_thread():  # many small steps
             if self.threshold is not None:
                 return _shrunk(gram.solution(target), self.threshold), self.threshold, ()
@@ -186,7 +186,7 @@ class L1(Regressor):
                 "side that a term must explain beyond the others to be selected"
             )
 
-    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
+    def _solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
         path: tuple[SupportCandidate, ...] = ()
         if self.penalty is None:
             training = gram.training
@@ -330,5 +330,5 @@ class LeastSquares(Regressor):
 
     title = "least squares, nothing thresholded"
 
-    def solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
+    def _solve(self, gram: Gram, target: int) -> tuple[Solution, float, tuple[SupportCandidate, ...]]:
         return gram.solution(target), 0.0, ()
