@@ -139,7 +139,7 @@ def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
     result = json.loads(to_json(fit.to_dict()))
     assert " ".join(sorted(result)) == (
         "alerts diagnosis findings fit grade links masses message method model_error_percent noise notes "
-        "profile_intervals random_forces seconds sensor_errors status trusted unseen_terms verdicts"
+        "random_forces seconds sensor_errors status trusted unseen_terms verdicts"
     )
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}
     assert set(result["noise"]["x:m1"]) == {"sigma", "unit", "snr_db"}
