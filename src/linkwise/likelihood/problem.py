@@ -32,6 +32,7 @@ from linkwise.likelihood.shooting.segmentation import (
     cut,
     cut_segments,
     in_moving_coordinates,
+    require_same_channels,
     with_uncertain_forces,
 )
 from linkwise.likelihood.shooting.segments import A, Disturbance, Iterate, Scales, Segments, Waveforms
@@ -242,6 +243,7 @@ class SensorModel:
         Segments
             The segments.
         """
+        require_same_channels(records)
         relative_noise = (
             [np.array(list(noise.values())) / self.sigma for noise in self.noise]
             if len(self.noise) > 1

@@ -63,21 +63,19 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
     if fit.optimum.segments.random is not None:
         return None
     p, path = len(fit.values), list(_path(fit))
-    moves = [
-        float(
-            np.max(
-                np.abs(after.fit.point.theta - before.fit.point.theta)[free] / before.deviations(p)[free],
-                initial=0.0,
-            )
-        )
-        for before, after in pairwise(path)
-        if (free := before.deviations(p) > 0.0).any()
-    ]
+    moves = [_largest_move(before, after, p) for before, after in pairwise(path)]
     if not moves or min(moves) > _LARGEST:
         return None
     chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), int(np.argmin(moves)))
     later = [horizon.fit.point.theta - path[chosen].fit.point.theta for horizon in path[chosen + 1 :]]
     return _at(fit, path[chosen], np.max(np.square(later), axis=0))
+
+
+def _largest_move(before: _Horizon, after: _Horizon, parameters: int) -> float:
+    """How far the parameter moves most from a horizon to the next, in its standard errors; those at bounds have none."""
+    deviations, moved = before.deviations(parameters), after.fit.point.theta - before.fit.point.theta
+    free = deviations > 0.0
+    return float(np.max(np.abs(moved[free]) / deviations[free], initial=0.0))
 
 
 def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:

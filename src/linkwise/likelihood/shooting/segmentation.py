@@ -92,7 +92,7 @@ def cut_segments(
         If channels differ between records, inputs have gaps, or a response belongs to no mass.
     """
     channels = records[0].responses
-    _require_same_channels(records, structure, channels)
+    _require_known_channels(records, structure, channels)
     parts = [_piece(record, channels, samples) for record in records]
     counts = [part.shape[2] for part in parts]
     data = np.concatenate(parts, axis=2)
@@ -178,19 +178,24 @@ def _places(structure: Structure) -> dict[tuple[str, str], int]:
     return places | {("state", name): i for i, name in enumerate(states)}
 
 
-def _require_same_channels(
+def require_same_channels(records: Sequence[Record]) -> None:
+    """Raise IdentificationError for records that are fitted together and do not have the same channels in the same order."""
+    for record in records[1:]:
+        if record.responses != records[0].responses or record.inputs != records[0].inputs:
+            raise IdentificationError(
+                f"records that are fitted together need the same channels in the same order: {', '.join(records[0].channels)} "
+                f"in the first, {', '.join(record.channels)} in another; select the common ones with record.select"
+            )
+
+
+def _require_known_channels(
     records: Sequence[Record], structure: Structure, channels: tuple[Channel, ...]
 ) -> None:
     if not channels:
         raise IdentificationError(
             f"the record has no response, only {', '.join(records[0].channels)}: give a channel x:MASS, v:MASS or a:MASS"
         )
-    for record in records[1:]:
-        if record.responses != channels or record.inputs != records[0].inputs:
-            raise IdentificationError(
-                f"records that are fitted together need the same channels in the same order: {', '.join(records[0].channels)} "
-                f"in the first, {', '.join(record.channels)} in another; select the common ones with record.select"
-            )
+    require_same_channels(records)
     places = _places(structure)
     places |= {(kind, name): structure.size for name in structure.points for kind in MOTIONS}
     unknown = [channel for channel in channels if (channel.kind, channel.place) not in places]
