@@ -104,7 +104,20 @@ def test_commands_on_its_structure_file_say_so_wherever_the_file_went(
     command: str, code: int, fit: lw.Estimate, answer: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code = fit.grade.exit_code if command.startswith("export") else code
+    code = fit.grade.exit_code if command.startswith(("export", "limit")) else code
     lw.write_record(hardening(), "given.csv")
     Path("moved.toml").write_text((answer / "structure.toml").read_text())
     assert SENTENCES[fit.grade] in said(command, code).err
+
+
+def test_a_comparison_goes_no_farther_than_the_answer(fit: lw.Estimate, answer: Path, tmp_path: Path) -> None:
+    """Intervals of a law that lacks 40 % of the force let its prediction agree."""
+    lw.write_record(hardening(), tmp_path / "run.csv")
+    for given in (fit, answer):
+        validation = lw.validate(hardening(), given)
+        assert lw.Grade.worst((validation.grade, fit.grade)) is validation.grade and not validation.trusted
+    code = validation.grade.exit_code
+    assert (
+        f'"grade": "{validation.grade.value}"'
+        in said(f"validate {tmp_path}/run.csv {answer} --json", code).out
+    )

@@ -121,7 +121,7 @@ def absorb(
     with progress("simulating") as step, unstarted_is_usage():
         result = _answer(structure, repetition, {**keywords, "progress": step})
     kind = "map" if repetition.sweep else "absorption"
-    return deliver(kind, result, lw.report.absorption_of(result), output, as_json=as_json)
+    return deliver(kind, result, lw.report.absorption_of(result), output, as_json=as_json, answer=structure)
 
 
 def _answer(

@@ -17,15 +17,18 @@ from linkwise.errors import OutputError
 from linkwise.output import to_json
 from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
+from linkwise.verdict import Grade
 
 if TYPE_CHECKING:
     from rich import console as terminal
     from rich import progress as bars
 
     from linkwise.display import JudgedView
+    from linkwise.estimates import estimate as estimates
     from linkwise.model.structure import Structure
     from linkwise.report.page import ResultFolder
 else:  # rich is for terminals
+    estimates = lazy_module("linkwise.estimates.estimate")
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 
@@ -56,6 +59,12 @@ def tell(message: str) -> None:
         click.echo(shortened(message), err=True)
 
 
+def ended(result: JudgedView, answer: Path | None = None) -> int:
+    """The exit code of a result, which goes no farther than the `answer` that it was computed from."""
+    stated = Grade.EXPLAINED if answer is None else estimates.stated_grade(answer)[0]
+    return Grade.worst((result.grade, stated)).exit_code
+
+
 def deliver(
     kind: str,
     result: JudgedView,
@@ -65,12 +74,13 @@ def deliver(
     as_json: bool,
     more: Sequence[str] = (),
     truth: Structure | None = None,
+    answer: Path | None = None,
 ) -> int:
     """Print a result with `more` lines, or its `document`, then write it as a `folder` of this `kind`, if one was asked for,
     even where printing fails; the exit code.
 
     Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone. It is
-    said where. Beside a document it is not said where the folder is.
+    said where. Beside a document it is not said where the folder is. The exit code counts the `answer` that it is of.
     """
     unheard: OSError | None = None
     try:
@@ -89,7 +99,7 @@ def deliver(
             tell(f"written to {folder}; open {folder / 'report.html'}")
     if unheard is not None:
         raise unheard
-    return result.grade.exit_code
+    return ended(result, answer)
 
 
 def _keep(

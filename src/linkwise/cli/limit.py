@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise.cli.console import progress
+from linkwise.cli.console import ended, progress
 from linkwise.cli.excitation_options import (
     ExcitationOptions,
     SamplingOptions,
@@ -71,7 +71,7 @@ def limit(structure: Path, test: PlannedTest, drive: ExcitationOptions, as_json:
             subject, noise=_noise(test.noise, test.noise_of), unknown=test.unknown, progress=step, **keywords
         )
     click.echo(to_json(result.to_dict()) if as_json else str(result))
-    return result.grade.exit_code
+    return ended(result, structure)
 
 
 def _noise(decibel: float | None, of: tuple[str, ...]) -> float | dict[str, float]:

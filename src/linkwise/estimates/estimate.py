@@ -138,9 +138,9 @@ def grade_comment(grade: Grade, status: str) -> str:
 
 
 def stated_grade(path: Path) -> tuple[Grade, str]:
-    """The grade that the comment in a structure file states, explained without one, and a sentence on it."""
+    """The grade that a structure file or a result folder states in a comment, explained without one, and a sentence on it."""
     try:
-        with path.open(encoding="utf-8") as file:
+        with (path / "structure.toml" if path.is_dir() else path).open(encoding="utf-8") as file:
             line = file.readline()
     except (OSError, UnicodeDecodeError):
         return Grade.EXPLAINED, ""

@@ -15,7 +15,7 @@ from linkwise.inspection.missing_samples import unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.verdict import Verdict, status_of
+from linkwise.verdict import Grade, Verdict
 
 _SHOWN = 25.0  # % of the mean square: a prediction that leaves no more than half the motion shows it
 
@@ -226,6 +226,8 @@ class Validation(JudgedView):
         What else limits the comparison.
     refuted : bool
         Whether the laws of an answer without a model error leave more than noise of this record with any coefficients.
+    answer_grade : Grade
+        The grade of the answer; explained for a structure that states none.
 
     Examples
     --------
@@ -252,6 +254,12 @@ class Validation(JudgedView):
     model_error: float = 0.0
     remarks: tuple[str, ...] = field(default=())
     refuted: bool = False
+    answer_grade: Grade = Grade.EXPLAINED
+
+    @cached_property
+    def grade(self) -> Grade:
+        """How far the comparison goes: no farther than the answer that is compared."""
+        return Grade.worst((self.answer_grade, super().grade))
 
     @property
     def free_run(self) -> bool:
@@ -278,7 +286,7 @@ class Validation(JudgedView):
     @property
     def status(self) -> str:
         """The verdict in words."""
-        return status_of(self.verdicts) if not self.trusted else self.verdicts[0].status
+        return self.verdicts[0].status
 
     @cached_property
     def findings(self) -> tuple[str, ...]:

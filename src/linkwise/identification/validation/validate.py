@@ -326,6 +326,7 @@ def validate(
         model_error=law_error,
         remarks=remarks,
         refuted=refuted,
+        answer_grade=given.grade,
     )
 
 

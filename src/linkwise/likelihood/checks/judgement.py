@@ -310,9 +310,7 @@ def _verdict(
     if causes and causes[0].is_instrument and not allowed:
         return Verdict.MEASUREMENT_ERROR, explained + of_instrument(causes[0])
     if share > _LARGEST_ERROR:
-        return Verdict.UNEXPLAINED_FORCES, (
-            f"{explained}; that is too much for intervals: a term or a link is missing.{likeliest(causes)}"
-        )
+        return Verdict.UNEXPLAINED_FORCES, (f"{explained}: a term or a link is missing.{likeliest(causes)}")
     by_blocks = intervals_by_blocks(fit)
     largest = decisive(not_held(fit, others, counted.missing) if by_blocks else others, by_blocks=by_blocks)
     if largest is not None:
