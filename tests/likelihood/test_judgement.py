@@ -283,3 +283,26 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
     assert decisive((replace(narrow, overturned=()), large), by_blocks=True) is large
     assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "With it, link.c would change by" in fits[1].message
+
+
+def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> None:
+    """A quintic spring of 5 % of the force is missing: values of 20 s differ from those of 200 s by chance."""
+    law, values = "k*d + c*v + k3*d**3", {"k": 987.0, "c": 6.0, "k3": 4e5}
+    whole = oscillator(f"{law} + q*d**5", **values, q=3.5e7)
+    unknown = oscillator(law, **values).unknown("all")
+
+    def answer(duration: float, seed: int) -> lw.Estimate:
+        force = random_force(np.random.default_rng(seed), duration, 200.0)
+        clean = lw.simulate(whole, forces={"m1": force}, duration=duration, rate=200.0)
+        return lw.identify(clean.with_noise(40.0, seed=seed), unknown)
+
+    long, *short = (
+        answer(duration, seed) for duration, seed in [(200.0, 8100), *((20.0, 8101 + k) for k in range(4))]
+    )
+    assert {fit.grade for fit in (long, *short)} == {lw.Grade.APPROXIMATE}
+    assert "Intervals are approximate: of the laws of this form" in long.explanation
+    for fit in short:
+        deviations = np.sqrt((fit.covariance + long.covariance).diagonal())
+        assert np.max(np.abs(fit.values - long.values) / deviations) < 3.0
+        low, high = present(fit.coefficient("link.k3").interval)
+        assert values["k3"] < present(fit.coefficient("link.k3").value) and high - low < 0.3 * values["k3"]
