@@ -64,22 +64,16 @@ def run_batch(schedules: Sequence[RunSchedule], levels: Sequence[Floats]) -> Bat
     system = compiled_system(schedules[0].shape)
     integrator = system.batch(LANES, watched)
     completed = np.ones(len(schedules), dtype=bool)
-    while completed.any():
+    while True:
         runs = np.flatnonzero(completed)
         lanes = np.resize(runs, LANES)  # an empty lane repeats a completed run
         batch = _Batch(
             integrator, system.layout, [schedules[run] for run in lanes.tolist()], all_levels[lanes]
         )
-        failed = batch.run()
-        if not failed[: len(runs)].any():
-            return _collected(batch, watched, len(levels), completed, runs)
-        completed[runs[failed[: len(runs)]]] = False
-    size, links, count = schedules[0].structure.size, len(levels), len(schedules)
-    time = schedules[0].times
-    unknown = np.full((len(time), size, count), np.nan)
-    crossings = tuple(tuple(np.empty(0) for _ in range(links)) for _ in range(count))
-    dissipated = np.full((len(time), links, count), np.nan)
-    return BatchResult(time, unknown, unknown, dissipated, unknown[:, 0], crossings, completed)
+        failed = batch.run()[: len(runs)]
+        completed[runs[failed]] = False
+        if failed.all() or not failed.any():
+            return _collected(batch, watched, len(levels), completed, runs[~failed])
 
 
 class _Batch:
@@ -118,7 +112,7 @@ class _Batch:
             if number == len(stops) - 1:
                 break
             if schedule.pieces.shape[1]:
-                self.integrator.set_parameters(self.layout.pieces, schedule.pieces[number])
+                self.integrator.set_parameters(self.layout.pieces, schedule.pieces[number][:, None])
             wanted = self.times[self.next : limits[number + 1]]
             states, failed = self.integrator.propagate(np.append(wanted, stops[number + 1]), most_steps)
             if failed.any():

@@ -16,13 +16,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from math import prod
+from typing import Any, NamedTuple
 
 import heyoka
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Floats
 from linkwise.expression import (
     FUNCTIONS,
     Call,
@@ -150,61 +150,6 @@ class Propagation:
     states: NDArray[Any]
     steps: int
     outcome: Outcome
-
-
-class Integrator(Protocol):
-    """An integrator of one compiled system; its state moves on with every propagation.
-
-    States are scaled: displacements, velocities and states of links over `shape.SCALE`.
-    """
-
-    @property
-    def dtype(self) -> type[np.floating[Any]]:
-        """The precision: `np.float64` or `np.longdouble`."""
-
-    @property
-    def time(self) -> Time:
-        """Current time in s."""
-
-    @property
-    def state(self) -> NDArray[Any]:
-        """A copy of the scaled state, shape (2n + S,)."""
-
-    @property
-    def parameters(self) -> NDArray[Any]:
-        """A copy of the run-time parameters, shape (P,)."""
-
-    def place(self, placement: Placement) -> None:
-        """Set time, state and parameters."""
-
-    def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
-        """Set some of the parameters."""
-
-    def add_to_state(self, jump: NDArray[Any]) -> None:
-        """Add a scaled jump (2n + S,) to the state."""
-
-    def propagate(
-        self,
-        times: NDArray[Any],
-        *,
-        most_steps: int = 0,
-        longest_step: float = np.inf,
-        log: list[float] | None = None,
-    ) -> Propagation:
-        """Integrate from the current time to the last of `times` (M,) in s.
-
-        At most `most_steps` steps are taken, or any number for 0, of at most `longest_step` in s. The time after each step is
-        appended to `log`.
-        """
-
-    def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
-        """State (2n + S,) and time in s after a `fraction` of the next step, which is at most `longest` in s.
-
-        Time and state move on by the whole step.
-        """
-
-    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
 
 
 Formula = Any  # heyoka.expression: the library has no type information
@@ -361,7 +306,7 @@ class MotionFormulas:
                 case Sum(parts):
                     return heyoka.sum([translate(part) for part in parts])
                 case Product(factors):
-                    return _product([translate(factor) for factor in factors])
+                    return prod(map(translate, factors[1:]), start=translate(factors[0]))
                 case Power(base, int() as exponent):
                     return _integer_power(translate(base), exponent)
                 case Power(base, exponent):
@@ -395,13 +340,6 @@ def _combination(parts: Sequence[tuple[float, Formula]]) -> Formula:
     if [part for part, _ in parts] == [1.0, -1.0]:
         return parts[0][1] - parts[1][1]
     return heyoka.sum([part * formula for part, formula in parts])
-
-
-def _product(factors: Sequence[Formula]) -> Formula:
-    product = factors[0]
-    for factor in factors[1:]:
-        product = product * factor
-    return product
 
 
 def _integer_power(base: Formula, exponent: int) -> Formula:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.simulation.integrator.formulas import (
-    Integrator,
     MotionFormulas,
     Outcome,
     ParameterLayout,
@@ -68,62 +67,39 @@ _FAILED = (heyoka.taylor_outcome.err_nf_state, heyoka.taylor_outcome.step_limit)
 
 @final
 class TaylorIntegrator:
-    """An `Integrator` of one structure: see there for its methods."""
+    """An integrator of one structure; its state moves on with every propagation.
 
-    def __init__(self, taylor: Any, size: int) -> None:
-        self._taylor = taylor
+    States are scaled: displacements, velocities and states of links over `SCALE`. `options` are heyoka's: steps end at
+    `t_events`, and code in `compact_mode` has loops, which is slower, but quick to compile.
+    """
+
+    def __init__(self, motion: MotionFormulas, tolerance: float, **options: Any) -> None:
+        #: The precision: `np.float64` or `np.longdouble`.
+        self.dtype: type[np.floating[Any]] = options.get("fp_type", np.float64)
+        start = np.zeros(motion.shape.dimension, dtype=self.dtype)
+        self._taylor = heyoka.taylor_adaptive(motion.equations, start, tol=self.dtype(tolerance), **options)
         # heyoka keeps those only that its equations use: a law may have a coefficient that cancels
-        self._parameters = np.zeros(size, dtype=self.dtype)
-
-    @classmethod
-    def double(cls, motion: MotionFormulas, *, compact: bool, events: Sequence[Any] = ()) -> TaylorIntegrator:
-        """In double precision; steps end at `events`. `compact` code has loops: slower, but quick to compile."""
-        return cls(
-            heyoka.taylor_adaptive(
-                motion.equations,
-                np.zeros(motion.shape.dimension),
-                tol=TOLERANCE,
-                fast_math=not motion.kinks,  # reassociates sums, a third faster; but events need exact zeros
-                compact_mode=compact,
-                t_events=list(events),
-            ),
-            motion.layout.size,
-        )
-
-    @classmethod
-    def extended(cls, motion: MotionFormulas) -> TaylorIntegrator:
-        """In 80-bit arithmetic."""
-        return cls(
-            heyoka.taylor_adaptive(
-                motion.equations,
-                np.zeros(motion.shape.dimension, dtype=np.longdouble),
-                tol=np.longdouble(EXTENDED_TOLERANCE),
-                compact_mode=True,
-                fp_type=np.longdouble,
-            ),
-            motion.layout.size,
-        )
-
-    @property
-    def dtype(self) -> type[np.floating[Any]]:
-        kind: type[np.floating[Any]] = self._taylor.state.dtype.type
-        return kind
+        self._parameters = np.zeros(motion.layout.size, dtype=self.dtype)
 
     @property
     def time(self) -> Time:
+        """Current time in s."""
         time: Time = self._taylor.time
         return time
 
     @property
     def state(self) -> NDArray[Any]:
+        """A copy of the scaled state, shape (2n + S,)."""
         state: NDArray[Any] = self._taylor.state.copy()
         return state
 
     @property
     def parameters(self) -> NDArray[Any]:
+        """A copy of the run-time parameters, shape (P,)."""
         return self._parameters.copy()
 
     def place(self, placement: Placement) -> None:
+        """Set time, state and parameters."""
         self.set_parameters(slice(None), placement.parameters)
         # from 80 bits to 64: a motion that went so far is refused as diverging
         with np.errstate(over="ignore"):
@@ -131,10 +107,12 @@ class TaylorIntegrator:
         self._taylor.time = self.dtype(placement.time)
 
     def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
+        """Set some of the parameters."""
         self._parameters[where] = values
         self._taylor.pars[:] = self._parameters[: len(self._taylor.pars)]
 
     def add_to_state(self, jump: NDArray[Any]) -> None:
+        """Add a scaled jump (2n + S,) to the state."""
         self._taylor.state[:] += jump
 
     def propagate(
@@ -145,6 +123,11 @@ class TaylorIntegrator:
         longest_step: float = np.inf,
         log: list[float] | None = None,
     ) -> Propagation:
+        """Integrate from the current time to the last of `times` (M,) in s.
+
+        At most `most_steps` steps are taken, or any number for 0, of at most `longest_step` in s. The time after each step is
+        appended to `log`.
+        """
         dtype = self.dtype
         grid = np.empty(1 + len(times), dtype)
         grid[0], grid[1:] = self._taylor.time, times
@@ -155,12 +138,17 @@ class TaylorIntegrator:
         return Propagation(states[1:], steps, _OUTCOMES.get(code, Outcome.KINK))
 
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
+        """State (2n + S,) and time in s after a `fraction` of the next step, which is at most `longest` in s.
+
+        Time and state move on by the whole step.
+        """
         start = float(self._taylor.time)
         self._taylor.step(max_delta_t=longest, write_tc=True)
         time = start + fraction * float(self._taylor.last_h)
         return self._taylor.update_d_output(time).copy(), time
 
     def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
+        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
         self._taylor.time, self._taylor.state[:] = self.dtype(time), state
         for _ in range(_SEARCH):
             outcome, _ = self._taylor.step()
@@ -219,16 +207,13 @@ class BatchIntegrator:
     def place(self, state: Floats, parameters: Floats) -> None:
         """Start at time 0 from these states and parameters, with no crossings recorded."""
         self._taylor.set_time(0.0)
-        self._place_parameters(slice(None), parameters)
-        self._taylor.state[:] = state
+        self.set_parameters(slice(None), parameters)
+        self.set_state(state)
         for crossings in self.crossings:
             crossings.clear()
 
     def set_parameters(self, where: slice, values: Floats) -> None:
-        """Set some of the parameters, the same (k,) in all lanes."""
-        self._place_parameters(where, values[:, None])
-
-    def _place_parameters(self, where: slice, values: Floats) -> None:
+        """Set some of the parameters, (k, lanes), or (k, 1) for the same in all lanes."""
         self._parameters[where] = values
         self._taylor.pars[:] = self._parameters[: len(self._taylor.pars)]
 
@@ -280,22 +265,27 @@ class CompiledSystem:
         """The number of the link whose law has this kink; None for an input."""
         return self._motion.link_of(kink)
 
+    def _in_double(self, events: list[Any]) -> TaylorIntegrator:
+        smooth = not self.kinks  # fast_math reassociates sums, a third faster; but events need exact zeros
+        options = {"fast_math": smooth, "compact_mode": self._compact, "t_events": events}
+        return TaylorIntegrator(self._motion, TOLERANCE, **options)
+
     @cached_property
-    def double(self) -> Integrator:
+    def double(self) -> TaylorIntegrator:
         """The integrator in double precision, which ends its steps at kinks."""
-        return TaylorIntegrator.double(self._motion, compact=self._compact, events=self._motion.kink_events())
+        return self._in_double(self._motion.kink_events())
 
     @cached_property
-    def without_events(self) -> Integrator:
+    def without_events(self) -> TaylorIntegrator:
         """The same, which does not detect kinks."""
-        return TaylorIntegrator.double(self._motion, compact=self._compact) if self.kinks else self.double
+        return self._in_double([]) if self.kinks else self.double
 
     @cached_property
-    def extended(self) -> Integrator | None:
+    def extended(self) -> TaylorIntegrator | None:
         """The integrator in 80-bit arithmetic; None where the machine has none, and for shapes with kinks."""
         if self.kinks or not hasattr(heyoka, "taylor_adaptive_ldbl") or np.finfo(np.longdouble).eps > 1e-18:
             return None
-        return TaylorIntegrator.extended(self._motion)
+        return TaylorIntegrator(self._motion, EXTENDED_TOLERANCE, compact_mode=True, fp_type=np.longdouble)
 
     def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> BatchIntegrator:
         """The integrator of `lanes` structures of a shape without kinks, which records crossings of `watched` links."""
@@ -307,27 +297,23 @@ class CompiledSystem:
 
     def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
         """Values (kinks,) of the kinks at a scaled state (2n + S,), parameters (P,) and time in s."""
-        return self._evaluated(self._kink_function, state, parameters, time)
+        return self._evaluated(self._functions[0], state, parameters, time)
 
     def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
         """Sizes (kinks,) of the terms of the kinks there, to which their rounding is relative."""
-        return self._evaluated(self._size_function, state, parameters, time)
+        return self._evaluated(self._functions[1], state, parameters, time)
 
     def _evaluated(self, function: Any, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
         clock = {"time": time} if function.is_time_dependent else {}
         return np.asarray(function(state, pars=parameters[: function.nparams], **clock), dtype=float)
 
     @cached_property
-    def _kink_function(self) -> Any:
-        return self._function(self._motion.kink_formulas)
-
-    @cached_property
-    def _size_function(self) -> Any:
-        return self._function(self._motion.kink_sizes)
-
-    def _function(self, formulas: list[Any]) -> Any:
+    def _functions(self) -> tuple[Any, Any]:
+        """The values of the kinks, and the sizes of their terms."""
         y, u = self._motion.variables
-        return heyoka.cfunc(formulas, vars=[*y, *u, *self._motion.states.values()])
+        state = [*y, *u, *self._motion.states.values()]
+        formulas = (self._motion.kink_formulas, self._motion.kink_sizes)
+        return heyoka.cfunc(formulas[0], vars=state), heyoka.cfunc(formulas[1], vars=state)
 
 
 def compiled_system(shape: SystemShape) -> CompiledSystem:
