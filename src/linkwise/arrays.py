@@ -10,6 +10,12 @@ Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 
+def stretches(mask: Bools) -> list[slice]:
+    """The runs of True in a mask (N,), in order."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask, [0]])))
+    return [slice(first, end) for first, end in edges.reshape(-1, 2).tolist()]
+
+
 def finite(value: float) -> float | None:
     """The number as plain data, None where it is NaN or infinite."""
     return float(value) if np.isfinite(value) else None

@@ -131,6 +131,11 @@ def align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     return lines
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names in a line; of more than six the first four and the last."""
+    return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:4])}, ..., {names[-1]}"
+
+
 def near_miss(typed: str, names: Iterable[str]) -> str:
     """'; did you mean "x"?' for the name closest to `typed`, or an empty text."""
     near = get_close_matches(typed, list(names), n=1)

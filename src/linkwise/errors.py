@@ -6,13 +6,13 @@ The message is one paragraph: what was given, why it is refused, what was expect
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from linkwise.display import shortened
+from linkwise.display import near_miss, shortened
 
 _NEXT_STEPS = {
     "Record": "read_record(path) reads one from a file",
@@ -109,6 +109,27 @@ def expect(argument: str, value: object, *kinds: type) -> None:
     expected = " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
     message = f"{argument} must be of type {expected}, got {shortened(given)}"
     raise ArgumentTypeError(f"{message}; {advice}" if advice else message)
+
+
+def require_known(
+    kind: str, name: str, known: Collection[str], error: Callable[[str], LinkwiseError] = LinkwiseError
+) -> None:
+    """Raise an error with all names that are `known` unless the `name` of something of a `kind` is one of them."""
+    if name not in known:
+        listed = ", ".join(known) or "none"
+        raise error(f'unknown {kind} "{name}"{near_miss(name, known)}; choose from {listed}')
+
+
+Options = TypeVar("Options")
+
+
+def options_given(
+    make: Callable[..., Options], options: Options | None, keywords: Mapping[str, Any]
+) -> Options:
+    """The options of a call that takes either an object or the keywords of `make`; TypeError for both."""
+    if options is not None and keywords:
+        raise TypeError(f"got options and also {', '.join(keywords)}; give one of the two")
+    return make(**keywords) if options is None else options
 
 
 class LawError(LinkwiseError):

@@ -65,7 +65,7 @@ def test_intervals_hold_the_power_of_the_identified_link() -> None:
         fit, draws=8, seed=0, **RELEASE, harvesters={"piezo": "V**2/R"}
     )
     power = next(quantity for quantity in intervals.quantities if quantity.quantity.name == "power:piezo")
-    true = lw.absorb(structure, **RELEASE, harvesters={"piezo": "V**2/R"}).harvests[0].power
+    true = lw.absorb(structure, **RELEASE, harvesters={"piezo": "V**2/R"}).harvests[0].average_power
     # the range of 8 draws and the estimate, widened by itself: 3.3 standard deviations on either side at least
     assert power.lower is not None and power.upper is not None
     width = power.upper - power.lower

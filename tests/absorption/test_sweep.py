@@ -35,7 +35,7 @@ def check(swept: lw.absorption.AbsorptionMap, place: tuple[int, ...], single: lw
     assert sum(shares.values()) + at["remaining"] == pytest.approx(1.0, abs=1e-12) and at["closure"] < 1e-12
     powers = {name: value for name, value in at.items() if name.startswith("power:")}
     assert powers == pytest.approx(
-        {f"power:{harvest.link}": harvest.power for harvest in single.harvests}, rel=1e-6
+        {f"power:{harvest.link}": harvest.average_power for harvest in single.harvests}, rel=1e-6
     )
 
 

@@ -49,7 +49,7 @@ def test_json_is_the_answer_of_the_library(absorb: str) -> None:
     assert printed["rms_reduction"] == pytest.approx(expected.rms_reduction, rel=1e-12)
     assert printed["sinks"]["nes1"]["crossing_times"] == expected.sinks[0].crossings.tolist()
     assert printed["harvesters"]["nes1"]["average_power"] == pytest.approx(
-        expected.harvests[0].power, rel=1e-12
+        expected.harvests[0].average_power, rel=1e-12
     )
     shares = printed["energy"]["with_sinks"]
     # identity, printed with 6 digits

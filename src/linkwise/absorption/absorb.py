@@ -14,7 +14,7 @@ from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.wells import Potentials, Runs, rest_positions, single_run
 from linkwise.arrays import Floats, finite
-from linkwise.errors import SimulationError, expect
+from linkwise.errors import SimulationError, expect, options_given
 from linkwise.expression import Expression
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
@@ -71,7 +71,7 @@ def absorb(
     ('m1', 109)
     """
     expect("absorb(structure): structure", structure, Structure)
-    return compare(Comparison.of(structure, AbsorptionOptions.given(options, keywords)), progress)
+    return compare(Comparison.of(structure, options_given(AbsorptionOptions.of, options, keywords)), progress)
 
 
 def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:

@@ -17,7 +17,7 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.motion import Vibration, comparable, reduction, root_sum_square
 from linkwise.absorption.sinks import dissipators, mean_host_energies
-from linkwise.absorption.wells import Potentials, RestPositions, Runs, batch_runs, rest_positions
+from linkwise.absorption.wells import Potentials, Runs, batch_runs, rest_positions
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
@@ -361,7 +361,7 @@ def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:
 
 
 def _baseline(
-    comparisons: Sequence[Comparison], positions: Sequence[RestPositions], runner: _Runner
+    comparisons: Sequence[Comparison], positions: Sequence[Floats], runner: _Runner
 ) -> BaselineQuantities:
     """The vibration without sinks."""
     schedules = [comparison.baseline_schedule for comparison in comparisons]
@@ -384,7 +384,7 @@ def _baseline(
 
 def _with_sinks(
     comparisons: Sequence[Comparison],
-    positions: Sequence[RestPositions],
+    positions: Sequence[Floats],
     baseline: BaselineQuantities,
     envelopes: bool,
     runner: _Runner,

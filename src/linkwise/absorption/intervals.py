@@ -15,7 +15,7 @@ from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.arrays import Floats, finite
 from linkwise.display import JudgedView, align_columns
-from linkwise.errors import LinkwiseError, expect
+from linkwise.errors import LinkwiseError, expect, options_given, require_known
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.progress import Progress, part, silent
@@ -120,11 +120,9 @@ class AbsorptionIntervals(JudgedView):
         LinkwiseError
             If there is none; the message lists all.
         """
-        for interval in self.quantities:
-            if interval.quantity.name == name:
-                return interval
-        names = ", ".join(interval.quantity.name for interval in self.quantities)
-        raise LinkwiseError(f"unknown quantity {name!r}; choose from {names}")
+        known = {interval.quantity.name: interval for interval in self.quantities}
+        require_known("quantity", name, known)
+        return known[name]
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -227,7 +225,7 @@ def absorption_intervals(
         raise LinkwiseError(
             f"intervals need at least 2 draws, got {draws}; use 100 or more", arguments=("draws",)
         )
-    comparison = Comparison.of(posterior.structure, AbsorptionOptions.given(options, keywords))
+    comparison = Comparison.of(posterior.structure, options_given(AbsorptionOptions.of, options, keywords))
     absorption = compare(comparison, part(progress, 0.0, 0.1))
     equipped = with_harvesters(posterior.structure, comparison.options.harvesters or {})
     variants = Variants.of(equipped, comparison, posterior.names)

@@ -19,7 +19,14 @@ from linkwise.absorption.result import Rows, closure_verdict
 from linkwise.absorption.sinks import find_sinks
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
-from linkwise.errors import LinkwiseError, SimulationError, StructureError, expect
+from linkwise.errors import (
+    LinkwiseError,
+    SimulationError,
+    StructureError,
+    expect,
+    options_given,
+    require_known,
+)
 from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
@@ -116,8 +123,7 @@ class AbsorptionMap(JudgedView):
     def __getitem__(self, name: str) -> Floats:
         """The values (K,) or (K, J) of the quantity called `name`; LinkwiseError lists all."""
         names = [quantity.name for quantity in self.quantities]
-        if name not in names:
-            raise LinkwiseError(f"unknown quantity {name!r}; choose from {', '.join(names)}")
+        require_known("quantity", name, names)
         return np.ascontiguousarray(self.values[..., names.index(name)])
 
     @property
@@ -141,6 +147,31 @@ class AbsorptionMap(JudgedView):
                 "there on each cell is one run of many, and neighbouring cells differ by chance too."
             )
         return tuple(lines)
+
+    def extremes(self, name: str) -> tuple[float | None, float | None, int]:
+        """The least and the largest value of a quantity.
+
+        Parameters
+        ----------
+        name : str
+            A quantity.
+
+        Returns
+        -------
+        least, largest : float or None
+            The values; None where no cell has one.
+        missing : int
+            The number of cells without a value.
+
+        Raises
+        ------
+        LinkwiseError
+            If there is none of this name.
+        """
+        grid = self[name]
+        values = grid[np.isfinite(grid)]
+        missing = int(grid.size - values.size)
+        return (float(values.min()), float(values.max()), missing) if values.size else (None, None, missing)
 
     def best(self, name: str) -> dict[str, float] | None:
         """The values of the swept parameters at which a quantity is best.
@@ -193,17 +224,15 @@ class AbsorptionMap(JudgedView):
         }
 
     def _quantity_dict(self, quantity: AbsorptionQuantity) -> dict[str, Any]:
-        grid = self[quantity.name]
-        finite = grid[np.isfinite(grid)]
-        least, largest = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
+        least, largest, missing = self.extremes(quantity.name)
         return {
             "title": quantity.title,
             "unit": quantity.unit,
             "least": least,
             "largest": largest,
-            "without_value": int(grid.size - finite.size),
+            "without_value": missing,
             "best_at": self.best(quantity.name),
-            "values": grid.tolist(),
+            "values": self[quantity.name].tolist(),
         }
 
     def __str__(self) -> str:
@@ -270,7 +299,7 @@ def absorption_map(
     """
     expect("absorption_map(structure, over): structure", structure, Structure)
     expect("absorption_map(structure, over): over", over, Mapping)
-    chosen = AbsorptionOptions.given(options, keywords)
+    chosen = options_given(AbsorptionOptions.of, options, keywords)
     equipped = with_harvesters(structure, chosen.harvesters or {})
     axes = _axes(equipped, over)
     _require_memory(axes, structure.size)
@@ -390,12 +419,9 @@ def map_rows(map_: AbsorptionMap) -> Rows:
     for quantity in map_.quantities:
         if quantity.name == "closure":
             continue
-        grid = map_[quantity.name]
-        finite = grid[np.isfinite(grid)]
-        ends = (
-            [quantity.text(float(end)) for end in (finite.min(), finite.max())] if finite.size else ["-", "-"]
-        )
+        *ends, missing = map_.extremes(quantity.name)
+        texts = ["-" if end is None else quantity.text(end) for end in ends]
         best = map_.best(quantity.name)
         point = "-" if best is None else ", ".join(f"{name} = {value:.4g}" for name, value in best.items())
-        rows.append((quantity.title, *ends, f"{grid.size - finite.size}", point))
+        rows.append((quantity.title, *texts, str(missing), point))
     return rows

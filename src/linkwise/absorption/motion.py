@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from linkwise.absorption.sinks import place_motion
-from linkwise.absorption.wells import RestPositions, Runs
+from linkwise.absorption.wells import Runs
 from linkwise.arrays import Floats, Indices
 from linkwise.model.structure import Structure
 
@@ -137,15 +137,17 @@ class Vibration:
     runs: Runs
     structures: Sequence[Structure]
     places: Sequence[str]
-    positions: Sequence[RestPositions]
+    positions: Sequence[Floats]
 
     @cached_property
     def rest(self) -> Floats:
         """(P, W) m: where the masses come to rest."""
         last = place_motion(self.structures, self.runs.x[-1:], self.places)[0]
-        return np.stack(
-            [positions.nearest(last[:, run]) for run, positions in enumerate(self.positions)], axis=1
-        )
+        nearest = [
+            at[np.square(at - end).sum(axis=1).argmin()]
+            for at, end in zip(self.positions, last.T, strict=True)
+        ]
+        return np.stack(nearest, axis=1)
 
     @cached_property
     def decay(self) -> Decay:

@@ -115,30 +115,3 @@ class AbsorptionOptions:
         own: dict[str, Any] = {name: value for name, value in keywords.items() if name in names}
         drives: dict[str, Any] = {name: value for name, value in keywords.items() if name not in names}
         return cls(**own, excitation=Excitation.of(**drives))
-
-    @classmethod
-    def given(cls, options: AbsorptionOptions | None, keywords: AbsorptionKeywords) -> AbsorptionOptions:
-        """The options of a call that takes either an object or keywords.
-
-        Parameters
-        ----------
-        options : AbsorptionOptions or None
-            The object, where the call has one.
-        keywords : mapping
-            The keywords of the call, as `of` takes them.
-
-        Returns
-        -------
-        AbsorptionOptions
-            `options`, or those made from the keywords.
-
-        Raises
-        ------
-        TypeError
-            If both are given, or a keyword is unknown.
-        SimulationError, StructureError
-            If an option or the excitation is invalid.
-        """
-        if options is not None and keywords:
-            raise TypeError(f"got options and also {', '.join(keywords)}; give one of the two")
-        return cls.of(**keywords) if options is None else options

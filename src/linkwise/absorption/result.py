@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -33,7 +33,7 @@ class MassDecay:
         Largest and root mean square excursion from there, in m.
     settled : float or None
         Time in s after which the excursion stays below the level; None if it does not.
-    rate : float or None
+    decay_rate : float or None
         Rate in 1/s of the exponential through the peaks; None if there are fewer than three.
 
     Examples
@@ -49,7 +49,7 @@ class MassDecay:
     peak: float
     rms: float
     settled: float | None
-    rate: float | None
+    decay_rate: float | None
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class AbsorptionRun:
     >>> run = result.with_sinks
     >>> run.closure < 1e-9
     True
-    >>> round(float(run.shares[-1].sum() + run.remaining[-1]), 9)
+    >>> round(float(run.dissipated[-1].sum() / run.total + run.remaining[-1]), 9)
     1.0
     """
 
@@ -137,11 +137,6 @@ class AbsorptionRun:
     def total(self) -> float:
         """Energy in J supplied by the end."""
         return float(self.supplied[-1])
-
-    @property
-    def shares(self) -> Floats:
-        """(N, L) parts of `total` that each link has dissipated."""
-        return self.dissipated / self.total
 
     @property
     def remaining(self) -> Floats:
@@ -273,8 +268,8 @@ class Harvest:
         The link that it is in parallel to.
     damping : float or None
         Its damping in N s/m; None where the link itself delivers the power.
-    energy, power : float
-        Energy in J in all, and average power in W.
+    energy, average_power : float
+        Energy in J in all, and power in W.
     share : float
         The part of the energy supplied.
     expression : str or None
@@ -287,14 +282,14 @@ class Harvest:
     ...     lw.bnes_chain(2), duration=2.0, release={"v:m1": 1.0}, harvesters={"nes1": 0.01}
     ... )
     >>> harvest = result.harvests[0]
-    >>> harvest.link, abs(harvest.power * 2.0 / harvest.energy - 1.0) < 1e-9
+    >>> harvest.link, abs(harvest.average_power * 2.0 / harvest.energy - 1.0) < 1e-9
     ('nes1', True)
     """
 
     link: str
     damping: float | None
     energy: float
-    power: float
+    average_power: float
     share: float
     expression: str | None = None
 
@@ -308,20 +303,10 @@ def mass_document(mass: MassChange) -> dict[str, Any]:
     """A mass as plain data."""
     return {
         "level": mass.level,
-        "with_sinks": _decay_document(mass.with_sinks),
-        "without": _decay_document(mass.without),
+        "with_sinks": asdict(mass.with_sinks),
+        "without": asdict(mass.without),
         "peak_reduction": mass.peak_reduction,
         "rms_reduction": mass.rms_reduction,
-    }
-
-
-def _decay_document(decay: MassDecay) -> dict[str, float | None]:
-    return {
-        "rest": decay.rest,
-        "peak": decay.peak,
-        "rms": decay.rms,
-        "settled": decay.settled,
-        "decay_rate": decay.rate,
     }
 
 
@@ -345,17 +330,6 @@ def sink_document(result: SinkResult) -> dict[str, Any]:
         "crossings_before_horizon": result.before_horizon,
         "last_crossing": result.last,
         "crossing_times": result.crossings.tolist(),
-    }
-
-
-def harvest_document(harvest: Harvest) -> dict[str, float | str | None]:
-    """A harvester as plain data."""
-    return {
-        "damping": harvest.damping,
-        "expression": harvest.expression,
-        "energy": harvest.energy,
-        "average_power": harvest.power,
-        "share": harvest.share,
     }
 
 
@@ -524,7 +498,7 @@ class Absorption(JudgedView):
             "horizon": self.with_sinks.horizon,
             "masses": {mass.name: mass_document(mass) for mass in self.masses},
             "sinks": {result.sink.link: sink_document(result) for result in self.sinks},
-            "harvesters": {harvest.link: harvest_document(harvest) for harvest in self.harvests},
+            "harvesters": {document.pop("link"): document for document in map(asdict, self.harvests)},
             "findings": list(self.findings),
             **self._judgement(),
         }
@@ -608,7 +582,7 @@ def mass_rows(absorption: Absorption) -> Rows:
 
 def _mass_row(mass: MassChange, unit: str) -> tuple[str, ...]:
     both = mass.with_sinks, mass.without
-    rates = ["-" if decay.rate is None else f"{decay.rate:.3g}/s" for decay in both]
+    rates = ["-" if decay.decay_rate is None else f"{decay.decay_rate:.3g}/s" for decay in both]
     peaks = [f"{decay.peak:.4g} {unit}" for decay in both]
     rms = [f"{decay.rms:.3g} {unit}" for decay in both]
     settled = [seconds(decay.settled) for decay in both]
@@ -660,7 +634,7 @@ def harvest_rows(absorption: Absorption) -> Rows:
     for harvest in absorption.harvests:
         damping = damping_unit(absorption.with_sinks.structure.link(harvest.link))
         load = harvest.expression or f"{harvest.damping:.4g} {damping}"
-        numbers = (load, f"{harvest.energy:.4g} J", f"{harvest.power:.4g} W")
+        numbers = (load, f"{harvest.energy:.4g} J", f"{harvest.average_power:.4g} W")
         rows.append((harvest.link, *numbers, percent(harvest.share)))
     return rows
 

@@ -24,6 +24,7 @@ from linkwise.expression import Expression, Number, Program, polynomial
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.simulation.batch import SimulatedMotion, can_batch, run_batch
+from linkwise.simulation.energy import LinkForces
 from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate, room
 
 _HIGHEST_ORDER = 12  # of a polynomial law whose rest points are found by companion matrices
@@ -213,11 +214,10 @@ def distinct(times: Floats, end: float) -> Floats:
 
 def _elongations(schedule: RunSchedule, run: RunLog, times: Floats) -> tuple[Floats, Floats]:
     """(M, L) elongations in m and rates in m/s of all links at `times` (M,)."""
-    structure, excitation = schedule.structure, schedule.excitation
+    structure = schedule.structure
     x, v, _ = motion = room(structure, len(times))
     integrate(schedule, times, options=RunOptions(repeated=run, into=motion))
-    v_base = None if excitation.base is None else excitation.base.derivative(times)
-    return structure.elongations(x, excitation.base_at(times)), structure.elongations(v, v_base)
+    return LinkForces(structure, schedule.excitation).elongations(times, x, v)
 
 
 def _roots_of_cubics(
@@ -327,19 +327,8 @@ def elongations(structures: Sequence[Structure], x: Floats, x_base: Floats | Non
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class RestPositions:
-    """Displacements `x` (E, P) m of the primary masses in the stable equilibria of a structure, its base at zero."""
-
-    x: Floats
-
-    def nearest(self, x: Floats) -> Floats:
-        """(P,) m: the rest position nearest to the displacements `x` (P,) m."""
-        return np.asarray(self.x[np.square(self.x - x).sum(axis=1).argmin()])
-
-
-def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) -> list[RestPositions]:
-    """The rest positions of the masses `primaries` in each of several structures of one shape.
+def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) -> list[Floats]:
+    """Displacements (E, P) m of the masses `primaries` in the stable equilibria of each of several structures of one shape.
 
     Zero if all links have their only well at zero elongation; otherwise equilibria are searched. Zero, too, for a structure
     without a stable equilibrium, or with too many equilibria to count.
@@ -350,14 +339,14 @@ def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) ->
         alike = [structure.links[number] for structure in structures]
         at_zero &= (barriers.floor == 0.0) & ~np.isfinite(barriers.tops).any(axis=1)
         at_zero &= np.array([float(link.force(0.0, states=link.zero_states)) == 0.0 for link in alike])
-    zero = RestPositions(np.zeros((1, len(primaries))))
+    zero = np.zeros((1, len(primaries)))
     return [
         zero if simple else _stable(structure, primaries)
         for structure, simple in zip(structures, at_zero, strict=True)
     ]
 
 
-def _stable(structure: Structure, primaries: Sequence[str]) -> RestPositions:
+def _stable(structure: Structure, primaries: Sequence[str]) -> Floats:
     try:
         stable = [
             place_motion([structure], point.x[None, :, None], primaries)[0, :, 0]
@@ -365,7 +354,7 @@ def _stable(structure: Structure, primaries: Sequence[str]) -> RestPositions:
         ]
     except StructureError:
         stable = []
-    return RestPositions(np.unique(np.array(stable), axis=0) if stable else np.zeros((1, len(primaries))))
+    return np.unique(np.array(stable), axis=0) if stable else np.zeros((1, len(primaries)))
 
 
 @dataclass(frozen=True, eq=False)

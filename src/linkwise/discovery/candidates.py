@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypedDict, Unpack, final
+from typing import TypedDict, final
 
 import numpy as np
 
@@ -405,7 +405,7 @@ def _copied(stated: Deviations) -> Deviations:
 
 
 class DiscoveryKeywords(TypedDict, total=False):
-    """The keywords of `DiscoveryOptions.of`: its fields."""
+    """The fields of `DiscoveryOptions`."""
 
     terms: str | Sequence[str]
     offsets: str | Sequence[str]
@@ -490,49 +490,3 @@ class DiscoveryOptions:
         for name in ("ambient", "input_noise"):
             object.__setattr__(self, name, _copied(getattr(self, name) or ()))
         parse_terms(terms)  # raises what is wrong with them
-
-    @classmethod
-    def of(cls, **keywords: Unpack[DiscoveryKeywords]) -> DiscoveryOptions:
-        """Make options from keywords.
-
-        Parameters
-        ----------
-        **keywords
-            The fields.
-
-        Returns
-        -------
-        DiscoveryOptions
-            The options.
-
-        Raises
-        ------
-        TypeError
-            If a keyword is unknown.
-        """
-        return cls(**keywords)
-
-    @classmethod
-    def given(cls, options: DiscoveryOptions | None, keywords: DiscoveryKeywords) -> DiscoveryOptions:
-        """The options of a call that takes either an object or keywords.
-
-        Parameters
-        ----------
-        options : DiscoveryOptions or None
-            The object, where the call has one.
-        keywords : mapping
-            The keywords of the call, as `of` takes them.
-
-        Returns
-        -------
-        DiscoveryOptions
-            `options`, or those made from the keywords.
-
-        Raises
-        ------
-        TypeError
-            If both are given, or a keyword is unknown.
-        """
-        if options is not None and keywords:
-            raise TypeError(f"got options and also {', '.join(keywords)}; give one of the two")
-        return cls.of(**keywords) if options is None else options

@@ -26,7 +26,7 @@ from linkwise.discovery.screened_records import DataChecks, ScreenedRecords, che
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.discovery.terms import USUAL
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.options import LikelihoodOptions, answer_with_sensors, errors_to_find, unknown_gains
 from linkwise.likelihood.problem import require_force_scale
@@ -117,7 +117,7 @@ def discover(
     True
     """
     started = perf_counter()
-    chosen = DiscoveryOptions.given(options, keywords)
+    chosen = options_given(DiscoveryOptions, options, keywords)
     records = record_list(record, "discover(record, masses): record")
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
     records = in_units(records, candidates)
@@ -362,7 +362,7 @@ def check_discovery(
     >>> lw.discovery.check_discovery(record, {"m1": 1.0, "m2": 0.01})
     ('102 samples for 12 candidates are few: weak terms will be missed; record for longer.',)
     """
-    chosen = DiscoveryOptions.given(options, keywords)
+    chosen = options_given(DiscoveryOptions, options, keywords)
     records = record_list(record, "check_discovery(record, masses): record")
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
     errors_to_find(records, calibration=chosen.calibration)  # refuses those of other channels
