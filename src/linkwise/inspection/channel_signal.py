@@ -16,11 +16,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import noise_sigma
@@ -45,13 +46,9 @@ class Spectrogram:
     @classmethod
     def of(cls, values: Floats, rate: float) -> Spectrogram:
         """That of samples (N,) at `rate` in Hz, without their mean, straight lines over missing samples."""
-        first, block, window = _blocks(len(values))
-        time = np.asarray((first + 0.5 * block) / rate, dtype=float)
-        power = np.abs(_transformed(values)) ** 2 * (2.0 / (rate * np.sum(window**2)))
-        power[:, 0] *= 0.5
-        if block % 2 == 0:
-            power[:, -1] *= 0.5
-        return cls(_frequencies(len(values), rate), time, np.asarray(power, dtype=float))
+        settings = _blocks(len(values))
+        frequency, time, power = scipy.signal.spectrogram(_without_gaps(values), rate, **settings)
+        return cls(frequency, time, power.T)
 
     @property
     def mean(self) -> Floats:
@@ -73,20 +70,15 @@ class Coherence:
     @classmethod
     def of(cls, first: Floats, second: Floats, rate: float) -> Coherence:
         """That of samples (N,) and (N,) at `rate` in Hz, without their means, straight lines over missing samples."""
-        of_first, of_second = _transformed(first), _transformed(second)
-        cross = np.abs(np.mean(of_first * of_second.conj(), axis=0)) ** 2
-        power = np.mean(np.abs(of_first) ** 2, axis=0) * np.mean(np.abs(of_second) ** 2, axis=0)
-        values = np.divide(cross, power, out=np.zeros(len(cross)), where=power > 0.0)
-        blocks = len(of_first) / SHARED_BLOCKS
+        settings = _blocks(len(first))
+        with np.errstate(invalid="ignore"):  # of a channel without power
+            frequency, values = scipy.signal.coherence(
+                _without_gaps(first), _without_gaps(second), rate, **settings
+            )
+        block = len(settings["window"])
+        blocks = (1 + (len(first) - block) // (block - settings["noverlap"])) / SHARED_BLOCKS
         by_chance = 1.0 - _CHANCE ** (1.0 / (blocks - 1.0)) if blocks > 1.0 else 1.0
-        return cls(_frequencies(len(first), rate), values, by_chance)
-
-
-def _transformed(values: Floats) -> NDArray[np.complex128]:
-    """The Fourier transforms (B, F) of the blocks of samples (N,) without their mean."""
-    first, block, window = _blocks(len(values))
-    frames = _without_gaps(values)[first[:, None] + np.arange(block)] * window
-    return np.fft.rfft(frames, axis=1)
+        return cls(frequency, np.nan_to_num(values), by_chance)
 
 
 def _without_gaps(values: Floats) -> Floats:
@@ -98,16 +90,11 @@ def _without_gaps(values: Floats) -> Floats:
     return np.asarray(filled - filled.mean())
 
 
-def _frequencies(count: int, rate: float) -> Floats:
-    """Frequencies (F,) in Hz of the transforms of `count` samples."""
-    block = len(_blocks(count)[2])
-    return np.linspace(0.0, block // 2 * rate / block, block // 2 + 1)
-
-
-def _blocks(count: int) -> tuple[Indices, int, Floats]:
-    """The first samples (B,) of the blocks of `count` samples, the samples in each, and the window over them."""
+def _blocks(count: int) -> dict[str, Any]:
+    """How `scipy.signal` cuts `count` samples, without a mean, into blocks."""
     block = min(_LONGEST, 2 ** int(np.log2(max(count // _BLOCKS, 16))), count)
-    return np.arange(0, count - block + 1, max(block // 2, 1)), block, np.hanning(block + 2)[1:-1]
+    window = np.hanning(block + 2)[1:-1]
+    return {"window": window, "noverlap": block - max(block // 2, 1), "detrend": False}
 
 
 _REST_BLOCKS = 40  # in which a record is looked at
@@ -207,11 +194,6 @@ class ChannelSignal:
     rate: float
     start: float
     sigma: float
-
-    @property
-    def angular(self) -> bool:
-        """Whether its place turns."""
-        return self.unit == self.channel.angular_unit
 
     @property
     def is_input(self) -> bool:

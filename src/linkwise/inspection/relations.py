@@ -180,18 +180,19 @@ def _when(signal: ChannelSignal, rest: slice) -> str:
     return f"from {ends[0]:.4g} to {ends[1]:.4g} s"
 
 
+def _block_means(values: Floats) -> Floats:
+    return np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
+
+
 def _mean(values: Floats) -> tuple[float, float]:
     """Mean and its standard error, from blocks, so that noise need not be white."""
-    means = np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
+    means = _block_means(values)
     return float(values.mean()), float(means.std(ddof=1) / _BLOCKS**0.5)
 
 
 def _slope(values: Floats) -> tuple[float, float]:
     """Slope per sample and its standard error, from block means about the line."""
-    middles = np.array(
-        [block.mean() for block in np.array_split(np.arange(len(values), dtype=float), _BLOCKS)]
-    )
-    means = np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
+    middles, means = _block_means(np.arange(len(values), dtype=float)), _block_means(values)
     centred = middles - middles.mean()
     slope = float(centred @ means / (centred @ centred))
     left = means - means.mean() - slope * centred
@@ -201,5 +202,4 @@ def _slope(values: Floats) -> tuple[float, float]:
 def _is_line(values: Floats, slope: float) -> bool:
     """Whether block means scatter about the line as noise of the samples does."""
     left = values - values.mean() - slope * (np.arange(len(values)) - 0.5 * (len(values) - 1))
-    means = np.array([block.mean() for block in np.array_split(left, _BLOCKS)])
-    return bool(means.std() < _SCATTER * left.std() * (_BLOCKS / len(values)) ** 0.5)
+    return bool(_block_means(left).std() < _SCATTER * left.std() * (_BLOCKS / len(values)) ** 0.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -169,7 +170,8 @@ class Inspection(JudgedView):
 
     def __str__(self) -> str:
         compared = [] if self.levels is None else [str(self.levels), ""]
-        return "\n".join([*compared, *alert_lines(self), *_tables(self)])
+        alerts = (remark_lines(alert_text(self, alert)) for alert in self.alerts)
+        return "\n".join([*compared, headline(self), *alerts, *_tables(self)])
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(alert.kind for alert in self.alerts)) or "no alerts"
@@ -251,11 +253,11 @@ class Inspection(JudgedView):
         }
 
 
-def labels(records: tuple[Record, ...]) -> tuple[str, ...]:
-    """A name for each record: its source, or its number where it has none or shares it."""
+def labels(records: Sequence[Record], kind: str = "record") -> tuple[str, ...]:
+    """A name for each record: its source, or its kind and number where it has none or shares it."""
     sources = [record.source for record in records]
     return tuple(
-        source if source and sources.count(source) == 1 else f"record {number}"
+        source if source and sources.count(source) == 1 else f"{kind} {number}"
         for number, source in enumerate(sources, start=1)
     )
 
@@ -271,14 +273,6 @@ def headline(inspection: Inspection) -> str:
     if not count:
         return "Nothing wrong was seen."
     return f"{count} alert{'s' if count > 1 else ''}, worst first."
-
-
-def alert_lines(inspection: Inspection) -> list[str]:
-    """The headline, and a paragraph for each alert."""
-    return [
-        headline(inspection),
-        *(remark_lines(alert_text(inspection, alert)) for alert in inspection.alerts),
-    ]
 
 
 def alert_text(inspection: Inspection, alert: Alert) -> str:

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices, stretches
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.result import Alert
 from linkwise.records.joining import sampled_every
@@ -137,8 +138,7 @@ def long_stays(signal: ChannelSignal, marked: Bools) -> list[slice]:
     A motion that goes beyond a range comes back within half a period. What stays longer is no bound on it: an amplifier that
     recovers from an overload reads the end of its range whatever the motion is.
     """
-    edges = np.diff(np.concatenate([[0], marked.astype(np.int8), [0]]))
-    runs = [slice(*ends) for ends in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)]
+    runs = stretches(marked)
     longest = max((run.stop - run.start for run in runs), default=0)
     if longest <= _SHORTEST:
         return []
@@ -308,9 +308,7 @@ def _outliers(signal: ChannelSignal) -> Indices:
     deviations[near_gap] = 0.0
     size = np.abs(deviations)
     blocks = np.median(size[: len(size) // _BLOCK * _BLOCK].reshape(-1, _BLOCK), axis=1) / _MEDIAN
-    widest = np.maximum(
-        np.maximum(blocks, np.append(blocks[1:], blocks[-1])), np.append(blocks[0], blocks[:-1])
-    )
+    widest = scipy.ndimage.maximum_filter1d(blocks, 3)
     usual = widest[np.minimum(np.arange(len(size)) // _BLOCK, len(blocks) - 1)]
     noise = np.maximum(_NOISE * np.nan_to_num(signal.sigma), signal.grain)
     limit = np.maximum(_FAR * np.maximum(usual, noise), _FARTHER * (usual - _SCATTER * noise))
@@ -411,9 +409,10 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
         missing = ~signal.present
         if not missing.any() or not signal.observed.size:
             continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]])))
-        starts, lengths = edges[::2], np.diff(edges)[::2]
-        longest = int(np.argmax(lengths))
+        lacking = stretches(missing)
+        lengths = [gap.stop - gap.start for gap in lacking]
+        longest = max(lengths)
+        start = lacking[lengths.index(longest)].start
         gaps = "one gap" if len(lengths) == 1 else f"{len(lengths)} gaps"
         every = sampled_every(signal.present)
         if every > 1 and int(np.median(lengths)) == every - 1:
@@ -424,8 +423,8 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
             yield Alert("dropped", signal.channel, message, float(missing.mean()))
             continue
         message = (
-            f"{missing.sum()} of {len(missing)} samples are missing in {gaps}, the longest of {lengths[longest]} samples at "
-            f"{signal.start + starts[longest] / signal.rate:g} s: maximum likelihood and the weak form leave them out, which "
+            f"{missing.sum()} of {len(missing)} samples are missing in {gaps}, the longest of {longest} samples at "
+            f"{signal.start + start / signal.rate:g} s: maximum likelihood and the weak form leave them out, which "
             "costs accuracy only; differentiation needs a complete piece, cut to one"
         )
         share, arguments = float(missing.mean()), ("earliest", "latest")

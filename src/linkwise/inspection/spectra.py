@@ -249,7 +249,11 @@ STRONGEST = 1e5  # m/s^2: only microscopic structures are accelerated so strongl
 def unit(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose velocity or acceleration is beyond anything that vibrates."""
     for signal in signals.moving:
-        if not signal.channel.is_motion or signal.angular or signal.highest <= 0.0:
+        if (
+            not signal.channel.is_motion
+            or signal.unit == signal.channel.angular_unit
+            or signal.highest <= 0.0
+        ):
             continue
         spectrum = signal.spectrogram
         inside = (spectrum.frequency > 0.0) & (spectrum.frequency <= signal.highest)

@@ -48,8 +48,6 @@ class SampledForce:
         """Displacement, velocity and acceleration (3, N), in sqrt(kg) m, m/s and m/s2, of a mode that starts at rest, by
         its frequency in Hz and its damping as a part of the critical one, below 1.
         """
-        if not self._acts:
-            return np.zeros((3, len(self.samples)))
         s = _pole(frequency, damping)
         z = self.recursion(s)
         motion: Floats = np.array([z.imag, (s * z).imag, (s * s * z).imag]) / s.imag
@@ -58,8 +56,6 @@ class SampledForce:
 
     def derivatives(self, frequency: float, damping: float) -> Floats:
         """Derivatives (2, 3, N) of the `motion` by the logarithms of frequency and damping."""
-        if not self._acts:
-            return np.zeros((2, 3, len(self.samples)))
         s = _pole(frequency, damping)
         z = self.recursion(s)
         by_pole = self.derivative_by_pole(s, z)

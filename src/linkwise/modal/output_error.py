@@ -194,13 +194,9 @@ class _OutputError:
         """Parameters of the structure."""
         return self.modes * self.width + len(self.pairs)
 
-    @property
-    def _of_run(self) -> int:
-        return 2 * self.modes + len(self.measured.kinds)
-
     def _free(self, run: int) -> int:
         """The number of the first parameter of a record."""
-        return self.own + run * self._of_run
+        return self.own + run * (2 * self.modes + len(self.measured.kinds))
 
     def start(self, pursued: PursuedModes) -> Floats:
         """Parameters from residues: the shape at a point of force by the response there, the others by theirs."""
@@ -227,26 +223,18 @@ class _OutputError:
         own[:, 1] = np.clip(own[:, 1], _LEAST_DAMPING, _LARGEST_DAMPING)
         return bounded
 
-    def _complex_modes(self, theta: Floats) -> ComplexModes:
-        own = self.by_mode(theta)
-        return ComplexModes(own[:, 0], own[:, 1], self.pairs, self.between(theta))
+    def _coupled(self, theta: Floats, run: int) -> CoupledResponse:
+        """Of a record, without offsets."""
+        own, first = self.by_mode(theta), self._free(run)
+        modes = ComplexModes(own[:, 0], own[:, 1], self.pairs, self.between(theta))
+        start = theta[first : first + 2 * self.modes].reshape(self.modes, 2)
+        return CoupledResponse(self.measured, modes, own[:, 2:], start)
 
     def response(self, theta: Floats, run: int) -> Floats:
         """(C, N) of a record."""
-        first = self._free(run)
-        return (
-            CoupledResponse(
-                self.measured,
-                self._complex_modes(theta),
-                self.by_mode(theta)[:, 2:],
-                theta[first : first + 2 * self.modes].reshape(self.modes, 2),
-            ).of(self.measured.runs[run])
-            + self._offsets(theta, run)[:, None]
-        )
-
-    def _offsets(self, theta: Floats, run: int) -> Floats:
         first = self._free(run) + 2 * self.modes
-        return theta[first : first + len(self.measured.kinds)]
+        offsets = theta[first : first + len(self.measured.kinds)]
+        return self._coupled(theta, run).of(self.measured.runs[run]) + offsets[:, None]
 
     def levels(self, theta: Floats) -> Floats:
         """(C,) root mean squares of the residuals."""
@@ -304,16 +292,10 @@ class _OutputError:
     def _jacobian(self, theta: Floats, run: int) -> Iterator[tuple[Floats, list[int]]]:
         """For each channel the derivatives (k, N) of its response by some parameters, and the numbers of these."""
         first, record = self._free(run), self.measured.runs[run]
-        response = CoupledResponse(
-            self.measured,
-            self._complex_modes(theta),
-            self.by_mode(theta)[:, 2:],
-            theta[first : first + 2 * self.modes].reshape(self.modes, 2),
-        )
         own = np.arange(self.modes * self.width).reshape(self.modes, self.width)
         numbers = [*own[:, :2].ravel(), *range(own.size, self.own), *own[:, 2:].ravel()]
         numbers += range(first, first + 2 * self.modes)
-        for channel, rows in enumerate(response.derivatives(record)):
+        for channel, rows in enumerate(self._coupled(theta, run).derivatives(record)):
             yield (
                 np.concatenate([rows, np.ones((1, record.count))]),
                 [*map(int, numbers), first + 2 * self.modes + channel],

@@ -93,10 +93,8 @@ class Projection:
     @property
     def levels(self) -> Floats:
         """(C,) root mean squares of what is left."""
-        powers, counts = self.power, np.zeros(len(self.measured.kinds))
-        for run in self.measured.runs:
-            counts += np.isfinite(run.responses).sum(axis=1)
-        return np.asarray(np.sqrt(np.maximum(powers / np.maximum(counts, 1), np.finfo(float).tiny)))
+        mean = self.power / np.maximum(_samples(self.measured), 1)
+        return np.asarray(np.sqrt(np.maximum(mean, np.finfo(float).tiny)))
 
     @property
     def power(self) -> Floats:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Indices
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.levels.quantities import (
     ResponseFunction,
@@ -20,6 +20,7 @@ from linkwise.inspection.levels.quantities import (
     ring_downs,
 )
 from linkwise.inspection.levels.result import OF_BANDWIDTH, OF_DAMPING, UNDAMPED, LevelComparison
+from linkwise.inspection.result import labels as labels_of
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -93,11 +94,12 @@ def compare_levels(
     records = [forces_bridged(record) for record in given]
     _require_same_channels(records)
     forced = bool(records[0].forces)
-    channel, levels = _levels(records, forced=forced)
+    channel = None if forced else _loudest(records[0])
+    levels = np.array([_level(record, channel) for record in records])
     order = np.argsort(levels, kind="stable").tolist()
     ordered = [records[place] for place in order]
     complete = [short_gaps_bridged(record) or record for record in ordered]
-    labels = _labels(ordered)
+    labels = labels_of(ordered, "level")
     measured = [_measurement(record, forced=forced) for record in ordered]
     of_highest = channel_noise(ordered[-1])
     rings = ring_downs(complete[-1], of_highest)
@@ -116,33 +118,29 @@ def compare_levels(
     every = refined_modes(measured[0], *start.T)
     selected = np.arange(len(every.damping)) if modes is not None else _followed(every)
     frequencies, damping = every.frequencies[selected], every.damping[selected]
-    by_level: list[RefinedModes] = []
+    fits: list[RefinedModes] = []
     for number, at_level in enumerate(measured, start=1):
         progress(ProgressReport(0.5 + 0.5 * (number - 1) / len(records), f"level {number}"))
-        by_level.append(refined_modes(at_level, frequencies, damping))
-        frequencies, damping = by_level[-1].frequencies, by_level[-1].damping
+        fits.append(refined_modes(at_level, frequencies, damping))
+        frequencies, damping = fits[-1].frequencies, fits[-1].damping
     response, force = _channels(ordered[0]) if forced else ("", "")
     return LevelComparison(
         labels=labels,
         levels=levels[order],
         channel=channel,
         unit=ordered[0].unit(channel or force),
-        frequencies=np.array([refined.frequencies for refined in by_level]),
-        damping=np.array([refined.damping for refined in by_level]),
-        frequency_errors=np.array(
-            [refined.relative_errors[:, 0] * refined.frequencies for refined in by_level]
-        ),
-        damping_errors=np.array([refined.relative_errors[:, 1] * refined.damping for refined in by_level]),
-        left=np.array([refined.left for refined in by_level]),
-        noise=np.array(
-            [_noise_share(record, refined) for record, refined in zip(ordered, by_level, strict=True)]
-        ),
+        frequencies=np.array([fit.frequencies for fit in fits]),
+        damping=np.array([fit.damping for fit in fits]),
+        frequency_errors=np.array([fit.relative_errors[:, 0] * fit.frequencies for fit in fits]),
+        damping_errors=np.array([fit.relative_errors[:, 1] * fit.damping for fit in fits]),
+        left=np.array([fit.left for fit in fits]),
+        noise=np.array([_noise_share(record, fit) for record, fit in zip(ordered, fits, strict=True)]),
         responses=tuple(ResponseFunction.of(record, response, force) for record in ordered if forced),
         distortions=tuple(distortion(record, response, force) if forced else None for record in complete),
         ring_downs=rings,
         with_gaps=gaps,
         bridged=bridged_gaps(labels, [given[place] for place in order], complete),
-        surfaces=acceleration_surfaces(complete[-1], by_level[0].frequencies, of_highest),
+        surfaces=acceleration_surfaces(complete[-1], fits[0].frequencies, of_highest),
     )
 
 
@@ -159,14 +157,8 @@ def _no_ring_down(gaps: Sequence[str]) -> str:
     )
 
 
-def _levels(records: Sequence[Record], *, forced: bool) -> tuple[str | None, Floats]:
-    """The channel whose peaks are the levels, None for the forces, and the level (R,) of each record."""
-    channel = None if forced else _loudest(records[0])
-    return channel, np.array([_level(record, channel) for record in records])
-
-
 def _level(record: Record, channel: str | None) -> float:
-    """The largest magnitude of all forces, or of a channel of the motion."""
+    """The level of a record: the largest magnitude of all forces, or of a channel of the motion."""
     names = record.forces if channel is None else [channel]
     return max(float(np.nanmax(np.abs(record.channel(name)))) for name in names)
 
@@ -235,11 +227,3 @@ def _channels(record: Record) -> tuple[str, str]:
     return max(
         at_force or record.motions, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name])
     ), force
-
-
-def _labels(records: Sequence[Record]) -> tuple[str, ...]:
-    sources = [record.source for record in records]
-    return tuple(
-        source if source and sources.count(source) == 1 else f"level {number}"
-        for number, source in enumerate(sources, start=1)
-    )

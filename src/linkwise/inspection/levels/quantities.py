@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, stretches
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.model.link import ANGLE, LENGTH
@@ -570,8 +570,7 @@ def _silence_bridged(force: Floats) -> Floats:
 
 def _short(missing: Bools) -> Bools:
     """Which samples (N,) are in gaps of six or fewer, with samples on both sides."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int)))
     short = np.zeros(len(missing), dtype=bool)
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        short[first:last] = first > 0 and last < len(missing) and last - first <= _SHORT
+    for gap in stretches(missing):
+        short[gap] = gap.start > 0 and gap.stop < len(missing) and gap.stop - gap.start <= _SHORT
     return short

@@ -25,6 +25,7 @@ OF_BANDWIDTH, OF_DAMPING = 0.1, 0.05
 """Standard errors of the frequency, over half the bandwidth, and of the damping, relative, of a mode that can be followed."""
 UNDAMPED = 2e-4
 """Damping of what is no mode, but a line of the force or its distortion."""
+_OF_WINDOWS = ("amplitude", "frequency", "frequency_error", "damping", "damping_error")
 _GROWTH = 2.0  # times what linear modes leave of the lowest level, noise allowed for: shares of taps scatter by less
 
 
@@ -175,6 +176,8 @@ class LevelComparison(JudgedView):
             "levels", lowest first, with "modes" each, "first_nonlinear", the label of a level or None, and verdicts.
         """
         first = self.first_nonlinear
+        sizes = (self.frequencies, self.frequency_errors, self.damping, self.damping_errors)
+        modes = np.stack(sizes, axis=-1)
         return {
             **self._judgement(),
             "levels": [
@@ -186,13 +189,7 @@ class LevelComparison(JudgedView):
                     "moved": list(self.moved(number)),
                     "modes": [
                         {"frequency": f, "frequency_error": df, "damping": d, "damping_error": dd}
-                        for f, df, d, dd in zip(
-                            self.frequencies[number].tolist(),
-                            self.frequency_errors[number].tolist(),
-                            self.damping[number].tolist(),
-                            self.damping_errors[number].tolist(),
-                            strict=True,
-                        )
+                        for f, df, d, dd in modes[number].tolist()
                     ],
                     "distortion": None if distortion is None else vars(distortion),
                 }
@@ -202,11 +199,7 @@ class LevelComparison(JudgedView):
                 {
                     "mode": ring.mode,
                     "channel": ring.channel,
-                    "amplitude": ring.amplitude.tolist(),
-                    "frequency": ring.frequency.tolist(),
-                    "frequency_error": ring.frequency_error.tolist(),
-                    "damping": ring.damping.tolist(),
-                    "damping_error": ring.damping_error.tolist(),
+                    **{name: getattr(ring, name).tolist() for name in _OF_WINDOWS},
                     "moves": ring.moves,
                 }
                 for ring in self.ring_downs
