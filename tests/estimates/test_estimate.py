@@ -128,10 +128,10 @@ def test_the_structure_is_complete_and_unknown_names_list_those_there_are(
     assert fit.structure.link("nes1").values["alpha"] == fit.coefficient("nes1.alpha").value
     assert fit.structure.mass("m2").mass.value == fit.coefficient("m2.mass").value
     assert fit.structure.link("spring1") == chain.link("spring1")
-    message = r'unknown name "nes1\.gamma"; choose from spring1\.k, .*m2\.mass'
+    message = r'unknown name "nes1\.gamma".*; choose from spring1\.k, .*m2\.mass'
     with pytest.raises(lw.StructureError, match=message):
         fit.coefficient("nes1.gamma")
-    with pytest.raises(lw.StructureError, match='unknown name "nes7"; choose from spring1, nes1'):
+    with pytest.raises(lw.StructureError, match=r'unknown name "nes7".*; choose from spring1, nes1'):
         fit.link("nes7")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
@@ -25,7 +25,7 @@ from linkwise.display import (
     paragraph,
     remark_lines,
 )
-from linkwise.errors import IdentificationError, StructureError
+from linkwise.errors import IdentificationError, StructureError, require_known
 from linkwise.estimates.causes import (
     Cause,
     NoiseEstimate,
@@ -388,8 +388,8 @@ class Estimate(JudgedView):
         StructureError
             If there is no such coefficient.
         """
-        known = self._coefficients
-        return known[name] if name in known else self._unknown_name(name, known)
+        require_known("name", name, self._coefficients, StructureError)
+        return self._coefficients[name]
 
     def link(self, name: str) -> LinkEstimate:
         """Estimate of a link.
@@ -410,7 +410,8 @@ class Estimate(JudgedView):
             If there is no such link.
         """
         by_name = {link.link.name: link for link in self._every_link}
-        return by_name[name] if name in by_name else self._unknown_name(name, by_name)
+        require_known("name", name, by_name, StructureError)
+        return by_name[name]
 
     def force_band(self, name: str, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Stiffness force of a link with its 95 % band.
@@ -449,9 +450,7 @@ class Estimate(JudgedView):
             **self._judgement(),
             "message": self.explanation,
             "seconds": self.seconds,
-            "noise": {
-                name: {"sigma": n.sigma, "unit": n.unit, "snr_db": n.snr_db} for name, n in self.noise.items()
-            },
+            "noise": {name: asdict(noise) for name, noise in self.noise.items()},
             "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
             "model_error_percent": 100.0 * self.model_error,
             "diagnosis": [cause.to_dict() for cause in self.diagnosis],
@@ -548,9 +547,6 @@ class Estimate(JudgedView):
         which = np.array(list(numbers.values()), dtype=int)
         block = self.covariance[np.ix_(which, which)] if len(which) else np.zeros((0, 0))
         return tuple(numbers), np.asarray(block if isinstance(block, np.ndarray) else block.toarray())
-
-    def _unknown_name(self, name: str, names: Mapping[str, Any]) -> Any:
-        raise StructureError(f'unknown name "{name}"; choose from {", ".join(names)}')
 
 
 class Estimator(ABC):

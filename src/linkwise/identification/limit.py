@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Unpack
 
@@ -309,9 +310,7 @@ def _on_samples(record: Record, refinement: int) -> Record:
     responses = [record.channels.index(name) for name in record.responses]
     between = np.arange(len(record)) % refinement != 0
     values[np.ix_(between, responses)] = np.nan
-    return Record(
-        record.start, record.rate, record.channels, values, simulated=record.simulated, units=record.units
-    )
+    return replace(record, values=values)
 
 
 def _segment_samples(segment: float, record: Record) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.display import JudgedView, align_columns, format_value
+from linkwise.display import JudgedView, align_columns, format_value, listed
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.likelihood.fisher_information import Precision
@@ -284,7 +284,7 @@ class Limit(JudgedView):
         head = (
             f"{self.structure.name or 'structure'}: the accuracy that this test allows\n"
             f"{self.verdicts[0].value}\n"
-            f"{len(self.record)} samples each of {_listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments(self)}"
+            f"{len(self.record)} samples each of {listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments(self)}"
         )
         noise: Rows = [("noise", "deviation"), *((name, _noise_text(self, name)) for name in self.noise)]
         title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
@@ -383,7 +383,6 @@ def _as_dict(coefficient: CoefficientEstimate) -> dict[str, Any]:
 Rows = list[tuple[str, ...]]
 
 _MOST_ROWS = 40  # of a table that are printed
-_MOST_NAMES = 6  # of channels that are listed in full
 
 
 def _segments(limit: Limit) -> str:
@@ -403,10 +402,6 @@ def _table(rows: Rows) -> str:
     if left_out > 0:
         lines = [*lines[: 1 + _MOST_ROWS], f"  ... and {left_out} more"]
     return "\n".join(lines)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= _MOST_NAMES else f"{', '.join(names[:4])}, ..., {names[-1]}"
 
 
 def _noise_text(limit: Limit, name: str) -> str:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -96,48 +97,35 @@ def _read(path: Path) -> ValidatedAnswer:
             f"there is no {_STRUCTURE} in this folder: give a result folder of identify or discover, or a structure file",
             str(path),
         )
-    stated = _ResultFile.of(path / RESULT)
+    status, stated = _stated(path / RESULT)
     structure = _numbers(read_structure(file), file)
     if (path / COVARIANCE).exists():
-        return ValidatedAnswer(structure, read_posterior(path), stated.model_error, (), *stated.graded)
-    return ValidatedAnswer(structure, None, stated.model_error, (_exact(stated.status),), *stated.graded)
+        return ValidatedAnswer(structure, read_posterior(path), **stated)
+    return ValidatedAnswer(structure, remarks=(_exact(status),), **stated)
 
 
-@dataclass(frozen=True)
-class _ResultFile:
-    """What a result file states: its status and grade, the model error of one that is not refused, and errors of sensors."""
+def _stated(path: Path) -> tuple[str, dict[str, Any]]:
+    """The status that a result file states, and of the answer its grade, the model error and errors of sensors.
 
-    status: str
-    model_error: float = 0.0
-    sensor_errors: tuple[SensorErrorEstimate, ...] = ()
-    grade: Grade = Grade.EXPLAINED
-
-    @property
-    def graded(self) -> tuple[tuple[SensorErrorEstimate, ...], Grade, str]:
-        """Errors of sensors, the grade, and a sentence on it."""
-        return self.sensor_errors, self.grade, grade_remark(self.grade, self.status)
-
-    @classmethod
-    def of(cls, path: Path) -> _ResultFile:
-        """What the file states; nothing where it cannot be read, so that the laws and sensors count as exact.
-
-        Raises StructureError for a status that linkwise does not write.
-        """
-        try:
-            result = json.loads(path.read_text(encoding="utf-8"))
-            status = str(result["status"])
-            grade = Grade(result.get("grade", "refused"))
-            error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
-            of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            return cls(f"no covariance is beside {_STRUCTURE}")
-        if status not in STATUSES:
-            raise StructureError(
-                f"states the status {status!r}, which linkwise does not write; identify again, or give the {_STRUCTURE} "
-                "beside it",
-                str(path),
-            )
-        return cls(status, error if math.isfinite(error) and error >= 0.0 else 0.0, of_sensors, grade)
+    Nothing of the answer where the file cannot be read, so that the laws and sensors count as exact. Raises StructureError for
+    a status that linkwise does not write.
+    """
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        status = str(result["status"])
+        grade = Grade(result.get("grade", "refused"))
+        error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
+        of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return f"no covariance is beside {_STRUCTURE}", {}
+    if status not in STATUSES:
+        raise StructureError(
+            f"states the status {status!r}, which linkwise does not write; identify again, or give the {_STRUCTURE} "
+            "beside it",
+            str(path),
+        )
+    known = {"sensor_errors": of_sensors, "grade": grade, "warning": grade_remark(grade, status)}
+    return status, {"model_error": error if math.isfinite(error) and error >= 0.0 else 0.0, **known}
 
 
 _ORDER = ("offset", "gain", "delay")  # in which they are undone: an offset is added last

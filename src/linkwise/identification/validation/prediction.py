@@ -187,20 +187,15 @@ def _run(
     rate: float,
     samples: int,
 ) -> Record:
-    names = structure.mass_names
-    release = {f"x:{name}": float(x) for name, x in zip(names, state[: len(names)], strict=True)}
-    release |= {
-        f"v:{name}": float(v) for name, v in zip(names, state[len(names) : 2 * len(names)], strict=True)
-    }
-    inside = [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
-    release |= {name: float(value) for name, value in zip(inside, state[2 * len(names) :], strict=True)}
+    released = [f"{kind}:{name}" for kind in "xv" for name in structure.mass_names]
+    released += [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
     forces = {channel.place: signal for channel, signal in inputs.items() if channel.is_force}
     return simulate(
         structure,
         duration=(samples - 1) / rate,
         rate=rate,
         sensors=channels,
-        release=release,
+        release=dict(zip(released, state.tolist(), strict=True)),
         forces=forces,
         base=inputs.get(Channel("x", BASE)),
     )
@@ -303,9 +298,9 @@ class Prediction:
     by_laws: Floats
     d: Floats
     v: Floats
-    starts: int
-    window: float | None
-    horizon: float | None
+    starts: int = 1
+    window: float | None = None
+    horizon: float | None = None
 
 
 def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
@@ -394,9 +389,6 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
         by_laws=by_laws,
         d=structure.elongations(truth.displacement, base),
         v=structure.elongations(truth.velocity, None if base is None else np.gradient(base, record.step)),
-        starts=1,
-        window=None,
-        horizon=None,
     )
 
 
@@ -526,9 +518,6 @@ def rig_prediction(
         by_laws=spread**2,
         d=np.outer(motion.d[::every], structure.base_incidence),
         v=np.outer(motion.v[::every], structure.base_incidence),
-        starts=1,
-        window=None,
-        horizon=None,
     )
     levels: dict[str, float] = {
         cell_name(structure, link): float(np.hypot(noise[link], np.sqrt(np.mean(moved[number] ** 2))))

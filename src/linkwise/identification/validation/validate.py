@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, RecordError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
@@ -183,7 +183,7 @@ def error_spectra(record: Record, predicted: Floats) -> dict[str, ErrorSpectrum]
     for column, name in enumerate(record.responses):
         measured = record.channel(name)
         error = measured - predicted[:, column]
-        stretch = _longest(np.isfinite(error))
+        stretch = max(stretches(np.isfinite(error)), key=lambda run: run.stop - run.start)
         length = 2 * (stretch.stop - stretch.start) // (_SEGMENTS + 1)
         if length < 16:
             continue
@@ -192,14 +192,6 @@ def error_spectra(record: Record, predicted: Floats) -> dict[str, ErrorSpectrum]
         _, left = scipy.signal.welch(error[stretch], **settings)
         spectra[name] = ErrorSpectrum(frequency[1:], density[1:], left[1:])
     return spectra
-
-
-def _longest(present: Floats) -> slice:
-    """The longest run of True."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(int)))
-    starts, stops = ends[::2], ends[1::2]
-    longest = int(np.argmax(stops - starts))
-    return slice(int(starts[longest]), int(stops[longest]))
 
 
 _BURN = 0.05  # of the record
