@@ -17,7 +17,7 @@ from linkwise.study.methods import (
     Library,
     PySindyMethod,
     SindyMethod,
-    TermJudgement,
+    judged,
     true_monomials,
 )
 from linkwise.study.subject import Subject
@@ -71,21 +71,19 @@ def test_a_link_is_judged_by_its_ends_in_either_order(between: str, subject: Sub
         link("b", between, "p*d + q*d**3 + r*v", p=-99.0, q=1e6, r=0.02),
         link("c", "m2-ground", "r*v", r=0.1),
     )
-    judgement = TermJudgement.of(answer, subject, subject.simulate())
-    assert judgement.terms == {"right": 4, "missing": 1, "extra": 1}
+    links, terms = judged(answer, subject, subject.simulate())
+    assert terms == {"right": 4, "missing": 1, "extra": 1}
     weaker = lw.bnes_chain(2, alpha=-99.0).link("nes1")
-    assert judgement.links["nes1"] == pytest.approx(
-        lw.nmse(CHAIN.link("nes1"), weaker, subject.simulate()), rel=1e-8
-    )
+    assert links["nes1"] == pytest.approx(lw.nmse(CHAIN.link("nes1"), weaker, subject.simulate()), rel=1e-8)
 
 
 def test_a_true_link_that_is_not_there_has_the_whole_force_as_error(subject: Subject) -> None:
     clean = subject.simulate()
     springs = link("a", "m1-ground", "p*d", p=30000.0), link("b", "m2-ground", "p*d", p=1.0)
-    judgement = TermJudgement.of(structure({"m1": 1.0, "m2": 0.01}, *springs), subject, clean)
+    links, terms = judged(structure({"m1": 1.0, "m2": 0.01}, *springs), subject, clean)
     force = CHAIN.link("nes1").force(clean.channel("x:m2") - clean.channel("x:m1"))
-    assert judgement.links["nes1"] == pytest.approx(100.0 * np.mean(force**2) / np.var(force), rel=1e-8)
-    assert judgement.terms == {"right": 1, "missing": 4, "extra": 1}
+    assert links["nes1"] == pytest.approx(100.0 * np.mean(force**2) / np.var(force), rel=1e-8)
+    assert terms == {"right": 1, "missing": 4, "extra": 1}
 
 
 def test_sindy_has_the_terms_where_there_is_no_noise(subject: Subject) -> None:

@@ -5,8 +5,7 @@ what they find compares with the true links and terms.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection
 from functools import lru_cache
 from importlib import import_module
 from time import perf_counter
@@ -48,30 +47,23 @@ Order = Annotated[int, msgspec.Meta(ge=1)]
 Threshold = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
 
-@dataclass(frozen=True)
-class TermJudgement:
-    """The parts of a `MethodResult` that come from a comparison with the truth."""
+def judged(structure: Structure, subject: Subject, clean: Record) -> tuple[dict[str, float], dict[str, int]]:
+    """The errors of links in % and the numbers of terms of a structure, every coefficient a number, against the true one
+    along its motion `clean`.
 
-    links: Mapping[str, float]
-    terms: Mapping[str, int]
-
-    @classmethod
-    def of(cls, structure: Structure, subject: Subject, clean: Record) -> TermJudgement:
-        """Compare a structure, every coefficient a number, with the true one along its motion `clean`.
-
-        The NMSE of a true link is that of the link between the same ends, 100 % and more where there is none.
-        """
-        truth = subject.true_structure
-        score = term_score(structure, truth)
-        aligned, links = align_truth(structure, truth), {}
-        for name in subject.judged_links:
-            true = truth.link(name)
-            link = _between(structure, true.between)
-            if link is None:
-                links[name] = nmse(true, Link(name, true.between, _NO_FORCE, {}), clean)
-            else:
-                links[name] = nmse(aligned.link(link.name), link, clean)
-        return cls(links, term_counts(score.right, score.missing, score.extra))
+    The NMSE of a true link is that of the link between the same ends, 100 % and more where there is none.
+    """
+    truth = subject.true_structure
+    score = term_score(structure, truth)
+    aligned, links = align_truth(structure, truth), {}
+    for name in subject.judged_links:
+        true = truth.link(name)
+        link = _between(structure, true.between)
+        if link is None:
+            links[name] = nmse(true, Link(name, true.between, _NO_FORCE, {}), clean)
+        else:
+            links[name] = nmse(aligned.link(link.name), link, clean)
+    return links, term_counts(score.right, score.missing, score.extra)
 
 
 def term_counts(
@@ -119,23 +111,23 @@ class MonomialMethod(StudyMethod, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         StudyMethod.__post_init__(self)
-        self._regressor()
+        _regressor(self.regressor, self.threshold)
 
     @property
     def usual_name(self) -> str:
         return f"{self.kind}, {self.convention}"
 
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
-        refuse_rig(subject.structure, 'methods of the kind "monomial"')
-        refuse_memory(
-            subject.structure.links, 'methods of the kind "monomial"', "maximum likelihood takes it"
-        )
-        refuse_hosts(subject.structure, 'methods of the kind "monomial"')
+        masses_alone(subject, 'methods of the kind "monomial"')
+        structure = subject.structure
         equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
         started = perf_counter()
-        fit = _fit(equations, gram, subject.structure, self._regressor())
+        named = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
+        ends = [end for link in structure.links for end in link.between]  # an equation has a single link
+        targets = tuple(f"x{tag}''" for mass, tag in named.items() if ends.count(mass) == 1)
+        fit = _fit(equations, gram, targets, _regressor(self.regressor, self.threshold))
         seconds += perf_counter() - started
-        structure, links, coefficients = subject.structure, {}, {}
+        links, coefficients = {}, {}
         for name in subject.judged_links:
             links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
             d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
@@ -143,10 +135,6 @@ class MonomialMethod(StudyMethod, frozen=True, kw_only=True):
         return MethodResult(
             status=Verdict.CONVERGED.status, seconds=seconds, links=links, coefficients=coefficients
         )
-
-    def _regressor(self) -> Regressor:
-        regressor = REGRESSORS.lookup(self.regressor)()
-        return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
 
 
 @lru_cache(maxsize=1)
@@ -161,33 +149,17 @@ def _gram(
     return equations, gram, perf_counter() - started
 
 
-def _fit(equations: StreamedSystem, gram: Gram, structure: Structure, regressor: Regressor) -> RegressionFit:
-    """Solve the equations of the masses with a single link.
-
-    Standard errors, which are not used here, are NaN: the inverse of a matrix of 1771 columns takes longer than all else.
-    """
-    named = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
-    ends = [end for link in structure.links for end in link.between]
-    targets = tuple(f"x{tag}''" for mass, tag in named.items() if ends.count(mass) == 1)
+def _fit(
+    equations: StreamedSystem, gram: Gram, targets: tuple[str, ...], regressor: Regressor
+) -> RegressionFit:
+    """The equations of some targets, without standard errors: the inverse of 1771 columns takes longer than all else."""
     columns = [equations.targets.index(target) for target in targets]
-    scaled = np.zeros((len(gram.names), len(targets)))
-    setting = np.zeros(len(targets))
-    for number, column in enumerate(columns):
-        solution, setting[number], _ = regressor._solve(gram, column)
-        scaled[:, number] = solution.scaled
-    norms = np.where(gram.norms[columns] > 0, gram.norms[columns], 1.0)
-    return RegressionFit(
-        names=gram.names,
-        units=equations.units,
-        targets=targets,
-        coefficients=gram.unscaled(scaled),
-        support=scaled != 0,
-        standard_error=np.full_like(scaled, np.nan),
-        contribution=np.abs(scaled) / norms,
-        residual=np.full(len(targets), np.nan),
-        setting=setting,
-        paths=(),
-    )
+    return regressor.fit_gram(gram, equations.units, targets, columns=columns, errors=False)
+
+
+def _regressor(name: str, threshold: float | None) -> Regressor:
+    regressor = REGRESSORS.lookup(name)()
+    return regressor if threshold is None else regressor.with_threshold(threshold)
 
 
 def _coefficients(link: Link, d: Floats, force: Floats) -> dict[str, float]:
@@ -280,18 +252,18 @@ class DiscoveryMethod(StudyMethod, frozen=True):
         masses = masses_alone(subject, 'methods of the kind "discover"')
         record = subject.measured(clean).with_noise(snr_db, seed=seed)
         discovery = discover(record, masses, terms=self.terms)
-        judgement = TermJudgement.of(discovery.structure, subject, clean)
+        links, terms = judged(discovery.structure, subject, clean)
         return MethodResult(
             status=status_of(discovery.verdicts),
             seconds=discovery.seconds,
-            links=judgement.links,
+            links=links,
             coefficients={
                 f"{link.name}.{name}": float(value)
                 for link in discovery.structure.links
                 for name, value in link.values.items()
             },
             reason=next((verdict.value for verdict in discovery.verdicts if verdict.forbids), ""),
-            terms=judgement.terms,
+            terms=terms,
         )
 
 
@@ -321,7 +293,7 @@ class SindyMethod(StudyMethod, frozen=True):
 
     def __post_init__(self) -> None:
         StudyMethod.__post_init__(self)
-        self._regressor()
+        _regressor(self.regressor, self.threshold)
         parse_terms(self.terms)
 
     @property
@@ -340,55 +312,42 @@ class SindyMethod(StudyMethod, frozen=True):
     ) -> MethodResult:
         started = perf_counter()
         full = candidates_for([record], masses, self.terms).full_structure
-        fit = self._regressor().fit(link_columns(differentiate(record, self.derivative), full))
+        fit = _regressor(self.regressor, self.threshold).fit(
+            link_columns(differentiate(record, self.derivative), full)
+        )
         seconds = perf_counter() - started
         support = fit.support[:, 0]
         values = np.where(support, fit.coefficients[:, 0], 0.0)
         structure = full.with_values(dict(zip(fit.names, map(float, values), strict=True)))
-        judgement = TermJudgement.of(structure, subject, clean)
-        verdict = sindy_verdict(float(fit.residual[0]))
-        return MethodResult(
-            status=verdict.status,
-            seconds=seconds,
-            links=judgement.links,
-            coefficients={
-                name: float(value)
-                for name, value, chosen in zip(fit.names, values, support, strict=True)
-                if chosen
-            },
-            reason=verdict.value if verdict.forbids else "",
-            terms=judgement.terms,
-        )
+        links, terms = judged(structure, subject, clean)
+        coefficients = dict(zip(np.array(fit.names)[support].tolist(), values[support].tolist(), strict=True))
+        found = {"links": links, "coefficients": coefficients, "terms": terms}
+        return _of_sindy(float(fit.residual[0]), seconds, **found)
 
     def _among_monomials(self, subject: Subject, record: Record) -> MethodResult:
         started = perf_counter()
         states = differentiate(record, self.derivative)
         equations = monomial_equations(states, self.order)
-        gram, regressor = Gram.of(equations), self._regressor()
-        chosen: set[tuple[str, str]] = set()
-        unexplained = 0.0
-        for number, target in enumerate(equations.targets):
-            if target.endswith("''"):
-                solution = regressor._solve(gram, number)[0]
-                chosen |= {(target, gram.names[column]) for column in np.flatnonzero(solution.scaled)}
-                unexplained = max(unexplained, np.sqrt(solution.squares) / (gram.norms[number] or 1.0))
+        targets = tuple(target for target in equations.targets if target.endswith("''"))
+        fit = _fit(equations, Gram.of(equations), targets, _regressor(self.regressor, self.threshold))
         seconds = perf_counter() - started
         named = dict(zip(states.masses, tags(states.masses), strict=True))
         inputs = {(f"x{named[mass]}''", f"f{named[mass]}") for mass in states.driven}
         truth = true_monomials(subject.true_structure) | inputs
-        counts = term_counts(truth & chosen, truth - chosen, chosen - truth)
-        verdict = sindy_verdict(unexplained)
-        reason = verdict.value if verdict.forbids else ""
-        return MethodResult(status=verdict.status, seconds=seconds, reason=reason, terms=counts)
-
-    def _regressor(self) -> Regressor:
-        regressor = REGRESSORS.lookup(self.regressor)()
-        return regressor if self.threshold is None else regressor.with_threshold(self.threshold)
+        chosen = {(target, name) for target in targets for name in fit.terms(target)}
+        return _of_sindy(float(fit.residual.max()), seconds, terms=_counted(truth, chosen))
 
 
-def sindy_verdict(unexplained: float) -> Verdict:
-    """What `PhysicsInformedSindy` would say of a fit, by the share of the right-hand side that it leaves."""
-    return Verdict.UNEXPLAINED_FORCES if unexplained > MAX_UNEXPLAINED else Verdict.CONVERGED
+def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
+    """What was found, and what `PhysicsInformedSindy` would say of a fit that leaves such a share of the right-hand side."""
+    verdict = Verdict.UNEXPLAINED_FORCES if unexplained > MAX_UNEXPLAINED else Verdict.CONVERGED
+    reason = verdict.value if verdict.forbids else ""
+    return MethodResult(status=verdict.status, seconds=seconds, reason=reason, **found)
+
+
+def _counted(truth: set[tuple[str, str]], chosen: set[tuple[str, str]]) -> dict[str, int]:
+    """The numbers of monomials as a row has them."""
+    return term_counts(truth & chosen, truth - chosen, chosen - truth)
 
 
 _KIND = 'methods of the kind "pysindy"'
@@ -449,13 +408,7 @@ class PySindyMethod(StudyMethod, frozen=True):
             for column in np.flatnonzero(equation)
         }
         truth = true_monomials(subject.true_structure)
-        verdict = sindy_verdict(float(left.max()))
-        return MethodResult(
-            status=verdict.status,
-            seconds=seconds,
-            reason=verdict.value if verdict.forbids else "",
-            terms=term_counts(truth & chosen, truth - chosen, chosen - truth),
-        )
+        return _of_sindy(float(left.max()), seconds, terms=_counted(truth, chosen))
 
 
 def _pysindy() -> Any:

@@ -8,7 +8,7 @@ criterion has its minimum near the true number of terms.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -217,7 +217,15 @@ class Regressor(ABC):
         """
         return self.fit_gram(Gram.of(system), system.units, system.targets)
 
-    def fit_gram(self, gram: Gram, units: tuple[str, ...], targets: tuple[str, ...]) -> RegressionFit:
+    def fit_gram(
+        self,
+        gram: Gram,
+        units: tuple[str, ...],
+        targets: tuple[str, ...],
+        *,
+        columns: Sequence[int] | None = None,
+        errors: bool = True,
+    ) -> RegressionFit:
         """Fit from a Gram matrix, which several regressors can share.
 
         Parameters
@@ -226,6 +234,10 @@ class Regressor(ABC):
             Gram matrix of the system.
         units, targets : tuple of str
             Units of the coefficients and names of the targets.
+        columns : sequence of int, optional
+            The numbers of these targets among those of the system; by default they are all of them.
+        errors : bool, default True
+            Compute standard errors, which take longer than all else where a system has many columns; else they are NaN.
 
         Returns
         -------
@@ -238,14 +250,16 @@ class Regressor(ABC):
             As `fit`.
         """
         shape = len(gram.names), len(targets)
-        scaled, variances = np.zeros(shape), np.zeros(shape)
+        scaled, variances = np.zeros(shape), np.full(shape, np.nan)
         setting, squares, paths = np.zeros(len(targets)), np.zeros(len(targets)), []
-        for target in range(len(targets)):
-            solution, setting[target], path = self._solve(gram, target)
+        chosen = list(range(len(targets)) if columns is None else columns)
+        for target, column in enumerate(chosen):
+            solution, setting[target], path = self._solve(gram, column)
             scaled[:, target], squares[target] = solution.scaled, solution.squares
-            variances[:, target] = solution.variances()
+            if errors:
+                variances[:, target] = solution.variances()
             paths.append(path)
-        norms, support = np.where(gram.norms > 0, gram.norms, 1.0), scaled != 0
+        norms, support = np.where(gram.norms > 0, gram.norms, 1.0)[chosen], scaled != 0
         freedom = np.maximum(gram.rows - support.sum(axis=0), 1)
         return RegressionFit(
             names=gram.names,
