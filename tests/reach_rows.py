@@ -7,7 +7,7 @@ from pathlib import Path
 from linkwise.study.definition import Study, parse_study
 from linkwise.study.row import Case, Row
 from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.summary import StudyTable
+from linkwise.study.summary import StudySummary
 
 TEXT = """
 name = "small reach"
@@ -76,4 +76,4 @@ def _judged(case: Case, status: str, *, missing: int = 0, extra: int = 0) -> Row
 def reach_maps() -> tuple[SuccessMap, ...]:
     """What `success_maps` counts in these rows."""
     study = reach_study()
-    return maps_of(study, StudyTable.of(study, reach_rows(study)))
+    return maps_of(study, StudySummary.of(study, reach_rows(study)))

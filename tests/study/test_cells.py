@@ -11,7 +11,7 @@ from present import present
 
 from linkwise.study.definition import Study, parse_study
 from linkwise.study.row import FAILED, Case, Row
-from linkwise.study.summary import Cell, StudyTable
+from linkwise.study.summary import Cell, StudySummary
 
 TEXT = """
 snr_db = [20, 40]
@@ -40,7 +40,7 @@ def row(case: Case, error: float | None = None, **changes: Any) -> Row:
 
 def told(study: Study, rows: list[Row], structure: str = "two") -> Cell:
     """The cell at 20 dB of maximum likelihood."""
-    return present(StudyTable.of(study, rows).cell(structure, 20.0, "ml"))
+    return present(StudySummary.of(study, rows).cell(structure, 20.0, "ml"))
 
 
 def rows(study: Study, errors: list[float]) -> list[Row]:
@@ -50,7 +50,7 @@ def rows(study: Study, errors: list[float]) -> list[Row]:
 
 def test_cells_stand_in_order_and_carry_medians(study: Study) -> None:
     given = rows(study, [4.0, 1.0, 2.0, 9.0])
-    table = StudyTable.of(study, given)
+    table = StudySummary.of(study, given)
     assert table.structures == ("two", "four") and table.masses == {"two": 2, "four": 4}
     assert table.decibels == (40.0, 20.0) and table.methods == ("weak", "ml")
     assert (table.expected, table.missing, table.failed) == (32, 0, 0)
@@ -73,13 +73,13 @@ def test_a_failed_case_counts_as_worse_than_any_answer(study: Study) -> None:
     one_failed = told(study, given[:-8])
     assert (one_failed.done, one_failed.nmse) == (3, 4.0)
     no_numbers = [row(case, np.nan) for case in study.cases()]
-    assert StudyTable.of(study, no_numbers).failed == 32 and told(study, no_numbers).nmse is None
+    assert StudySummary.of(study, no_numbers).failed == 32 and told(study, no_numbers).nmse is None
 
 
 def test_missing_cells_are_counted_and_strangers_left_out(study: Study) -> None:
     given = [each for each in rows(study, [1.0] * 4) if each.structure == "two"]
     given.append(row(Case("two", 20.0, "ml", 7), 1e9))
-    assert StudyTable.of(study, given).missing == 16 and told(study, given).nmse == 1.0
+    assert StudySummary.of(study, given).missing == 16 and told(study, given).nmse == 1.0
     empty = told(study, given, "four")
     assert (empty.done, empty.expected, empty.masses) == (0, 4, 4)
     assert (empty.nmse, empty.low, empty.seconds, empty.median_row) == (None, None, None, None)
@@ -119,5 +119,5 @@ def test_intervals_that_hold_the_true_value_are_counted(study: Study) -> None:
     cell = told(study, answers)
     assert cell.truth["nes1.alpha"] == -100.0
     assert cell.intervals == 3 and cell.coverage == pytest.approx(2 / 3)
-    unknown = present(StudyTable.of_rows(answers).cell("two", 20.0, "ml"))
+    unknown = present(StudySummary.of_rows(answers).cell("two", 20.0, "ml"))
     assert unknown.coverage is None  # nobody knows the truth

@@ -13,13 +13,13 @@ import linkwise as lw
 from linkwise.study.definition import parse_study
 from linkwise.study.row import FAILED, Row
 from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.summary import StudyTable
+from linkwise.study.summary import StudySummary
 
 
 def maps_from(rows: list[Row]) -> tuple[SuccessMap, ...]:
     """The maps of the study of the reach with these rows."""
     study = reach_study()
-    return maps_of(study, StudyTable.of(study, rows))
+    return maps_of(study, StudySummary.of(study, rows))
 
 
 def failed(row: Row) -> Row:
@@ -72,7 +72,7 @@ def test_other_structures_stand_apart_whatever_their_names() -> None:
     method = [{ kind = "discover" }]
     """
     study = parse_study(text, "s.toml", Path())
-    maps = maps_of(study, StudyTable.of(study, [linear_answer(case) for case in study.cases()]))
+    maps = maps_of(study, StudySummary.of(study, [linear_answer(case) for case in study.cases()]))
     assert [(success.name, list(success.rates)) for success in maps] == [
         ("a", [100.0, 200.0]),
         ("c", [200.0]),

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -33,7 +34,7 @@ from linkwise.simulation.simulate import NEIGHBOURS, OrbitEnvelope, orbit_envelo
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
 from linkwise.study.subject import Subject
-from linkwise.study.summary import StudyTable
+from linkwise.study.summary import StudySummary
 
 
 @lru_cache(maxsize=4)
@@ -78,7 +79,7 @@ def figure_5() -> Figure:
 _LEVELS = dict(zip(DECIBELS, (SERIES[2], SERIES[5], SERIES[1]), strict=True))
 
 
-def figure_6(study: Study, table: StudyTable, paper: PaperStudy, classical: str) -> Figure | None:
+def figure_6(study: Study, table: StudySummary, paper: PaperStudy, classical: str) -> Figure | None:
     """The chain of two masses: a the force found at 20 dB by the method `classical`, b its error at 40, 30 and 20 dB.
 
     The maximum likelihood at 20 dB stands beside it. None where the study has no such answer.
@@ -86,13 +87,13 @@ def figure_6(study: Study, table: StudyTable, paper: PaperStudy, classical: str)
     return _figure(study, table, paper, 2, classical, shown=DECIBELS[-1:])
 
 
-def figure_7(study: Study, table: StudyTable, paper: PaperStudy, classical: str) -> Figure | None:
+def figure_7(study: Study, table: StudySummary, paper: PaperStudy, classical: str) -> Figure | None:
     """The same for the chain of eight masses; a shows all three noise levels."""
     return _figure(study, table, paper, 8, classical, shown=DECIBELS)
 
 
 def _figure(
-    study: Study, table: StudyTable, paper: PaperStudy, masses: int, classical: str, shown: tuple[float, ...]
+    study: Study, table: StudySummary, paper: PaperStudy, masses: int, classical: str, shown: Sequence[float]
 ) -> Figure | None:
     subject_name = paper.named(masses)
     rows = {level: _middle(table, subject_name, level, classical) for level in DECIBELS}
@@ -143,14 +144,14 @@ def _median_link(row: Row) -> str:
     return min(row.links, key=lambda link: abs(row.links[link] - error))
 
 
-def _middle(table: StudyTable, name: str | None, level: float, method: str) -> Row | None:
+def _middle(table: StudySummary, name: str | None, level: float, method: str) -> Row | None:
     """The row that stands for a cell, None where none has coefficients."""
     cell = None if name is None else table.cell(name, level, method)
     row = None if cell is None else cell.median_row
     return row if row is not None and row.coefficients else None
 
 
-def figure_8(table: StudyTable, paper: PaperStudy, classical: str | None = None) -> Figure:
+def figure_8(table: StudySummary, paper: PaperStudy, classical: str | None = None) -> Figure:
     """SINDy with all monomials: a to c the error at 40, 30 and 20 dB, d the time of one estimate at 20 dB.
 
     The paper's values are those of Table 2; it prints no times for d. linkwise's own estimators stand beside them, and other
@@ -172,7 +173,7 @@ def figure_8(table: StudyTable, paper: PaperStudy, classical: str | None = None)
     return figure
 
 
-def figure_9(table: StudyTable, paper: PaperStudy) -> Figure:
+def figure_9(table: StudySummary, paper: PaperStudy) -> Figure:
     """Physics-informed SINDy at 20 dB: a the error, b the time, with linkwise's own estimators beside it."""
     drawn = curve_styles([method for method in table.methods if method not in paper.classical])
     level = DECIBELS[-1]
@@ -207,14 +208,10 @@ def motion_captions() -> dict[str, str]:
 def _two_masses(motion: OrbitEnvelope) -> str:
     d = motion.record.channel("x:m2") - motion.record.channel("x:m1")
     crossings = motion.record.time[1:][np.diff(np.sign(d)) != 0]
+    followed = "Double precision follows this orbit to its end."
     return (
         f"The sink crosses between its wells until {crossings[-1]:.2f} s and comes to rest at {1e3 * d[-1]:.1f} mm "
-        "(the paper: until about 2.5 s, +10 mm). "
-        + (
-            "Double precision follows this orbit to its end."
-            if motion.horizon is None
-            else _past(motion.horizon)
-        )
+        f"(the paper: until about 2.5 s, +10 mm). {followed if motion.horizon is None else _past(motion.horizon)}"
     )
 
 
@@ -236,17 +233,11 @@ def _past(horizon: float) -> str:
 
 
 def _compared(motion: OrbitEnvelope, without: OrbitEnvelope, paper: str) -> str:
-    shares = [
-        (
-            mass,
-            np.sqrt(
-                np.mean(motion.record.channel(f"x:{mass}") ** 2)
-                / np.mean(without.record.channel(f"x:{mass}") ** 2)
-            ),
-        )
-        for mass in without.masses
-    ]
-    listed = ", ".join(f"{mass} {100.0 * share:.0f} %" for mass, share in shares)
-    higher = [mass for mass, share in shares if share > 1.0]
+    shares = {}
+    for mass in without.masses:
+        power, alone = (np.mean(run.record.channel(f"x:{mass}") ** 2) for run in (motion, without))
+        shares[mass] = np.sqrt(power / alone)
+    listed = ", ".join(f"{mass} {100.0 * share:.0f} %" for mass, share in shares.items())
+    higher = [mass for mass, share in shares.items() if share > 1.0]
     remark = f" That does not hold for {', '.join(higher)} of this orbit." if higher else " So it is here."
     return f"Root mean square over {motion.record.duration:g} s against the same mass without sinks: {listed}. {paper}{remark}"

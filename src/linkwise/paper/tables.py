@@ -17,7 +17,7 @@ from linkwise.model.chains import bnes_chain
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
 from linkwise.study.subject import Subject
-from linkwise.study.summary import Cell, StudyTable
+from linkwise.study.summary import Cell, StudySummary
 from linkwise.verdict import Verdict
 
 MASSES = (2, 4, 6, 8, 10)
@@ -137,7 +137,7 @@ class Table2:
     classical: tuple[str, ...]
 
     @classmethod
-    def of(cls, table: StudyTable, paper: PaperStudy) -> Table2:
+    def of(cls, table: StudySummary, paper: PaperStudy) -> Table2:
         """The cells of Table 2 that the study asks for."""
         cells = []
         for decibel in DECIBELS:
@@ -254,7 +254,7 @@ class Claim:
         return {True: "✓", False: "✗", None: "–"}[self.met]
 
 
-def claims(table: StudyTable, paper: PaperStudy, comparison: Table2) -> tuple[Claim, ...]:
+def claims(table: StudySummary, paper: PaperStudy, comparison: Table2) -> tuple[Claim, ...]:
     """The claims that a study tests, what it was made for first."""
     listed = [_complete(table)]
     if comparison.cells:
@@ -267,7 +267,7 @@ def claims(table: StudyTable, paper: PaperStudy, comparison: Table2) -> tuple[Cl
     return (*listed, *_trusted(table, paper))
 
 
-def _complete(table: StudyTable) -> Claim:
+def _complete(table: StudySummary) -> Claim:
     done = table.expected - table.missing
     text = f"All {table.expected} cases were run"
     if table.missing:
@@ -280,7 +280,7 @@ def _complete(table: StudyTable) -> Claim:
     return Claim(f"{text}{failed if done else ''}.", not table.missing and not table.failed)
 
 
-def _far_below(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
+def _far_below(table: StudySummary, paper: PaperStudy, method: str) -> Claim:
     level = DECIBELS[-1]
     cells = [table.cell(name, level, method) for name in paper.masses]
     errors = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
@@ -327,7 +327,7 @@ def _reproduced(comparison: Table2) -> Claim:
     return Claim(f"{text}{'' if enough else f'; {np.ceil(MOST * count):.0f} were asked for'}.", enough)
 
 
-def _informed(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
+def _informed(table: StudySummary, paper: PaperStudy, method: str) -> Claim:
     level = DECIBELS[-1]
     cells = [table.cell(name, level, method) for name in paper.masses]
     errors = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
@@ -346,25 +346,17 @@ def _informed(table: StudyTable, paper: PaperStudy, method: str) -> Claim:
     return Claim(f"{text}{f'; no results yet for {absent}' if absent else ''}.", None if absent else True)
 
 
-def _trusted(table: StudyTable, paper: PaperStudy) -> list[Claim]:
+def _trusted(table: StudySummary, paper: PaperStudy) -> list[Claim]:
     """Whether linkwise's own estimators stand by their answers."""
     claims_of_trust = []
     for method in (*paper.weak, *paper.likelihood):
-        answers = [row for cell in _of(table, method) for row in cell.answers]
+        answers = [row for cell in table.cells if cell.method == method for row in cell.answers]
         doubtful = [row for row in answers if row.status != Verdict.CONVERGED.status]
         if answers:
             text = f"{method} stands by {len(answers) - len(doubtful)} of its {len(answers)} answers"
-            claims_of_trust.append(
-                Claim(
-                    f"{text}{'; the others say that they are not to be trusted' if doubtful else ''}.",
-                    not doubtful,
-                )
-            )
+            others = "; the others say that they are not to be trusted" if doubtful else ""
+            claims_of_trust.append(Claim(f"{text}{others}.", not doubtful))
     return claims_of_trust
-
-
-def _of(table: StudyTable, method: str) -> Sequence[Cell]:
-    return [cell for cell in table.cells if cell.method == method]
 
 
 def _absent(paper: PaperStudy, errors: dict[int, float]) -> str:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
-from linkwise.errors import StudyError
+from linkwise.errors import StudyError, require_known
 from linkwise.plot.style import (
     MEASURED,
     SERIES,
@@ -27,7 +27,7 @@ from linkwise.plot.style import (
 )
 from linkwise.study.row import Row
 from linkwise.study.success_map import SuccessMap
-from linkwise.study.summary import Cell, StudySummary, StudyTable
+from linkwise.study.summary import Cell, StudySummary
 
 QUANTITIES = {"nmse": "NMSE of the force, %", "seconds": "time of one estimate, s"}
 _KNOWN = {"ml": (SERIES[0], "o"), "weak": (SERIES[4], "^"), "physics-informed": (SERIES[2], "D")}
@@ -56,7 +56,7 @@ class PublishedValues:
 
 
 def study(
-    result: StudySummary | StudyTable | Iterable[Row],
+    result: StudySummary | Iterable[Row],
     quantity: str = "nmse",
     *,
     snr_db: float | None = None,
@@ -70,7 +70,7 @@ def study(
 
     Parameters
     ----------
-    result : StudySummary or StudyTable or iterable of Row
+    result : StudySummary or iterable of Row
         What `linkwise.study.study_summary`, `linkwise.run_study` or `linkwise.study.read_rows` returns.
     quantity : {"nmse", "seconds"}, default "nmse"
         The error of the force in % (paper Eq. 8), or the time of one estimate in s.
@@ -102,8 +102,7 @@ def study(
     'degrees of freedom'
     """
     table = _table(result)
-    if quantity not in QUANTITIES:
-        raise StudyError(f"unknown quantity {quantity!r}; choose from {', '.join(map(repr, QUANTITIES))}")
+    require_known("quantity", quantity, QUANTITIES, StudyError)
     level = table.decibels[-1] if snr_db is None else snr_db
     if level not in table.decibels:
         levels = ", ".join(f"{decibel:g}" for decibel in table.decibels)
@@ -114,7 +113,7 @@ def study(
     return axes
 
 
-def accuracy_figure(result: StudySummary | StudyTable | Iterable[Row]) -> Figure:
+def accuracy_figure(result: StudySummary | Iterable[Row]) -> Figure:
     """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them."""
     table = _table(result)
     count = len(table.decibels) + 1
@@ -140,7 +139,7 @@ def curve_styles(methods: Sequence[str]) -> dict[str, CurveStyle]:
 
 def draw_curves(
     axes: Axes,
-    table: StudyTable,
+    table: StudySummary,
     snr_db: float,
     quantity: str,
     styles: Mapping[str, CurveStyle],
@@ -170,13 +169,8 @@ def draw_curves(
     axes.set_ylabel(QUANTITIES[quantity])
 
 
-def _table(result: StudySummary | StudyTable | Iterable[Row]) -> StudyTable:
-    if isinstance(result, StudyTable):
-        table = result
-    elif isinstance(result, StudySummary):
-        table = StudyTable(result.cells)
-    else:
-        table = StudyTable.of_rows(result)
+def _table(result: StudySummary | Iterable[Row]) -> StudySummary:
+    table = result if isinstance(result, StudySummary) else StudySummary.of_rows(result)
     if not table.cells:
         raise StudyError("nothing to draw: the study has no rows")
     return table
@@ -194,7 +188,7 @@ def _draw_curve(axes: Axes, style: CurveStyle, values: Floats) -> None:
     )
 
 
-def _draw_published(axes: Axes, table: StudyTable, published: PublishedValues) -> None:
+def _draw_published(axes: Axes, table: StudySummary, published: PublishedValues) -> None:
     at = [index for index, structure in enumerate(table.structures) if structure in published.values]
     axes.plot(
         at,

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
@@ -37,7 +37,7 @@ from linkwise.study.definition import Study
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows, stored_study
 from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.summary import SPREAD, Cell, StudyTable, covered
+from linkwise.study.summary import SPREAD, Cell, StudySummary, covered
 from linkwise.verdict import Verdict, admit_intervals
 
 if TYPE_CHECKING:
@@ -55,21 +55,11 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
-class Illustration:
-    """A figure on the page: `address` holds it."""
-
-    name: str
-    title: str
-    caption: str
-    address: str
-
-
-@dataclass(frozen=True)
 class StudyReport:
     """All that a page shows of a study."""
 
     study: Study
-    table: StudyTable
+    table: StudySummary
     paper: PaperStudy
     comparison: Table2
     claims: Sequence[Claim]
@@ -78,7 +68,7 @@ class StudyReport:
     @classmethod
     def of(cls, study: Study, rows: Iterable[Row]) -> StudyReport:
         """What `rows` show of `study`."""
-        table, paper = StudyTable.of(study, rows), PaperStudy.of(study)
+        table, paper = StudySummary.of(study, rows), PaperStudy.of(study)
         comparison = Table2.of(table, paper)
         success = maps_of(study, table)
         return cls(study, table, paper, comparison, claims(table, paper, comparison), success)
@@ -120,8 +110,11 @@ class StudyReport:
         return [verdict.value for verdict in self.table.verdicts if verdict is not Verdict.STUDY_COMPLETE]
 
 
-def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Illustration]]) -> str:
-    """The page as text: HTML that asks nobody for anything. `illustrations` are figures by the heading above them."""
+def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Mapping[str, str]]]) -> str:
+    """The page as text: HTML that asks nobody for anything.
+
+    `illustrations` are figures by the heading above them: name, title, caption, and the address that holds the picture.
+    """
     comparison, table = report.comparison, report.table
     return rendered(
         "study.html.jinja",
@@ -155,34 +148,21 @@ def percent(value: float | None) -> str:
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
 
 
-@dataclass(frozen=True)
-class TableRow:
-    """A line of Table 2 on the page; `values` by method, `spreads` what stands on them when pointed at."""
-
-    first: bool
-    snr_db: float
-    masses: int
-    paper: str
-    ratio: str
-    near: bool
-    values: Mapping[str, str]
-    spreads: Mapping[str, str]
-
-
-def _row(report: StudyReport, number: int) -> TableRow:
+def _row(report: StudyReport, number: int) -> dict[str, Any]:
+    """A line of Table 2 on the page; `medians` by method, `spreads` what stands on them when pointed at."""
     cells, best = report.comparison.cells, report.comparison.best
     cell = cells[number]
     ratio = None if best is None else cell.ratio(best)
-    return TableRow(
-        first=number == 0 or cells[number - 1].snr_db != cell.snr_db,
-        snr_db=cell.snr_db,
-        masses=cell.masses,
-        paper=f"{cell.paper:g}",
-        ratio="–" if ratio is None else f"{ratio:.2g}",
-        near=best is not None and cell.near(best),
-        values={method: percent(cell.nmse(method)) for method in report.table.methods},
-        spreads={method: _spread(study_cell) for method, study_cell in cell.cells.items()},
-    )
+    return {
+        "first": number == 0 or cells[number - 1].snr_db != cell.snr_db,
+        "snr_db": cell.snr_db,
+        "masses": cell.masses,
+        "paper": f"{cell.paper:g}",
+        "ratio": "–" if ratio is None else f"{ratio:.2g}",
+        "near": best is not None and cell.near(best),
+        "medians": {method: percent(cell.nmse(method)) for method in report.table.methods},
+        "spreads": {method: _spread(study_cell) for method, study_cell in cell.cells.items()},
+    }
 
 
 def _spread(cell: Cell) -> str:
@@ -207,7 +187,7 @@ def _meaning(study: Study, method: str) -> str:
     return f"{meaning}; {REGRESSORS.lookup(how['regressor']).title}; {_READING[how['reading']]}"
 
 
-def _missing(table: StudyTable) -> list[str]:
+def _missing(table: StudySummary) -> list[str]:
     """What was not run or not to the end, by noise level and method."""
     sentences = []
     for method in table.methods:
@@ -220,7 +200,7 @@ def _missing(table: StudyTable) -> list[str]:
     return sentences
 
 
-def _failures(table: StudyTable) -> list[str]:
+def _failures(table: StudySummary) -> list[str]:
     """Cases without an answer by method and reason: how many, and where."""
     failed: dict[tuple[str, str], list[Cell]] = {}
     counts: Counter[tuple[str, str]] = Counter()
@@ -245,35 +225,21 @@ def _exact(success: SuccessMap) -> tuple[str, str, int, Mapping[str, str]]:
         "wrong, trusted": success.wrong_trusted,
         "extra, trusted": success.extra_trusted,
     }
-    return (
-        success.name,
-        success.method,
-        cases,
-        {
-            name: percent(100.0 * float(count.sum()) / cases if cases else None)
-            for name, count in counts.items()
-        },
-    )
+    parts = {name: 100.0 * float(count.sum()) / cases if cases else None for name, count in counts.items()}
+    return success.name, success.method, cases, {name: percent(part) for name, part in parts.items()}
 
 
 def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
     """What Table 2 does not have: the medians of all methods."""
-    return [
-        (
-            name,
-            level,
-            {method: percent(_nmse(report.table, name, level, method)) for method in report.table.methods},
-        )
-        for name, level in report.beyond
-    ]
+    lines: list[tuple[str, float, Mapping[str, str]]] = []
+    for name, level in report.beyond:
+        cells = {method: report.table.cell(name, level, method) for method in report.table.methods}
+        medians = {method: percent(cell.nmse if cell else None) for method, cell in cells.items()}
+        lines.append((name, level, medians))
+    return lines
 
 
-def _nmse(table: StudyTable, name: str, level: float, method: str) -> float | None:
-    cell = table.cell(name, level, method)
-    return None if cell is None else cell.nmse
-
-
-def _coverages(table: StudyTable) -> list[tuple[str, float, Mapping[str, str]]]:
+def _coverages(table: StudySummary) -> list[tuple[str, float, Mapping[str, str]]]:
     """How many intervals hold the true value, by structure and noise level, where there are any."""
     lines: dict[tuple[str, float], dict[str, str]] = {}
     for cell in table.cells:
@@ -427,15 +393,14 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
     """
     home = Path(folder)
     report = StudyReport.of(stored_study(home), read_rows(home))
-    shown: dict[str, list[Illustration]] = {}
+    shown: dict[str, list[dict[str, str]]] = {}
     for number, (name, entry) in enumerate(STUDY_FIGURES.items()):
         progress(ProgressReport(number / len(STUDY_FIGURES), f"figure {name}"))
         figure = entry.draw(report)
         if figure is not None:
             png, _ = save(figure, home / _FIGURES / name)
-            address = embedded(png.read_bytes())
-            illustration = Illustration(name, entry.title, entry.caption(report), address)
-            shown.setdefault(entry.heading, []).append(illustration)
+            picture = {"name": name, "title": entry.title, "address": embedded(png.read_bytes())}
+            shown.setdefault(entry.heading, []).append({**picture, "caption": entry.caption(report)})
     progress(ProgressReport(1.0, "page"))
     if report.comparison.cells:
         _write_table(report.comparison, report.table.methods, home / "table_2.csv")

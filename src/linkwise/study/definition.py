@@ -18,7 +18,14 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 
 from linkwise.display import near_miss
-from linkwise.errors import IdentificationError, LawError, LinkwiseError, StudyError, expect
+from linkwise.errors import (
+    IdentificationError,
+    LawError,
+    LinkwiseError,
+    StudyError,
+    expect,
+    require_known,
+)
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
 from linkwise.model.link_file import decode, parse_toml, read_toml_text
@@ -143,7 +150,8 @@ class Study:
         StudyError
             If there is none.
         """
-        return _lookup(name, "structure", self._subjects)
+        require_known("structure", name, self._subjects, StudyError)
+        return self._subjects[name]
 
     def method(self, name: str) -> StudyMethod:
         """One of the methods.
@@ -163,7 +171,8 @@ class Study:
         StudyError
             If there is none.
         """
-        return _lookup(name, "method", self._methods)
+        require_known("method", name, self._methods, StudyError)
+        return self._methods[name]
 
     def cycle(self, case: Case) -> int:
         """The number of the cycle of a case, 0 for the first.
@@ -247,15 +256,6 @@ def _check_distinct(key: str, values: Sequence[object]) -> None:
     value, count = Counter(values).most_common(1)[0]
     if count > 1:
         raise StudyError(f"{value!r} is listed {count} times; entries must be distinct", key)
-
-
-def _lookup(name: str, kind: str, by_name: dict[str, _Entry]) -> _Entry:
-    """The entry called `name`; StudyError with all names if there is none."""
-    if name not in by_name:
-        raise StudyError(
-            f'unknown {kind} "{name}"{near_miss(name, by_name)}; choose from {", ".join(by_name)}'
-        )
-    return by_name[name]
 
 
 _SOURCES = ("bnes", "file", "toml")

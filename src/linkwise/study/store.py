@@ -95,7 +95,7 @@ def open_store(folder: Path, study: Study) -> Iterator[Store]:
             f"the folder is not empty and does not hold a study (no {DATABASE}); choose another folder",
             str(folder),
         )
-    with _locked(folder), closing(_connect(folder)) as database:
+    with _locked(folder), closing(sqlite3.connect(folder / DATABASE, timeout=60.0)) as database:
         _prepare(folder, database, study)
         yield Store(folder, database)
 
@@ -173,17 +173,13 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def _connect(folder: Path) -> sqlite3.Connection:
-    return sqlite3.connect(folder / DATABASE, timeout=60.0)
-
-
 @contextmanager
 def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
     missing = StudyError(f"the folder does not hold a study (no {DATABASE})", str(folder))
     if not (folder / DATABASE).is_file():
         raise missing
     try:
-        with closing(_connect(folder)) as database:
+        with closing(sqlite3.connect(folder / DATABASE, timeout=60.0)) as database:
             database.execute("PRAGMA query_only = ON")
             if _empty(database):
                 raise missing
@@ -248,7 +244,11 @@ def differences(before: Any, after: Any, path: str = "") -> list[str]:
             for key in keys
             for line in differences(before.get(key), after.get(key), f"{path}.{key}".lstrip("."))
         ]
-    if isinstance(before, list) and isinstance(after, list) and any(map(_is_table, [*before, *after])):
+    if (
+        isinstance(before, list)
+        and isinstance(after, list)
+        and any(isinstance(value, dict) for value in [*before, *after])
+    ):
         old, new = ({table["name"]: table for table in tables} for tables in (before, after))
         if list(old) == list(new):
             return [line for name in old for line in differences(old[name], new[name], f'{path} "{name}"')]
@@ -259,10 +259,6 @@ def differences(before: Any, after: Any, path: str = "") -> list[str]:
         "not given" if value is None else json.dumps(value, ensure_ascii=False) for value in (before, after)
     )
     return [f"{path} was {was}, now {is_}" if len(was) + len(is_) <= _LONG else f"{path} has changed"]
-
-
-def _is_table(value: object) -> bool:
-    return isinstance(value, dict)
 
 
 def _rows(database: sqlite3.Connection) -> list[Row]:

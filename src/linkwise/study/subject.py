@@ -97,11 +97,10 @@ class Subject:
     frequency: float | None = None
 
     def __post_init__(self) -> None:
-        for key, value in (("duration", self.duration), ("rate", self.rate)):
-            if not 0.0 < value < float("inf"):
+        for key in ("duration", "rate", "frequency"):
+            value = getattr(self, key)
+            if value is not None and not 0.0 < value < float("inf"):
                 raise StudyError(f"must be positive and finite, got {value!r}", key)
-        if self.frequency is not None and not 0.0 < self.frequency < float("inf"):
-            raise StudyError(f"must be positive and finite, got {self.frequency!r}", "frequency")
         if not math.isfinite(self.scatter):
             raise StudyError(f"must be finite, got {self.scatter!r}", "scatter")
         self._check_excitation()

@@ -13,7 +13,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.study.definition import Study
 from linkwise.study.store import read_rows, stored_study
 from linkwise.study.subject import Subject
-from linkwise.study.summary import Cell, StudyTable
+from linkwise.study.summary import Cell, StudySummary
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +101,10 @@ def success_maps(folder: str | Path) -> tuple[SuccessMap, ...]:
     ...     print(success.name, success.method, success.exact_share)
     """
     study = stored_study(folder)
-    return maps_of(study, StudyTable.of(study, read_rows(folder)))
+    return maps_of(study, StudySummary.of(study, read_rows(folder)))
 
 
-def maps_of(study: Study, table: StudyTable) -> tuple[SuccessMap, ...]:
+def maps_of(study: Study, table: StudySummary) -> tuple[SuccessMap, ...]:
     """The maps of all methods of `study` that look for terms, structure by structure, from its `table`.
 
     A method without any answer is never exact.
@@ -136,7 +136,7 @@ def _alike(subjects: Sequence[Subject]) -> list[tuple[Subject, ...]]:
     return [tuple(rates[rate] for rate in sorted(rates)) for _, rates in groups]
 
 
-def _map(subjects: Sequence[Subject], method: str, table: StudyTable) -> SuccessMap:
+def _map(subjects: Sequence[Subject], method: str, table: StudySummary) -> SuccessMap:
     decibels = table.decibels[::-1]
     cells = [[table.cell(subject.name, level, method) for level in decibels] for subject in subjects]
 

@@ -183,15 +183,47 @@ class Cell:
         return finite(np.quantile(self._errors, probability, method="inverted_cdf")) if self.done else None
 
 
-@dataclass(frozen=True)
-class StudyTable:
-    """The cells of a study, and the order of its structures, noise levels and methods."""
+_TERMS = ("exact", "wrong, trusted", "extra, trusted")
 
+
+@dataclass(frozen=True)
+class StudySummary(JudgedView):
+    """The summary of a study; printed, a table for each structure and noise level.
+
+    Attributes
+    ----------
+    name : str
+        The name of the study.
+    cells : tuple of Cell
+        The cells in the order of the study: by structure, noise level and method.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> summary = lw.study.study_summary("results/mine")
+    >>> summary.complete, summary.failed_cells, summary.trusted
+    (True, (), True)
+    """
+
+    name: str
     cells: tuple[Cell, ...]
 
     @classmethod
-    def of(cls, study: Study, rows: Iterable[Row]) -> StudyTable:
-        """The cells of `study` with their `rows`; rows of other cases are left out."""
+    def of(cls, study: Study, rows: Iterable[Row]) -> StudySummary:
+        """Summarise rows of a study.
+
+        Parameters
+        ----------
+        study : Study
+            The study.
+        rows : iterable of Row
+            Rows of its cases; those of other cases are left out.
+
+        Returns
+        -------
+        StudySummary
+            The cells of the study with these rows.
+        """
         expected: dict[tuple[str, float, str], set[Case]] = defaultdict(set)
         for case in study.cases():
             expected[case.structure, case.snr_db, case.method].add(case)
@@ -201,23 +233,36 @@ class StudyTable:
             if row.case in expected.get(key, ()):
                 gathered[key].append(row)
         return cls(
+            study.name,
             tuple(
                 _cell(key, study.subject(key[0]).true_structure, len(cases), gathered[key])
                 for key, cases in expected.items()
-            )
+            ),
         )
 
     @classmethod
-    def of_rows(cls, rows: Iterable[Row]) -> StudyTable:
-        """The cells of `rows` without a study, in the order in which they appear; no case counts as missing."""
+    def of_rows(cls, rows: Iterable[Row]) -> StudySummary:
+        """Summarise rows without a study, of which no case counts as missing.
+
+        Parameters
+        ----------
+        rows : iterable of Row
+            The rows.
+
+        Returns
+        -------
+        StudySummary
+            The cells in the order in which they appear.
+        """
         gathered: dict[tuple[str, float, str], list[Row]] = defaultdict(list)
         for row in rows:
             gathered[row.structure, row.snr_db, row.method].append(row)
         return cls(
+            "",
             tuple(
                 Cell(key[0], inside[0].masses, *key[1:], len(inside), *_answered(inside))
                 for key, inside in gathered.items()
-            )
+            ),
         )
 
     @property
@@ -252,7 +297,22 @@ class StudyTable:
         return tuple(dict.fromkeys(cell.method for cell in self.cells))
 
     def cell(self, structure: str, snr_db: float, method: str) -> Cell | None:
-        """One cell; None if it is not part of the study."""
+        """One cell.
+
+        Parameters
+        ----------
+        structure : str
+            Name of its structure.
+        snr_db : float
+            Its noise level in dB.
+        method : str
+            Name of its method.
+
+        Returns
+        -------
+        Cell or None
+            The cell; None if it is not part of the study.
+        """
         return self._index.get((structure, snr_db, method))
 
     @property
@@ -273,6 +333,48 @@ class StudyTable:
     @cached_property
     def _index(self) -> dict[tuple[str, float, str], Cell]:
         return {(cell.structure, cell.snr_db, cell.method): cell for cell in self.cells}
+
+    @property
+    def complete(self) -> bool:
+        """Whether every case was run."""
+        return not self.missing
+
+    @property
+    def failed_cells(self) -> tuple[Cell, ...]:
+        """The cells in which every case failed."""
+        return tuple(cell for cell in self.cells if cell.done and not cell.answers)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The summary as plain data: numbers of cases, and the cells as in summary.csv.
+
+        Returns
+        -------
+        dict
+            "study", "cases", "done", "failed", "verdicts", "trusted" and "cells".
+        """
+        cells = [cell_record(cell) for cell in self.cells]
+        counts = {"cases": self.expected, "done": self.expected - self.missing, "failed": self.failed}
+        return {"study": self.name, **counts, **self._judgement(), "cells": cells}
+
+    def __str__(self) -> str:
+        lacks = [verdict.value for verdict in self.verdicts if verdict is not Verdict.STUDY_COMPLETE]
+        done = self.expected - self.missing
+        head = f"{self.name}: {done} of {self.expected} cases done, {self.failed} failed"
+        blocks = ["\n".join([head, *lacks])]
+        judged = any(cell.exact is not None for cell in self.cells)
+        for (structure, level), group in groupby(self.cells, key=lambda cell: (cell.structure, cell.snr_db)):
+            lines: list[tuple[str, ...]] = [
+                ("method", "median %", "worst %", "failed", "untrusted", "of", "covered", "seconds")
+                + (_TERMS if judged else ())
+            ]
+            lines += [_line(cell_record(cell), judged) for cell in group]
+            blocks.append("\n".join([f"{structure}, {level:g} dB", *align_columns(lines)]))
+        reasons = [
+            f"! {cell.structure}, {cell.snr_db:g} dB, {cell.method} failed {count} times: {reason}"
+            for cell in self.cells
+            for reason, count in cell.reasons[:1]
+        ]
+        return "\n\n".join([*blocks, *(["\n".join(reasons)] if reasons else [])])
 
 
 def _cell(key: tuple[str, float, str], true: Structure, expected: int, rows: Sequence[Row]) -> Cell:
@@ -296,85 +398,6 @@ def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
 def _error(row: Row) -> float:
     """The error of a row in %, infinite if there is none."""
     return float("inf") if row.failed or row.nmse is None or np.isnan(row.nmse) else row.nmse
-
-
-_TERMS = ("exact", "wrong, trusted", "extra, trusted")
-
-
-@dataclass(frozen=True)
-class StudySummary(JudgedView):
-    """The summary of a study; printed, a table for each structure and noise level.
-
-    Attributes
-    ----------
-    name : str
-        The name of the study.
-    cells : tuple of Cell
-        The cells in the order of the study: by structure, noise level and method.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> summary = lw.study.study_summary("results/mine")
-    >>> summary.complete, summary.failed_cells, summary.trusted
-    (True, (), True)
-    """
-
-    name: str
-    cells: tuple[Cell, ...]
-
-    @property
-    def verdicts(self) -> tuple[Verdict, ...]:
-        """What of the study was not run, and what has no answer."""
-        return StudyTable(self.cells).verdicts
-
-    @property
-    def complete(self) -> bool:
-        """Whether every case was run."""
-        return all(cell.done == cell.expected for cell in self.cells)
-
-    @property
-    def failed_cells(self) -> tuple[Cell, ...]:
-        """The cells in which every case failed."""
-        return tuple(cell for cell in self.cells if cell.done and not cell.answers)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The summary as plain data: numbers of cases, and the cells as in summary.csv.
-
-        Returns
-        -------
-        dict
-            "study", "cases", "done", "failed", "verdicts", "trusted" and "cells".
-        """
-        cells = [cell_record(cell) for cell in self.cells]
-        return {"study": self.name, **self._counts(), **self._judgement(), "cells": cells}
-
-    def __str__(self) -> str:
-        counts = self._counts()
-        lacks = [verdict.value for verdict in self.verdicts if verdict is not Verdict.STUDY_COMPLETE]
-        head = "{}: {done} of {cases} cases done, {failed} failed".format(self.name, **counts)
-        blocks = ["\n".join([head, *lacks])]
-        judged = any(cell.exact is not None for cell in self.cells)
-        for (structure, level), group in groupby(self.cells, key=lambda cell: (cell.structure, cell.snr_db)):
-            lines: list[tuple[str, ...]] = [
-                ("method", "median %", "worst %", "failed", "untrusted", "of", "covered", "seconds")
-                + (_TERMS if judged else ())
-            ]
-            lines += [_line(cell_record(cell), judged) for cell in group]
-            blocks.append("\n".join([f"{structure}, {level:g} dB", *align_columns(lines)]))
-        reasons = [
-            f"! {cell.structure}, {cell.snr_db:g} dB, {cell.method} failed {count} times: {reason}"
-            for cell in self.cells
-            for reason, count in cell.reasons[:1]
-        ]
-        return "\n\n".join([*blocks, *(["\n".join(reasons)] if reasons else [])])
-
-    def _counts(self) -> dict[str, int]:
-        return {
-            "cases": sum(cell.expected for cell in self.cells),
-            "done": sum(cell.done for cell in self.cells),
-            "failed": sum(len(cell.failures) for cell in self.cells),
-        }
 
 
 def study_summary(folder: str | Path) -> StudySummary:
@@ -403,7 +426,7 @@ def study_summary(folder: str | Path) -> StudySummary:
     mine: 2 of 2 cases done, 0 failed
     """
     study = stored_study(folder)
-    return StudySummary(study.name, StudyTable.of(study, read_rows(folder)).cells)
+    return StudySummary.of(study, read_rows(folder))
 
 
 def cell_record(cell: Cell) -> dict[str, Any]:
