@@ -66,7 +66,7 @@ def test_time_and_frequency_are_drawn_whole(with_a_gap: lw.Estimate) -> None:
 def test_what_is_not_there_is_refused(with_a_gap: lw.Estimate) -> None:
     with pytest.raises(lw.RecordError, match=r"no residuals of 'x:m3'.*choose from x:m1, x:m2"):
         lw.plot.residuals(with_a_gap, "x:m3")
-    with pytest.raises(lw.RecordError, match=r"unknown quantity 'd of nes2'.*did you mean"):
+    with pytest.raises(lw.RecordError, match=r'unknown quantity "d of nes2".*did you mean'):
         lw.plot.residuals(with_a_gap, "x:m1", "d of nes2")
     weak = lw.identify(with_a_gap.more_records[0], CHAIN.unknown("all"), method="weak")
     with pytest.raises(lw.RecordError, match="maximum likelihood alone"):

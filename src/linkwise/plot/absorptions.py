@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from linkwise.absorption.ensemble import AbsorptionQuantity
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
@@ -18,7 +17,7 @@ from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import LinkwiseError, StructureError
+from linkwise.errors import LinkwiseError, StructureError, require_known
 from linkwise.plot.style import (
     CHAOS,
     IDENTIFIED,
@@ -34,6 +33,7 @@ from linkwise.plot.style import (
     literal,
     log_scale,
     not_shown,
+    over_time,
     place_legend,
     scale,
     sheet,
@@ -80,7 +80,7 @@ def absorption(
     'm1\\nmm'
     """
     plain = without_intervals(result)
-    number = _mass_number(plain, mass)
+    number = _number("primary mass", mass, [change.name for change in plain.masses])
     with axes_for(ax, legend=legend) as axes:
         largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
         factor, unit = scale(largest, plain.unit(plain.masses[number].name))
@@ -88,9 +88,7 @@ def absorption(
         if isinstance(result, AbsorptionIntervals):
             _draw_band(axes, result, number, factor)
         mark_chaos(axes, plain)
-        axes.set(xlabel="time, s", ylabel=f"{literal(plain.masses[number].name)}\n{unit}")
-        axes.yaxis.set_major_locator(MaxNLocator(4))
-        axes.set_xlim(plain.time[0], plain.time[-1])
+        over_time(axes, plain.time, f"{literal(plain.masses[number].name)}\n{unit}")
         axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
         wrap_title(axes, _title(plain))
     return axes
@@ -121,11 +119,10 @@ def _title(result: Absorption) -> str:
     )
 
 
-def _mass_number(result: Absorption, mass: str | None) -> int:
-    names = [change.name for change in result.masses]
-    if mass is not None and mass not in names:
-        raise StructureError(f"unknown primary mass {mass!r}; choose from {', '.join(names)}")
-    return 0 if mass is None else names.index(mass)
+def _number(kind: str, name: str | None, names: Sequence[str]) -> int:
+    """The place of a name among all of its kind; the first without one."""
+    require_known(kind, names[0] if name is None else name, names, StructureError)
+    return 0 if name is None else names.index(name)
 
 
 def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float) -> None:
@@ -368,10 +365,7 @@ def crossings(
     'time, s'
     """
     plain = without_intervals(result)
-    names = [entry.sink.link for entry in plain.sinks]
-    if sink is not None and sink not in names:
-        raise StructureError(f"unknown sink {sink!r}; choose from {', '.join(names)}")
-    shown = plain.sinks[0 if sink is None else names.index(sink)]
+    shown = plain.sinks[_number("sink", sink, [entry.sink.link for entry in plain.sinks])]
     law = plain.with_sinks.structure.link(shown.sink.link).law
     with axes_for(ax, legend=legend) as axes:
         factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])
@@ -391,9 +385,8 @@ def crossings(
             )
         mark_chaos(axes, plain)
         count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
-        axes.set(title=literal(f"{shown.sink.link}: {count}"), xlabel="time, s", ylabel=unit)
-        axes.yaxis.set_major_locator(MaxNLocator(4))
-        axes.set_xlim(plain.time[0], plain.time[-1])
+        axes.set_title(literal(f"{shown.sink.link}: {count}"))
+        over_time(axes, plain.time, unit)
     return axes
 
 

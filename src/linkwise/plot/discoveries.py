@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +23,7 @@ from linkwise.plot.style import (
     log_scale,
     scale,
     sheet,
+    single,
 )
 
 _POINTS = 201
@@ -93,10 +95,7 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
 
 def departures_figure(discovery: Discovery, link: str) -> Figure:
     """The departures of the models that survive on a figure of their own."""
-    with sheet() as (figure, [axes]):
-        departures(discovery, link, legend=False, ax=axes)
-        legend_below(figure, axes)
-    return figure
+    return single(partial(departures, discovery, link))
 
 
 _SELECTED = 40  # terms that are drawn
@@ -153,10 +152,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
 
 def evidence_figure(discovery: Discovery) -> Figure:
     """The evidence term by term on a figure of its own, as high as there are terms."""
-    with sheet(height=_height(sum(map(len, _rows(discovery))))) as (figure, [axes]):
-        evidence(discovery, legend=False, ax=axes)
-        legend_below(figure, axes)
-    return figure
+    return single(partial(evidence, discovery), height=_height(sum(map(len, _rows(discovery)))))
 
 
 def _rows(discovery: Discovery) -> tuple[Sequence[TermEvidence], Sequence[TermEvidence]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
-from linkwise.errors import RecordError, StructureError
+from linkwise.errors import RecordError, StructureError, require_known
 from linkwise.estimates.curves import MeanResiduals
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.channel_signal import Spectrogram
@@ -84,10 +84,7 @@ def residuals(
             f"there are no residuals of {channel!r}{near_miss(channel, left)}; choose from {known}"
         )
     quantities = ("time", "frequency", *(f"{kind} of {link}" for link in _links(estimate) for kind in "dv"))
-    if quantity not in quantities:
-        raise RecordError(
-            f"unknown quantity {quantity!r}{near_miss(quantity, quantities)}; choose from {', '.join(quantities)}"
-        )
+    require_known("quantity", quantity, quantities, RecordError)
     with axes_for(ax, legend=legend and quantity != "time") as axes:
         if quantity == "time":
             axes.plot(*envelope(estimate.motion.time, left[channel]), color=IDENTIFIED, linewidth=0.6)
@@ -189,7 +186,7 @@ _STYLES = ("-", "--", ":", "-.")  # in this order once the colours are used up
 _HEIGHT = 3.0  # inches of a panel
 
 
-def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw the shapes of the modes of a host at its points, with two standard deviations either way where they are not known.
 
     A host has no geometry: the points stand side by side in its order, and the lines between them only guide the eye.
@@ -198,6 +195,8 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     ----------
     host : Host
         The host.
+    points : sequence of str, optional
+        Points that are shown. By default all.
     legend : bool, default True
         Add a legend to the axes.
     ax : matplotlib.axes.Axes, optional
@@ -215,7 +214,7 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     >>> [text.get_text() for text in lw.plot.shapes(wing).get_xticklabels()]
     ['tip', 'joint']
     """
-    points = list(host.modes[0].shape)
+    points = list(points or host.modes[0].shape)
     places = np.arange(len(points), dtype=float)
     with axes_for(ax, legend=legend) as axes:
         axes.axhline(0.0, color="black", linewidth=0.6)
@@ -236,7 +235,7 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
                 label=label(f"mode {number + 1}{_frequency(mode.frequency.value)}"),
             )
         axes.set_xticks(places, [literal(point) for point in points])
-        turning = len(host.rotations)
+        turning = len(host.modes[0].rotations.intersection(points))
         units = ["1/√kg"] * (turning < len(points)) + ["rad/(m √kg)"] * (turning > 0)
         axes.set_ylabel(f"shape, {' or '.join(units)}")
     return axes
@@ -244,38 +243,23 @@ def shapes(host: Host, *, legend: bool = True, ax: Axes | None = None) -> Axes:
 
 def shapes_figure(structure: Structure) -> Figure:
     """Shapes of the modes of every host of a structure, one below the other; points that turn in a panel of their own."""
-    hosts = [part for host in structure.hosts for part in _by_unit(host)]
-    if not hosts:
+    parts = [(host, points) for host in structure.hosts for points in _by_unit(host)]
+    if not parts:
         raise StructureError("the structure has no host, whose shapes could be drawn")
     # beside which there is room
-    with sheet(len(hosts), height=_HEIGHT * len(hosts)) as (figure, panels):
-        for host, axes in zip(hosts, panels, strict=True):
-            shapes(host, legend=False, ax=axes)
+    with sheet(len(parts), height=_HEIGHT * len(parts)) as (figure, panels):
+        for (host, points), axes in zip(parts, panels, strict=True):
+            shapes(host, points, legend=False, ax=axes)
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
             wrap_title(axes, host.name)
     return figure
 
 
-def _by_unit(host: Host) -> list[Host]:
-    """The host with the points that move along a line, and with those that turn, whose shapes have another size."""
+def _by_unit(host: Host) -> list[list[str]]:
+    """The points that move along a line, and those that turn, whose shapes have another size."""
     turning = host.modes[0].rotations
     still = [point for point in host.modes[0].shape if point not in turning]
-    groups = [points for points in (still, sorted(turning, key=list(host.modes[0].shape).index)) if points]
-    return [host] if len(groups) == 1 else [_at(host, points) for points in groups]
-
-
-def _at(host: Host, points: list[str]) -> Host:
-    """The host with some of its points."""
-    modes = (
-        replace(
-            mode,
-            shape={point: mode.shape[point] for point in points},
-            shape_sigma={point: sigma for point, sigma in mode.shape_sigma.items() if point in points},
-            rotations=mode.rotations & frozenset(points),
-        )
-        for mode in host.modes
-    )
-    return replace(host, modes=tuple(modes))
+    return [points for points in (still, sorted(turning, key=list(host.modes[0].shape).index)) if points]
 
 
 def _frequency(value: float | None) -> str:

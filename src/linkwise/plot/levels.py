@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Indices
@@ -21,6 +23,7 @@ from linkwise.plot.style import (
     scale,
     scattered,
     sheet,
+    single,
 )
 
 
@@ -70,10 +73,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
 
 def distortion_figure(comparison: LevelComparison) -> Figure:
     """Odd and even distortion, and the scatter of periods, over the level on a figure of its own."""
-    with sheet() as (figure, [axes]):
-        distortion(comparison, legend=False, ax=axes)
-        legend_below(figure, axes)
-    return figure
+    return single(partial(distortion, comparison))
 
 
 def level_modes(
@@ -214,7 +214,7 @@ def level_responses_figure(comparison: LevelComparison) -> Figure:
 
 def _lighter(colour: str, share: float) -> tuple[float, float, float]:
     """From white at 0 to the colour itself at 1."""
-    red, green, blue = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+    red, green, blue = to_rgb(colour)
     return 1.0 - share * (1.0 - red), 1.0 - share * (1.0 - green), 1.0 - share * (1.0 - blue)
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.estimates.estimate import Estimate
@@ -33,6 +32,7 @@ from linkwise.plot.style import (
     literal,
     log_scale,
     not_shown,
+    over_time,
     scale,
     sheet,
     strips,
@@ -99,9 +99,7 @@ def histories(
             color = SERIES[source.channels.index(name) % len(SERIES)]
             axes.plot(*envelope(source.time, values * factor), color=color, linewidth=0.7, label=text)
         common = scale(together, units.pop())[1] if len(units) == 1 else ""
-        axes.set_ylabel(_value_label(source.select(names).channels, common))
-        axes.yaxis.set_major_locator(MaxNLocator(4))
-        axes.set(xlim=(source.time[0], source.time[-1]), xlabel="time, s")
+        over_time(axes, source.time, _value_label(source.select(names).channels, common))
     return axes
 
 
@@ -352,7 +350,6 @@ def displacement(
         max(float(np.abs(_displacement(motion, mass)).max()) for motion in shown),
         envelope.record.unit(f"x:{mass}"),
     )
-    time = envelope.record.time
     names = [("this orbit", IDENTIFIED)]
     if without is not None:
         names = [("without sinks", MEASURED), ("with sinks", IDENTIFIED)]
@@ -361,8 +358,7 @@ def displacement(
         for motion, (name, color) in zip(shown, names, strict=True):
             x = _displacement(motion, mass) * factor
             axes.plot(motion.record.time, x, color=color, linewidth=0.8, zorder=3, label=name)
-        axes.set(xlim=(time[0], time[-1]), xlabel="time, s", ylabel=f"x, {unit}")
-        axes.yaxis.set_major_locator(MaxNLocator(4))
+        over_time(axes, envelope.record.time, f"x, {unit}")
     return axes
 
 

@@ -23,7 +23,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, NullFormatter
+from matplotlib.ticker import LogFormatter, MaxNLocator, NullFormatter
 
 from linkwise.arrays import Floats
 from linkwise.errors import expect
@@ -64,6 +64,14 @@ def sheet(
     with rc_context(_STYLE):
         figure = Figure(figsize=(width, height))
         yield figure, list(figure.subplots(rows, columns, squeeze=False, sharex=share_time).flat)
+
+
+def single(draw: Callable[..., Axes], *, height: float = 3.6) -> Figure:
+    """A figure of one picture by ``draw(legend=False, ax=axes)``, with its legend below."""
+    with sheet(height=height) as (figure, [axes]):
+        draw(legend=False, ax=axes)
+        legend_below(figure, axes)
+    return figure
 
 
 def strips(
@@ -187,6 +195,12 @@ class SparsePowerFormatter(PowerFormatter):
 def _exponent(x: float) -> int:
     """The power of ten at or below the size of `x`; 0 for 0."""
     return math.floor(math.log10(abs(x)) + 1e-9) if x else 0
+
+
+def over_time(axes: Axes, time: Floats, name: str) -> None:
+    """Set axes up for what is drawn over all of a time in s, and called by `name`."""
+    axes.set(xlim=(time[0], time[-1]), xlabel="time, s", ylabel=name)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
 
 
 def not_shown(names: Sequence[object], most: int, kind: str) -> str:

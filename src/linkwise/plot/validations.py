@@ -8,10 +8,8 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
-from linkwise.display import near_miss
-from linkwise.errors import RecordError
+from linkwise.errors import RecordError, require_known
 from linkwise.identification.validation.result import Validation
 from linkwise.plot.style import (
     IDENTIFIED,
@@ -23,6 +21,7 @@ from linkwise.plot.style import (
     literal,
     log_scale,
     not_shown,
+    over_time,
     scale,
     sheet,
     strips,
@@ -148,9 +147,7 @@ def _frame(axes: Axes, validation: Validation, name: str) -> None:
     axes.axvspan(
         record.time[0], record.time[0] + validation.burn, color=VISITED, zorder=0, label="not scored"
     )
-    axes.set_ylabel(name)
-    axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.set(xlim=(record.time[0], record.time[-1]), xlabel="time, s")
+    over_time(axes, record.time, name)
 
 
 _MOST_PROFILES = 4  # links or channels that still can be read on one page
@@ -187,10 +184,7 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     'error, % of the motion'
     """
     known = {profile.quantity: profile for profile in validation.profiles}
-    if quantity not in known:
-        raise RecordError(
-            f"unknown quantity {quantity!r}{near_miss(quantity, known)}; choose from {', '.join(known)}"
-        )
+    require_known("quantity", quantity, known, RecordError)
     profile = known[quantity]
     factor, unit = scale(float(np.abs(profile.edges).max()), profile.unit)
     with axes_for(ax) as axes:
