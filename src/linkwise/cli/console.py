@@ -5,13 +5,16 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
+import linkwise as lw
 from linkwise.display import shortened
 from linkwise.errors import OutputError
 from linkwise.output import to_json
@@ -49,13 +52,12 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
 
 def fail(message: str) -> None:
     """One paragraph on standard error that begins with the command's name."""
-    with suppress(OSError):  # nobody is left to hear it
-        click.echo(f"linkwise: {shortened(message)}", err=True)
+    tell(f"linkwise: {message}")
 
 
 def tell(message: str) -> None:
     """A remark for the reader, on standard error, so that standard output holds the result and nothing else."""
-    with suppress(OSError):
+    with suppress(OSError):  # nobody is left to hear it
         click.echo(shortened(message), err=True)
 
 
@@ -102,6 +104,19 @@ def deliver(
     return ended(result, answer)
 
 
+def deliver_structure(
+    written: Structure, file: Path | None, *, as_json: bool, further: Mapping[str, Any] = MappingProxyType({})
+) -> None:
+    """Write a structure to a file, or print it; as JSON, with what is `further` known of it."""
+    if file is not None:
+        lw.write_structure(written, file)
+    text = lw.model.format_structure(written)
+    if as_json:
+        click.echo(to_json({**tomllib.loads(text), **further}))
+    elif file is None:
+        click.echo(text.rstrip())
+
+
 def _keep(
     kind: ResultFolder[Any], result: object, folder: Path, truth: Structure | None, *, whole: bool
 ) -> None:
@@ -112,9 +127,9 @@ def _keep(
         home = None
     if home is not None:
         place = home / (folder.resolve().name or "result")
-        for write in ([kind.write] if whole else []) + [kind.write_numbers]:
+        for pictured in [True, False] if whole else [False]:
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
-                write(result, place, truth=truth)
+                kind.write(result, place, truth=truth, pictured=pictured)
                 lacking = "" if (place / "report.html").exists() else ", without figures and page"
                 tell(f"note: the result was kept in {place}{lacking}")
                 return

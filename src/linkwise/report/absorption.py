@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -146,30 +147,24 @@ MAP_SECTIONS: Registry[Build[AbsorptionMap]] = Registry("section", {"map": _map}
 """The sections of a sweep, in order."""
 
 
-def absorption_page(reported: Reported[Answer], pictures: Mapping[str, Markup]) -> str:
+def absorption_page(
+    reported: Reported[Answer], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
+) -> str:
     """The page of a comparison as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
     plain = without_intervals(reported.result)
+    result, structure = reported.result, plain.with_sinks.structure
     return section_page(
-        plain.with_sinks.structure,
-        sections_of(SECTIONS, reported),
-        pictures,
-        verdict=headline(plain),
-        trusted=reported.result.trusted,
-        findings=plain.findings,
+        result, sections, pictures, verdict=headline(plain), findings=plain.findings, structure=structure
     )
 
 
-def map_page(reported: Reported[AbsorptionMap], pictures: Mapping[str, Markup]) -> str:
+def map_page(
+    reported: Reported[AbsorptionMap], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
+) -> str:
     """The page of a sweep as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
     swept = reported.result
-    return section_page(
-        swept.structure,
-        sections_of(MAP_SECTIONS, reported),
-        pictures,
-        verdict=map_headline(swept),
-        trusted=swept.trusted,
-        findings=swept.findings,
-    )
+    verdict, findings, structure = map_headline(swept), swept.findings, swept.structure
+    return section_page(swept, sections, pictures, verdict=verdict, findings=findings, structure=structure)
 
 
 def write_absorption(result: Answer, folder: str | Path, *, progress: Progress = silent) -> Path:
@@ -252,12 +247,6 @@ def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) 
         np.savetxt(file, np.column_stack(columns), fmt="%.10g", delimiter=",")
 
 
-def _write_data(reported: Reported[Answer], folder: Path) -> None:
-    """The histories and the structure."""
-    _write_histories(reported.result, folder)
-    write_structure(without_intervals(reported.result).with_sinks.structure, folder / "structure.toml")
-
-
 def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
     """map.csv: a line for every point of the grid, the swept parameters first."""
     swept = reported.result
@@ -267,8 +256,9 @@ def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
     _write_columns(folder / "map.csv", names, table)
 
 
-def _write_histories(result: Answer, folder: Path) -> None:
-    """decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
+def _write_data(reported: Reported[Answer], folder: Path) -> None:
+    """The structure, and decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
+    result = reported.result
     absorption = without_intervals(result)
     bands = (result.lower, result.upper) if isinstance(result, AbsorptionIntervals) else ()
     names, columns = ["time"], [absorption.time]
@@ -280,6 +270,7 @@ def _write_histories(result: Answer, folder: Path) -> None:
             names.append(f"envelope:{mass.name} {label}")
             columns.append(np.ascontiguousarray(end[:, number]))
     _write_columns(folder / "decay.csv", names, columns)
+    write_structure(absorption.with_sinks.structure, folder / "structure.toml")
     names, columns = ["time"], [absorption.time]
     for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
         names += [f"{name}{label}" for name in ("put in", "stored", *side.dissipated_by)]
@@ -297,7 +288,7 @@ ABSORPTION_FOLDER: ResultFolder[Answer] = ResultFolder(
     mark=ABSORPTION,
     document=lambda result, _: absorption_of(result),
     data=_write_data,
-    figures=lambda reported: sections_of(SECTIONS, reported),
+    sections=partial(sections_of, SECTIONS),
     page=absorption_page,
 )
 """What `absorb` hands over of a comparison."""
@@ -306,7 +297,7 @@ MAP_FOLDER: ResultFolder[AbsorptionMap] = ResultFolder(
     mark=ABSORPTION,
     document=lambda swept, _: absorption_of(swept),
     data=_write_map,
-    figures=lambda reported: sections_of(MAP_SECTIONS, reported),
+    sections=partial(sections_of, MAP_SECTIONS),
     page=map_page,
 )
 """What `absorb` hands over of a sweep."""

@@ -282,6 +282,8 @@ def write_discovery(
 
 _COLUMNS = {"identifiable": "told", "unambiguous": "reliable"}
 """Columns of terms.csv whose attribute was renamed: keys of files stay."""
+_FURTHER = ("first", "second", "certain", "price", "possible_share")
+"""Columns of terms.csv behind those that are attributes."""
 
 
 def _write_data(reported: Reported[Discovery], folder: Path) -> None:
@@ -320,16 +322,7 @@ def _write_terms(discovery: Discovery, path: Path) -> None:
     ]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            [
-                *(_COLUMNS.get(name, name) for name in names),
-                "first",
-                "second",
-                "certain",
-                "price",
-                "possible_share",
-            ]
-        )
+        writer.writerow([*(_COLUMNS.get(name, name) for name in names), *_FURTHER])
         writer.writerows([_cell(value) for value in row] for row in rows)
 
 
@@ -344,8 +337,8 @@ def _cell(value: object) -> str:
 DISCOVERY_FOLDER: ResultFolder[Discovery] = ResultFolder(
     document=discovery_of,
     data=_write_data,
-    figures=discovery_figures,
-    page=discovery_page,
+    sections=discovery_figures,
+    page=lambda reported, _, pictures: discovery_page(reported, pictures),
     shown=_with_aligned_truth,
 )
 """What `discover` hands over."""

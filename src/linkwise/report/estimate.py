@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,34 +122,6 @@ LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] 
 """What is drawn of each link, from the report and the name of the link; None where there is nothing to draw."""
 
 
-@dataclass(frozen=True)
-class CoefficientRow:
-    """One coefficient as the table shows it."""
-
-    name: str
-    value: str
-    unit: str
-    error: str
-    interval: str
-    profile: str
-    known: bool
-    true: str
-
-
-@dataclass(frozen=True)
-class LinkSection:
-    """One link: heading, rates of states, coefficients, derived quantities, error against the truth, names of its figures."""
-
-    title: str
-    rates: tuple[str, ...]
-    name: str
-    rows: tuple[CoefficientRow, ...]
-    derived: tuple[str, ...]
-    visited: str
-    nmse: str
-    pictures: tuple[str, ...]
-
-
 def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
     """All sections with a figure, by the name of its files: those of the links, then the others."""
     links = {
@@ -174,20 +145,18 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
     """What the page's template shows, by name, for this page and those that extend it."""
     estimate, truth = reported.result, reported.truth
     identified_first = sorted(estimate.links, key=lambda link: not link.free)
+    of_modes = (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
+    chi_square = estimate.chi_square_per_sample
+
+    def rows(coefficients: Iterable[CoefficientEstimate]) -> list[dict[str, Any]]:
+        return [_row(estimate, c, truth.coefficient(c.name).value if truth else None) for c in coefficients]
+
     return {
         "estimate": estimate,
         "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
-        "masses": [
-            _row(estimate, mass, None if truth is None else _true_mass(truth, mass.name))
-            for mass in estimate.masses
-        ],
-        "modes": [
-            _row(estimate, coefficient, None if truth is None else truth.coefficient(coefficient.name).value)
-            for coefficient in (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
-        ],
-        "chi_square": ""
-        if estimate.chi_square_per_sample is None
-        else format_chi_square(estimate.chi_square_per_sample),
+        "masses": rows(estimate.masses),
+        "modes": rows(of_modes),
+        "chi_square": "" if chi_square is None else format_chi_square(chi_square),
         "sections": sections_of(SECTIONS, reported),
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
@@ -216,39 +185,37 @@ def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     ]
 
 
-def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> LinkSection:
+def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> dict[str, Any]:
+    """One link: heading, rates of states, coefficients, derived quantities, error against the truth, names of its figures."""
     estimate = reported.result.link(name)
     true = {} if reported.truth is None else reported.truth.link(name).values
     derived = [*estimate.wells, *([estimate.barrier] if estimate.barrier else []), *estimate.frequencies]
     error, (of_d, of_v) = reported.nmse.get(name), estimate.link.law.motion_units
-    return LinkSection(
-        title=style.force_title(estimate.link),
-        rates=estimate.link.rate_texts,
-        name=name,
-        rows=tuple(
-            _row(reported.result, coefficient, true.get(coefficient.name.key))
-            for coefficient in estimate.coefficients
-        ),
-        derived=tuple(_derived(quantity) for quantity in derived),
-        visited=f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
+    return {
+        "title": style.force_title(estimate.link),
+        "rates": estimate.link.rate_texts,
+        "rows": [_row(reported.result, one, true.get(one.name.key)) for one in estimate.coefficients],
+        "derived": [_derived(quantity) for quantity in derived],
+        "visited": f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
         f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} {of_v}",
-        nmse="" if error is None else f"{error:.3g} %",
-        pictures=tuple(f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures),
-    )
+        "nmse": "" if error is None else f"{error:.3g} %",
+        "pictures": [f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures],
+    }
 
 
-def _row(estimate: Estimate, coefficient: CoefficientEstimate, true: float | None) -> CoefficientRow:
+def _row(estimate: Estimate, coefficient: CoefficientEstimate, true: float | None) -> dict[str, Any]:
+    """One coefficient as the table shows it."""
     error, profile = coefficient.standard_error, estimate.profile_intervals.get(coefficient.name)
-    return CoefficientRow(
-        name=coefficient.name,
-        value=format_value(coefficient.value, error),
-        unit=coefficient.unit,
-        error="" if error is None else format_error(error),
-        interval=_ends(coefficient.interval, error),
-        profile=_ends(profile, error),
-        known=coefficient.known,
-        true="" if true is None else format_value(true),
-    )
+    return {
+        "name": coefficient.name,
+        "value": format_value(coefficient.value, error),
+        "unit": coefficient.unit,
+        "error": "" if error is None else format_error(error),
+        "interval": _ends(coefficient.interval, error),
+        "profile": _ends(profile, error),
+        "known": coefficient.known,
+        "true": "" if true is None else format_value(true),
+    }
 
 
 def _ends(interval: tuple[float, float] | None, error: float | None) -> str:
@@ -259,10 +226,6 @@ def _derived(quantity: DerivedQuantity) -> str:
     value, interval = quantity.texts
     of_95 = f" (95 %: {interval.replace(' to ', ' … ')})" if interval else ""
     return f"{quantity.name}: {value} {quantity.unit}{of_95}"
-
-
-def _true_mass(truth: Structure, name: str) -> float | None:
-    return truth.mass(name.removesuffix(".mass")).mass.value
 
 
 def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:
@@ -384,7 +347,7 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
     document=result_of,
     data=lambda reported, folder: write_numbers(reported.result, folder, reported.result),
-    figures=estimate_figures,
-    page=estimate_page,
+    sections=estimate_figures,
+    page=lambda reported, _, pictures: estimate_page(reported, pictures),
 )
 """What `identify` hands over."""

@@ -189,20 +189,13 @@ def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
     return {**sections_of(SECTIONS, reported), **of_records}
 
 
-def inspection_page(reported: Reported[Inspection], pictures: Mapping[str, Markup]) -> str:
+def inspection_page(
+    reported: Reported[Inspection], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
+) -> str:
     """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
     inspection = reported.result
-    return section_page(
-        None,
-        inspection_sections(reported),
-        pictures,
-        title="Inspection",
-        verdict=[
-            *([] if inspection.levels is None else level_headline(inspection.levels)),
-            headline(inspection),
-        ],
-        trusted=inspection.trusted,
-    )
+    verdict = [*(level_headline(inspection.levels) if inspection.levels else []), headline(inspection)]
+    return section_page(inspection, sections, pictures, verdict=verdict, title="Inspection")
 
 
 def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Progress = silent) -> Path:
@@ -248,7 +241,7 @@ INSPECTION_FOLDER: ResultFolder[Inspection] = ResultFolder(
     mark="inspection.json",
     document=lambda inspection, truth: {"method": "inspect", **inspection.to_dict()},
     data=lambda reported, folder: None,
-    figures=inspection_sections,
+    sections=inspection_sections,
     page=inspection_page,
 )
 """What `inspect` hands over."""

@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from markupsafe import Markup
 
 from linkwise import __version__
-from linkwise.display import format_duration, format_error
+from linkwise.display import JudgedView, format_duration, format_error
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
-from linkwise.output import RESULT, atomic_folder, check_result_folder, to_json
+from linkwise.output import RESULT, atomic_folder, to_json
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.registry import lazy_module
 
@@ -45,7 +45,6 @@ else:  # what draws and renders loads where a page is written: who wants the num
 _PIXELS = 96  # of a page in an inch of a figure
 
 R = TypeVar("R")
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,6 @@ class Reported(Generic[R]):
     result: R
     truth: Structure | None = None
     nmse: Mapping[str, float | None] = field(default_factory=dict)
-
-    def replaced(self, result: T) -> Reported[T]:
-        """The same with another result."""
-        return Reported(result, self.truth, self.nmse)
 
 
 @dataclass(frozen=True)
@@ -148,68 +143,56 @@ class ResultFolder(Generic[R]):
 
     `document` is what the JSON file `mark`, which marks the folder as one of this kind, says of a result: the key
     "method", and beside the true structure "nmse_percent" where one is given; the names of the files are added to it.
-    `data` writes the files beside it, figures and page aside, into an empty folder. `figures` are the sections with
-    figures, by the name of their files, and `page` the page as text, from the figures as `write_figures` returns them.
+    `data` writes the files beside it, figures and page aside, into an empty folder. `sections` are those of the page, by the
+    name of the files of their figures, and `page` the page as text, from them and the figures as `write_figures` returns them.
     `shown` is what is written of a result.
     """
 
     document: Callable[[R, Structure | None], dict[str, Any]]
     data: Callable[[Reported[R], Path], None]
-    figures: Callable[[Reported[R]], Mapping[str, Section]]
-    page: Callable[[Reported[R], Mapping[str, Markup]], str]
+    sections: Callable[[Reported[R]], Mapping[str, Section]]
+    page: Callable[[Reported[R], Mapping[str, Section], Mapping[str, Markup]], str]
     mark: str = RESULT
     shown: Callable[[R], R] = lambda result: result
 
-    def check(self, folder: str | Path) -> None:
-        """Raise OutputError where `write` would, before the work that leads to a result."""
-        check_result_folder(Path(folder), self.mark)
-
     def write(
-        self, result: R, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
+        self,
+        result: R,
+        folder: str | Path,
+        *,
+        truth: Structure | None = None,
+        progress: Progress = silent,
+        pictured: bool = True,
     ) -> Path:
-        """Write everything or nothing; returns the folder.
+        """Write everything or nothing, figures and page only if `pictured`; returns the folder.
 
         An earlier result of this kind is replaced when the new one is complete. Raises OutputError for a folder that holds
         something else.
         """
-        document, reported = self._reported(result, truth)
-        with atomic_folder(Path(folder), self.mark) as partial:
-            self.data(reported, partial)
-            sections = self.figures(reported)
-            pictures = write_figures(sections, partial, part(progress, 0.0, 0.9))
-            progress(ProgressReport(0.9, "page"))
-            (partial / "report.html").write_text(self.page(reported, pictures), encoding="utf-8")
-            self._conclude(document, partial)
-        return Path(folder)
-
-    def write_numbers(self, result: R, folder: str | Path, *, truth: Structure | None = None) -> Path:
-        """Write the document and the data, without figures and page, as `write` does; returns the folder."""
-        document, reported = self._reported(result, truth)
-        with atomic_folder(Path(folder), self.mark) as partial:
-            self.data(reported, partial)
-            self._conclude(document, partial)
-        return Path(folder)
-
-    def _conclude(self, document: dict[str, Any], folder: Path) -> None:
-        """Write the document, which marks the folder as complete, with the names of the files that are there."""
-        files = sorted(path.name for path in folder.iterdir())
-        text = to_json({**document, "files": files}, indent=1) + "\n"
-        (folder / self.mark).write_text(text, encoding="utf-8")
-
-    def _reported(self, result: R, truth: Structure | None) -> tuple[dict[str, Any], Reported[R]]:
-        """The document, and what figures and pages are made of."""
         shown = self.shown(result)
         document = self.document(shown, truth)
-        return document, Reported(shown, truth, document.get("nmse_percent", {}))
+        reported = Reported(shown, truth, document.get("nmse_percent", {}))
+        with atomic_folder(Path(folder), self.mark) as partial:
+            self.data(reported, partial)
+            if pictured:
+                sections = self.sections(reported)
+                pictures = write_figures(sections, partial, part(progress, 0.0, 0.9))
+                progress(ProgressReport(0.9, "page"))
+                page = self.page(reported, sections, pictures)
+                (partial / "report.html").write_text(page, encoding="utf-8")
+            files = sorted(path.name for path in partial.iterdir())
+            text = to_json({**document, "files": files}, indent=1) + "\n"
+            (partial / self.mark).write_text(text, encoding="utf-8")
+        return Path(folder)
 
 
 def section_page(
-    structure: Structure | None,
+    result: JudgedView,
     sections: Mapping[str, Section],
     pictures: Mapping[str, Markup],
     *,
     verdict: Sequence[str],
-    trusted: bool,
+    structure: Structure | None = None,
     findings: Sequence[str] = (),
     title: str = "",
 ) -> str:
@@ -223,7 +206,7 @@ def section_page(
         interactive=any(section.interactive for section in sections.values()),
         title=title or (structure and structure.name) or "structure",
         verdict=verdict,
-        trusted=trusted,
+        trusted=result.trusted,
         findings=findings,
         sections=sections,
         pictures=pictures,

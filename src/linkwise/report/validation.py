@@ -5,6 +5,7 @@ fails.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -151,16 +152,12 @@ SECTIONS: Registry[Build[Validation]] = Registry(
 """The sections of a validation, in order; the name of a section is that of its figure's files."""
 
 
-def validation_page(reported: Reported[Validation], pictures: Mapping[str, Markup]) -> str:
+def validation_page(
+    reported: Reported[Validation], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
+) -> str:
     """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    validation = reported.result
-    return section_page(
-        validation.structure,
-        sections_of(SECTIONS, reported),
-        pictures,
-        verdict=headline(validation),
-        trusted=validation.trusted,
-    )
+    result = reported.result
+    return section_page(result, sections, pictures, verdict=headline(result), structure=result.structure)
 
 
 def write_validation(validation: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
@@ -213,7 +210,7 @@ VALIDATION_FOLDER: ResultFolder[Validation] = ResultFolder(
     mark=VALIDATION,
     document=lambda validation, _: validation_of(validation),
     data=_write_data,
-    figures=lambda reported: sections_of(SECTIONS, reported),
+    sections=partial(sections_of, SECTIONS),
     page=validation_page,
 )
 """What `validate` hands over."""
