@@ -38,7 +38,7 @@ REFUSED = {
     ],
     "structure host": [
         ("rod.npz", "at least one point"),
-        ("rod.npz --point mid15", "--point needs NAME=ROW"),
+        ("rod.npz --point mid15", "--point 'mid15' is not NAME=VALUE, as in --point tip=79"),
         ("rod.npz --point mid=fifteen", 'the point "mid" is fifteen, but the matrices have rows 1 to 30'),
         ("rod.npz --point mid=15 --mass Q", "holds no matrix 'Q'"),
         ("rod.npz --point mid=15 --mass K --stiffness M", "may be swapped"),
@@ -48,7 +48,7 @@ REFUSED = {
         ("--point mid=15", "A file of modes has its own points"),
         ("--keep 1", "--keep is for matrices"),
         ("--no-residual", "--no-residual is for matrices"),
-        ("--shape-sigma 2", "--shape-sigma needs a percentage, such as 2%, got '2'"),
+        ("--shape-sigma 2", "--shape-sigma takes a percentage with its sign, such as 2%, got '2'"),
         ("--modes some", "a number of modes, or auto"),
         ("--modes 2 --point tip=3", "--point is for modes or matrices"),
         ("--modes 2 --keep 3", "--keep is for modes or matrices"),

@@ -83,13 +83,10 @@ def _values(text: str) -> list[float]:
     return [first * (last / first) ** way for way in ways]
 
 
-repetition_options = grouped(RepetitionOptions, "repetition")
-
-
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
 @method_options(lw.absorption.AbsorptionOptions, "options")
-@repetition_options
+@grouped(RepetitionOptions, "repetition")
 @drive_options
 @folder_option(ABSORPTION)
 @json_option("absorption.json")

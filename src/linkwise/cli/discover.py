@@ -84,12 +84,9 @@ def _mass(name: str, text: str) -> float | str:
         raise click.UsageError(f"--mass {name}: {error}") from error
 
 
-prior_options = grouped(PriorOptions, "prior")
-
-
 @click.command(cls=listing("FAMILIES", lambda: families.listed_families()))
 @record_options
-@prior_options
+@grouped(PriorOptions, "prior")
 @method_options(lw.discovery.DiscoveryOptions, "given")
 @folder_option(RESULT)
 @truth_option

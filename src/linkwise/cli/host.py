@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -13,11 +12,10 @@ import click
 from click.core import ParameterSource
 
 import linkwise as lw
-from linkwise.cli.console import progress, tell
-from linkwise.cli.options import FILE, grouped, pairs, typed
+from linkwise.cli.console import deliver_structure, progress, tell
+from linkwise.cli.options import FILE, grouped, pairs, percentage, typed
 from linkwise.cli.reading_options import ReadingOptions
 from linkwise.model import rotations
-from linkwise.output import to_json
 
 # options that mean nothing for modes
 _OF_MATRICES = ("keep", "damping", "modal_damping", "rayleigh", "no_residual")
@@ -126,10 +124,8 @@ def host(
     if modes is None:
         _refuse(context, _OF_RECORDS, "{} is for records of a test: give --modes with it.")
     title = options["name"] or files[0].stem
-    sigmas = {
-        quantity: _part(options[f"{quantity}_sigma"], quantity)
-        for quantity in ("frequency", "damping", "shape")
-    }
+    stated = {kind: options[f"{kind}_sigma"] for kind in ("frequency", "damping", "shape")}
+    sigmas = {kind: 0.01 * percentage(text, f"--{kind}-sigma", "2%") for kind, text in stated.items() if text}
     estimate = None
     if modes is not None:
         _refuse(context, _NOT_OF_RECORDS, "{} is for modes or matrices, and --modes for records of a test.")
@@ -143,17 +139,10 @@ def host(
     else:
         new_host = _reduced(files, title, options).known_to_within(**sigmas)
     _tell_of_damping(new_host)
-    directions = dict(map(_point, options["points"]))
-    new_host = rotations.with_units(new_host, pairs(options["units"], "--unit", "tip_r=rad"), directions)
-    written = lw.Structure(title, (), (), (new_host,))
-    text = lw.model.format_structure(written)
-    if output is not None:
-        lw.write_structure(written, output)
-    if as_json:
-        identified = {} if estimate is None else {"identified": estimate.to_dict()}
-        click.echo(to_json({**tomllib.loads(text), **identified}))
-    elif output is None:
-        click.echo(text.rstrip())
+    units = pairs(options["units"], "--unit", "tip_r=rad")
+    new_host = rotations.with_units(new_host, units, _points(options))
+    identified = {} if estimate is None else {"identified": estimate.to_dict()}
+    deliver_structure(lw.Structure(title, (), (), (new_host,)), output, as_json=as_json, further=identified)
     if estimate is None:
         return 0
     if output is not None and not as_json:
@@ -216,15 +205,9 @@ def _tell_doubts(estimate: lw.modal.HostEstimate) -> None:
 
 def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) -> lw.Host:
     """The host of matrices."""
-    points = options["points"]
-    named = [point.partition("=")[0].strip() for point in points]
-    twice = next((name for number, name in enumerate(named) if name in named[:number]), None)
-    if twice is not None:
-        raise click.UsageError(f"--point {twice} is given twice.")
-    matrices = _matrices(files, options)
-    reduced = matrices.reduce(
+    reduced = _matrices(files, options).reduce(
         title,
-        dict(map(_point, points)),
+        _points(options),
         keep=options["keep"],
         modal_damping=options["modal_damping"],
         rayleigh=_rayleigh(options["rayleigh"]),
@@ -269,20 +252,6 @@ def _rayleigh(given: str | None) -> tuple[float, float] | None:
     return of_mass, of_stiffness
 
 
-def _part(given: str | None, quantity: str) -> float:
-    """A percentage as a part; 0 without one."""
-    if given is None:
-        return 0.0
-    match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", given)
-    if match is None:
-        raise click.UsageError(f"--{quantity}-sigma needs a percentage, such as 2%, got {given!r}.")
-    return 0.01 * float(match[1])
-
-
-def _point(given: str) -> tuple[str, str]:
-    name, equals, place = (part.strip() for part in given.partition("="))
-    if not (name and equals and place):
-        raise click.UsageError(
-            f"--point needs NAME=ROW, such as tip=79, or a node and a direction, got {given!r}."
-        )
-    return name, place
+def _points(options: Mapping[str, Any]) -> dict[str, str]:
+    """The row of each point, or its node and a direction."""
+    return pairs(options["points"], "--point", "tip=79 (a row, or a node and a direction)")

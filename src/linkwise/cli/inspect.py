@@ -68,15 +68,12 @@ class RecordsOptions(ReadingOptions):
         return options if any(not name.startswith("time") for name in mapped) else None
 
 
-records_options = grouped(
+@click.command()
+@grouped(
     RecordsOptions,
     "source",
     click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE),
 )
-
-
-@click.command()
-@records_options
 @folder_option(INSPECTION)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
 def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:

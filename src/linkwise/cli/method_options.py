@@ -9,43 +9,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, fields
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 import linkwise as lw
 from linkwise.cli.options import (
     METHOD_FLAGS,
+    Decorator,
     RegisteredChoice,
     comma_separated,
     described,
-    keyword_group,
+    gathered,
+    percentage,
     quantity,
     split,
 )
 from linkwise.records import channel as channels
 from linkwise.registry import Registry
 
-R = TypeVar("R")
-
 _SPELLED = {"admit": "let", "loss": "robust", "tested": "test"}
 """The names of options that are not those of their fields."""
 
 
-def method_options(
-    kind: type, keyword: str, *further: Callable[[Any], Any], remark: str = ""
-) -> Callable[[Callable[..., R]], Callable[..., R]]:
+def method_options(kind: type, keyword: str, *further: Callable[[Any], Any], remark: str = "") -> Decorator:
     """A decorator that gives a command the options of `kind` as one argument `keyword`: a dict of those that were given.
 
-    `further` options stand before those of the fields; `remark` stands at the end of what each does.
+    `further` options stand before those of the fields; `remark` stands at the end of what each does. The names are those of
+    keywords of the library, so that a command hands the dict on and no other line names an option. Options that were not
+    given and have no default are left out.
     """
     texts = described(kind)
     typed = [field for field in fields(kind) if "typed" in field.metadata]
-    return keyword_group(
-        keyword,
-        *further,
-        *(_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed),
-    )
+    options = [_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed]
+    return gathered(keyword, _given, *further, *options)
+
+
+def _given(own: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in own.items() if value is not None and value != ()}
 
 
 def _option(field: Field[Any], text: str) -> Callable[[Any], Any]:
@@ -109,7 +110,7 @@ def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str
     """A plain number, or one with a unit of its own; without a unit in the metadata any other text as it is."""
     unit = about.get("unit")
     if unit == "%":
-        return 0.01 * _percentage(value, flag, about["example"])
+        return 0.01 * percentage(value, flag, about["example"])
     try:
         return float(value)
     except ValueError:
@@ -122,22 +123,6 @@ def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str
         return quantity(value, unit)
     except lw.LinkwiseError as error:
         raise click.UsageError(f"{flag} {text}: {error}") from error
-
-
-def _percentage(text: str, flag: str, example: str) -> float:
-    number, sign, rest = text.strip().partition("%")
-    try:
-        value = float(number)
-    except ValueError:
-        value, rest = 0.0, text
-    if rest:
-        raise click.UsageError(f"{flag} takes a percentage, such as {example}, got {text!r}.")
-    if not sign:
-        raise click.UsageError(
-            f"{flag} takes a percentage with its sign, such as {example}, got {text!r}: is it {number}% or "
-            f"{100.0 * value:g}%?"
-        )
-    return value
 
 
 def _unit_of_channel(name: str) -> str:

@@ -5,13 +5,13 @@ the arguments that errors of the library name.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import Field, field, fields
 from functools import wraps
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import click
 
@@ -104,6 +104,23 @@ def quantity(text: str, unit: str) -> float:
     return lw.files.to_si(given, unit)
 
 
+def percentage(text: str, flag: str, example: str) -> float:
+    """The per cent that a text such as "2%" says; anything else is wrong usage."""
+    number, sign, rest = text.strip().partition("%")
+    try:
+        value = float(number)
+    except ValueError:
+        value, rest = 0.0, text
+    if rest:
+        raise click.UsageError(f"{flag} takes a percentage, such as {example}, got {text!r}.")
+    if not sign:
+        raise click.UsageError(
+            f"{flag} takes a percentage with its sign, such as {example}, got {text!r}: is it {number}% or "
+            f"{100.0 * value:g}%?"
+        )
+    return value
+
+
 def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
     """Repeated `NAME=VALUE`; a name given twice is wrong usage."""
     values: dict[str, str] = {}
@@ -136,16 +153,19 @@ def typed(metavar: str | None = None, *flags: str, **keywords: Any) -> Any:
     return field(metadata={"flags": flags, "metavar": metavar, **keywords})
 
 
-def grouped(
-    kind: type, keyword: str, *arguments: Callable[[Any], Any]
-) -> Callable[[Callable[..., R]], Callable[..., R]]:
+class Decorator(Protocol):
+    """What adds options to a command, whatever that returns."""
+
+    def __call__(self, command: Callable[..., R], /) -> Callable[..., R]: ...
+
+
+def grouped(kind: type, keyword: str, *arguments: Callable[[Any], Any]) -> Decorator:
     """A decorator that gives a command the options that the fields of `kind` are, and `arguments` for the others, and hands
     their values over as one `kind`, by this keyword.
     """
     texts = described(kind)
     options = [_option(one, texts[one.name]) for one in fields(kind) if one.metadata]
-    names = [one.name for one in fields(kind)]
-    return _gathered(keyword, names, lambda own: kind(**own), [*arguments, *options])
+    return gathered(keyword, lambda own: kind(**own), *arguments, *options)
 
 
 def _option(typed_field: Field[Any], text: str) -> Callable[[Any], Any]:
@@ -154,28 +174,11 @@ def _option(typed_field: Field[Any], text: str) -> Callable[[Any], Any]:
     return click.option(*flags, typed_field.name, help=text, **about)
 
 
-def keyword_group(
-    keyword: str, *options: Callable[[Any], Any]
-) -> Callable[[Callable[..., R]], Callable[..., R]]:
-    """A decorator that gives a command these click options, as one argument `keyword`: a dict by the names of the options.
-
-    The names are those of keywords of the library, so that a command hands the dict on and no other line names an option.
-    Options that were not given and have no default are left out.
-    """
-
+def gathered(
+    keyword: str, make: Callable[[dict[str, Any]], object], *options: Callable[[Any], Any]
+) -> Decorator:
+    """A decorator that adds options and hands their values over as one argument, made of them by their names."""
     names = [parameter.name or "" for option in options for parameter in option(click.Command(None)).params]
-    return _gathered(
-        keyword, names, lambda own: {k: v for k, v in own.items() if v is not None and v != ()}, options
-    )
-
-
-def _gathered(
-    keyword: str,
-    names: Sequence[str],
-    make: Callable[[dict[str, Any]], object],
-    options: Sequence[Callable[[Any], Any]],
-) -> Callable[[Callable[..., R]], Callable[..., R]]:
-    """A decorator that adds options and hands their values over as one argument, made of those of these names."""
 
     def decorate(command: Callable[..., R]) -> Callable[..., R]:
         @wraps(command)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import inf, isinf
 from pathlib import Path
@@ -117,10 +117,7 @@ class ReadingOptions:
                 "--by-time joins the files of --channel NAME=FILE:COLUMN, but none is given."
             )
         for part in self.then:
-            going_on = lw.read_record(
-                part, known_masses=masses, informative=informative, mapping=mappings[None]
-            )
-            record = lw.records.continued(record, going_on)
+            record = lw.records.continued(record, read(part, mappings[None]))
         for companion in others:
             record = (
                 lw.records.joined_by_time(record, companion)
@@ -178,31 +175,33 @@ class ReadingOptions:
         """The options that state an error of a sensor that is not known exactly, as typed."""
         return tuple(
             f"--{kind} {text}"
-            for kind in _NONE
-            for text in getattr(self, kind)
-            if _stated_error(kind, text)[1].sigma
+            for kind, text, _, statement in self._statements()
+            if getattr(statement, kind).sigma
         )
 
     def removed_errors(self, record: lw.Record) -> dict[str, list[str]]:
         """The kinds of errors, by channel of `record`, that options state with a size, and that it is without."""
         removed: dict[str, list[str]] = {}
-        for kind, none in _NONE.items():
-            for text in getattr(self, kind):
-                name, stated = _stated_error(kind, text)
-                if name in record.channels and (stated.value != none or not stated.sigma):
-                    removed.setdefault(name, []).append(kind)
+        for kind, _, name, statement in self._statements():
+            stated = getattr(statement, kind)
+            if name in record.channels and (stated.value != _NONE[kind] or not stated.sigma):
+                removed.setdefault(name, []).append(kind)
         return removed
 
     def refuse_unknown_errors(self) -> None:
         """Raise UsageError for an error of a sensor of which nothing is known, which `identify` and `discover` find."""
-        for kind, example in _EXAMPLES.items():
+        for kind, text, name, statement in self._statements():
+            if isinf(getattr(statement, kind).sigma):
+                raise click.UsageError(
+                    f"--{kind} {text} has no {'time' if kind == 'delay' else 'size'}, which identify and discover find; "
+                    f"here write it, as in --{kind} {name}={_EXAMPLES[kind].partition('=')[2]}."
+                )
+
+    def _statements(self) -> Iterator[tuple[str, str, str, lw.records.SensorStatement]]:
+        """The kind, the text, the channel and the statement of every option for an error of a sensor."""
+        for kind in _NONE:
             for text in getattr(self, kind):
-                name, stated = _stated_error(kind, text)
-                if isinf(stated.sigma):
-                    raise click.UsageError(
-                        f"--{kind} {text} has no {'time' if kind == 'delay' else 'size'}, which identify and discover find; "
-                        f"here write it, as in --{kind} {name}={example.partition('=')[2]}."
-                    )
+                yield kind, text, *_statement(kind, text)
 
     def _by_file(self, whole: lw.files.RecordMapping) -> dict[Path | None, lw.files.RecordMapping]:
         """The mapping of the record's own file, and of each that was started with it; delays are taken out later."""
@@ -243,24 +242,17 @@ class ReadingOptions:
     def _sensors(self) -> dict[str, lw.records.SensorStatement]:
         """What the options state of sensors; UsageError for a text that does not say it."""
         sensors: dict[str, lw.records.SensorStatement] = {}
-        for kind in _NONE:
-            named: dict[str, lw.records.SensorStatement] = {}
-            for text in getattr(self, kind):
-                name, stated = _statement(kind, text)
-                if name in named:
-                    raise click.UsageError(f"--{kind} is given twice for {name!r}.")
-                named[name] = stated
-            for name, stated in named.items():
-                sensors[name] = stated.over(sensors.get(name, lw.records.SensorStatement()))
+        given: set[tuple[str, str]] = set()
+        for kind, _, name, stated in self._statements():
+            if (kind, name) in given:
+                raise click.UsageError(f"--{kind} is given twice for {name!r}.")
+            given.add((kind, name))
+            sensors[name] = stated.over(sensors.get(name, lw.records.SensorStatement()))
         runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
         for name, run in runs.items():
             sensors[name] = replace(sensors.get(name, lw.records.SensorStatement()), interpolation=run)
         for name, text in pairs(self.noise_of, "--noise-of", "x:m1=1e-4").items():
-            try:
-                noise = lw.records.SensorStatement.of({"noise": text}, name)
-            except lw.RecordError as error:
-                reason = error.__cause__ or error  # without the key, which the option names
-                raise click.UsageError(f"--noise-of {name}={text}: {reason}") from error
+            noise = _parsed("noise", "--noise-of", name, text)
             sensors[name] = noise.over(sensors.get(name, lw.records.SensorStatement()))
         return sensors
 
@@ -268,13 +260,6 @@ class ReadingOptions:
 def _channel(key: str) -> str:
     """The name of a channel without the unit that stands behind it."""
     return key.partition("[")[0].strip()
-
-
-def _stated_error(kind: str, text: str) -> tuple[str, lw.records.StatedError]:
-    """The channel and the error that an option states."""
-    name, statement = _statement(kind, text)
-    stated: lw.records.StatedError = getattr(statement, kind)
-    return name, stated
 
 
 def _statement(kind: str, text: str) -> tuple[str, lw.records.SensorStatement]:
@@ -286,11 +271,15 @@ def _statement(kind: str, text: str) -> tuple[str, lw.records.SensorStatement]:
         )
     if not sign:
         return name, lw.records.SensorStatement(**{kind: lw.records.StatedError(_NONE[kind], inf)})  # type: ignore[arg-type]
+    return name, _parsed(kind, f"--{kind}", name, size)
+
+
+def _parsed(kind: str, option: str, name: str, text: str) -> lw.records.SensorStatement:
     try:
-        return name, lw.records.SensorStatement.of({kind: size}, name)
+        return lw.records.SensorStatement.of({kind: text}, name)
     except lw.RecordError as error:
         reason = error.__cause__ or error  # without the key, which the option names
-        raise click.UsageError(f"--{kind} {name}={size}: {reason}") from error
+        raise click.UsageError(f"{option} {name}={text}: {reason}") from error
 
 
 @dataclass(frozen=True, kw_only=True)

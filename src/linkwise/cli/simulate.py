@@ -18,6 +18,7 @@ from linkwise.cli.excitation_options import (
 )
 from linkwise.cli.options import FILE, grouped, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
+from linkwise.display import listed
 from linkwise.output import to_json
 
 
@@ -100,7 +101,7 @@ def _summary_text(structure: lw.Structure, summary: dict[str, Any]) -> str:
     total = sum(energy["dissipated"].values())
     lines = [
         f"{structure.name or 'structure'}: {structure.contents}",
-        f"record      {summary['samples']} samples at {summary['rate']:g} Hz of {_listed(summary['channels'])}",
+        f"record      {summary['samples']} samples at {summary['rate']:g} Hz of {listed(summary['channels'])}",
         f"energy      {energy['put_in']:.4g} J put in, {total:.4g} J dissipated, {energy['stored']:.4g} J stored at the end; "
         f"the balance closes to {energy['closure']:.0e} of the input",
         _horizon(summary["horizon"]),
@@ -118,7 +119,3 @@ def _horizon(horizon: float | None) -> str:
     return (
         f"horizon     {horizon:.3g} s; past it the motion is chaotic and no two computers would agree on it"
     )
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:4])}, ..., {names[-1]}"

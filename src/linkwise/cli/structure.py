@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.cli.console import tell
+from linkwise.cli.console import deliver_structure, tell
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
 from linkwise.output import to_json
@@ -59,13 +59,7 @@ def bnes(dof: int, unknown: str | None, output: Path | None, as_json: bool) -> N
     """
     chain = lw.bnes_chain(dof)
     written = chain.unknown(unknown) if unknown else chain
-    if output is not None:
-        lw.write_structure(written, output)
-    text = lw.model.format_structure(written)
-    if as_json:
-        click.echo(to_json(tomllib.loads(text)))
-    elif output is None:
-        click.echo(text.rstrip())
+    deliver_structure(written, output, as_json=as_json)
 
 
 @structure.command()
@@ -134,11 +128,7 @@ def laws(name: str | None, as_json: bool) -> None:
       linkwise structure laws
       linkwise structure laws bouc-wen
     """
-    chosen = (
-        {name: lw.model.named_law(name)}
-        if name
-        else {known: lw.model.named_law(known) for known in lw.model.NAMED_LAWS}
-    )
+    chosen = {known: lw.model.named_law(known) for known in ([name] if name else lw.model.NAMED_LAWS)}
     if as_json:
         click.echo(to_json({key: _law_document(law) for key, law in chosen.items()}))
     elif name:
@@ -233,13 +223,9 @@ def _shown(coefficient: lw.Coefficient) -> str:
     return "unknown"
 
 
-def _with_memory(subject: lw.Structure) -> list[str]:
-    return [link.name for link in subject.links if link.law.states]
-
-
 def _why_no_rests(subject: lw.Structure) -> str | None:
     """Why equilibria are not searched for, where they are not."""
-    if with_memory := _with_memory(subject):
+    if with_memory := [link.name for link in subject.links if link.law.states]:
         return f"link {with_memory[0]} has memory"
     if subject.parameters:
         return "coefficients are unknown"
@@ -261,10 +247,10 @@ def _rests(subject: lw.Structure) -> dict[str, Any]:
 def _rest(subject: lw.Structure, rest: lw.analysis.Equilibrium) -> dict[str, Any]:
     modes = lw.analysis.modes(subject, at=rest.x)
     return {
-        "x": dict(zip(subject.mass_names, map(float, rest.x), strict=True)),
+        "x": dict(zip(subject.mass_names, rest.x.tolist(), strict=True)),
         "energy": float(rest.energy),
-        "frequencies": [float(frequency) for frequency in modes.frequencies],
-        "damping": [float(ratio) for ratio in modes.damping],
+        "frequencies": modes.frequencies.tolist(),
+        "damping": modes.damping.tolist(),
     }
 
 
