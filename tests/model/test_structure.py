@@ -104,11 +104,11 @@ MANY = Structure(
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda mixed: mixed.with_values({"s1.kk": 1.0}), r'"s1.kk"; did you mean "s1.k"\?; choose from "s1.k"'),
+        (lambda mixed: mixed.with_values({"s1.kk": 1.0}), r'"s1.kk"; did you mean "s1.k"\?; the coefficients are "s1.k"'),
         (lambda mixed: mixed.with_values({"s1.k": 1.0, "s2.k": 2.0}),
          r's2.k: is equal to "s1.k", for which another value is given'),
         (lambda mixed: mixed.with_values({"s1.k": math.nan}),
-         r"s1.k: the value of a coefficient must be a number, got NaN"),
+         r"s1.k: the value of a coefficient must be a number, got nan"),
         (lambda mixed: mixed.with_values({"m3.mass": -1.0}), r'mass "m3": the mass must be positive, got -1.0 kg'),
         (lambda mixed: mixed.unknown("nes"),
          r'"nes" is not a link, a prefix of link names or a coefficient; the links are "s1", "s2", "s3", "s4"'),
@@ -199,7 +199,7 @@ LAW = Law.parse("k*d + c*v")
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "no mass at all": (lambda: Structure("", (), ()), "a structure needs at least one mass"),
     "zero mass": (lambda: mass("a", 0.0), 'mass "a": the mass must be positive, got 0.0 kg'),
-    "mass that is NaN": (lambda: mass("a", math.nan), "the value of a coefficient must be a number, got NaN"),
+    "mass that is NaN": (lambda: mass("a", math.nan), "the value of a coefficient must be a number, got nan"),
     "infinite mass": (lambda: mass("a", math.inf), "a coefficient must be a finite number, got inf"),
     "negative start of a mass": (lambda: Mass("a", UNKNOWN(-1.0)),
         'mass "a": the start of the unknown mass must be positive, got -1.0 kg'),

@@ -140,7 +140,7 @@ REFUSED = {
     "missing key": ('law = "alpha*d"', "", "s.toml, link[2]: the key `law` is missing"),
     "bad top key": (
         'name = "two', 'nmae = "two',
-        's.toml: unknown key "nmae"; did you mean "name"?; the keys are mass, link',
+        's.toml: unknown key "nmae"; did you mean "name"?; the keys are name, host, mass, link',
     ),
     "bad start key": (
         "{ start = 0.02", "{ strat = 0.02",
@@ -150,7 +150,7 @@ REFUSED = {
         'mass = "10 g"', "mass = { value = 3.0 }",
         's.toml, mass[1].mass: unknown key "value"; the keys are start, lower',
     ),
-    "no table of masses": ("[[mass]]", "[[body]]", 's.toml: unknown key "body"; the keys are mass, link, name'),
+    "no table of masses": ("[[mass]]", "[[body]]", 's.toml: unknown key "body"; the keys are name, host, mass, link'),
     "name that is a number": ('name = "m2"', "name = 2", "s.toml, mass[1].name: expected `str`, got `int`"),
     "mass that is true": ('mass = "10 g"', "mass = true", "s.toml, mass[1].mass: expected `float | str | object`, got `bool`"),
     "coefficient that is true": ("c = 1 }", "c = true }", "s.toml, link[0].coefficients.c: expected a number, a text such as"),
@@ -163,7 +163,7 @@ REFUSED = {
         'k = "30 kN/m"', 'k = "30 kg"',
         "s.toml, link[0].coefficients.k: '30 kg' is in kg: expected a number in N/m",
     ),
-    "NaN": ("c = 1 }", "c = nan }", "s.toml, link[0].coefficients.c: the value of a coefficient must be a number, got NaN"),
+    "NaN": ("c = 1 }", "c = nan }", "s.toml, link[0].coefficients.c: the value of a coefficient must be a number, got nan"),
     "bounds that exclude the start": (
         "lower = 0.0 }", "lower = 1.0 }",
         "s.toml, link[1].coefficients.c: the start 0.02 is outside the bounds 1.0 to inf",

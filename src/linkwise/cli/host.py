@@ -130,7 +130,7 @@ def host(
     if modes is not None:
         _refuse(context, _NOT_OF_RECORDS, "{} is for modes or matrices, and --modes for records of a test.")
         estimate = _identified(source, files, modes, options["name"])
-        new_host = estimate.host.known_to_within_at_least(**sigmas)
+        new_host = estimate.host.known_to_within(**sigmas, at_least=True)
     elif files[0].suffix.lower() in (".csv", ".uff", ".unv"):
         if len(files) > 1 or any(options[key] for key in ("points", "mass", "stiffness")):
             raise click.UsageError("A file of modes has its own points, and is read alone.")

@@ -124,6 +124,9 @@ class Program:
         return operations + [partial(np.copyto, target, slots[index]) for index, target in copied]
 
 
+cached_program = lru_cache(maxsize=2048)(Program)
+
+
 def _stretched(operand: ArrayLike, shape: tuple[int, ...]) -> Floats:
     """An operand such that an operation with one of `shape` need not broadcast it, where that takes the longest."""
     array = np.asarray(operand, dtype=np.float64)

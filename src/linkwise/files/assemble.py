@@ -14,7 +14,6 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from linkwise.display import on_one_line
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
+from linkwise.model.link_file import toml_text
 from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, check_rate, is_angular, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
@@ -446,7 +446,7 @@ def first_mapping(table: Table) -> tuple[str, tuple[str, ...]]:
         blocks.append(_block(name, label, unit, remark))
     if not blocks and not spare:
         raise table.error("no column holds numbers, so there is nothing to map")
-    unused = [f"\n# not used: {', '.join(map(_quoted, spare))}\n"] if spare else []
+    unused = [f"\n# not used: {', '.join(map(toml_text, spare))}\n"] if spare else []
     if {name for name, _ in known.values()} <= {"time"} and spare:
         example = _block(Channel("x", "m1"), spare[0], "mm", "").strip().split("\n")
         unused += ["\n", *(f"# {line}\n" for line in example)]
@@ -505,15 +505,10 @@ def _guessed(header: ColumnHeader) -> tuple[str, str]:
 
 
 def _block(name: Channel | str, column: str | int, unit: str, remark: str) -> str:
-    title = "[time]" if name == "time" else f"[channel.{_quoted(name)}]"
-    lines = ["", f"{title}{f'  # {remark}' if remark else ''}", f"column = {_quoted(column)}"]
+    title = "[time]" if name == "time" else f"[channel.{toml_text(name)}]"
+    lines = ["", f"{title}{f'  # {remark}' if remark else ''}", f"column = {toml_text(column)}"]
     if unit:
-        lines.append(f"unit = {_quoted(unit)}")
+        lines.append(f"unit = {toml_text(unit)}")
     elif isinstance(name, Channel):
         lines.append(f'# unit = "{name.unit}"')
     return "\n".join([*lines, ""])
-
-
-def _quoted(text: str | int) -> str:
-    """A number, or a text as TOML writes it, which for all but DEL is as JSON does."""
-    return msgspec.json.encode(text, enc_hook=str).decode().replace("\x7f", "\\u007f")

@@ -183,16 +183,12 @@ def as_coefficient(given: Coefficient | float, where: str) -> Coefficient:
 
 def _number(given: object, field: str) -> float:
     """`given` as a float that is not NaN."""
-    if isinstance(given, bool):
-        raise StructureError(f"the {field} of a coefficient must be a number, got {given!r}")
     try:
-        number = float(given)  # type: ignore[arg-type]  # what is no number is refused below
+        number = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # refused below
     except (TypeError, ValueError):
-        raise StructureError(f"the {field} of a coefficient must be a number, got {given!r}") from None
+        number = math.nan
     except OverflowError:
-        raise StructureError(
-            f"the {field} of a coefficient must be a finite number, got one too large"
-        ) from None
+        number = math.inf
     if math.isnan(number):
-        raise StructureError(f"the {field} of a coefficient must be a number, got NaN")
+        raise StructureError(f"the {field} of a coefficient must be a number, got {given!r}")
     return number

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import LawError, SimulationError, expect
-from linkwise.expression import Expression, Program, differentiate, parse_with_positions, symbols
+from linkwise.expression import Expression, differentiate, parse_with_positions, symbols
+from linkwise.expression.program import cached_program
 from linkwise.expression.tree import Symbol
 
 ORDERS = (0, 1, 3, 5, 7)
@@ -86,7 +87,7 @@ class TimeFunction:
         array
             Values in N or m, in the shape of `time`.
         """
-        return _program(self.expression)(time)[0]
+        return cached_program((self.expression,), ("t",))(time)[0]
 
     def derivative(self, time: ArrayLike, order: int = 1) -> Floats:
         """Time derivative of the input.
@@ -106,12 +107,7 @@ class TimeFunction:
         expression = self.expression
         for _ in range(order):
             expression = differentiate(expression, "t")
-        return _program(expression)(time)[0]
-
-
-@lru_cache(maxsize=256)
-def _program(expression: Expression) -> Program:
-    return Program([expression], ("t",))
+        return cached_program((expression,), ("t",))(time)[0]
 
 
 class PiecewisePolynomial(NamedTuple):

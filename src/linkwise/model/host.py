@@ -80,15 +80,13 @@ class HostMode:
             rotations=frozenset(rotations),
         )
         expect("HostMode: shape", shape, Mapping)
+        for quantity, unit, given in (("frequency", " Hz", self.frequency), ("damping", "", self.damping)):
+            if given.value is not None and not given.value >= 0.0:
+                raise StructureError(
+                    f"the {quantity} of a mode must not be negative, got {given.value!r}{unit}"
+                )
         for point, value in self.shape.items():
             expect(f"HostMode: shape[{point!r}]", value, float)
-        if self.frequency.value is not None and not self.frequency.value >= 0.0:
-            raise StructureError(
-                f"the frequency of a mode must not be negative, got {self.frequency.value!r} Hz"
-            )
-        if self.damping.value is not None and not self.damping.value >= 0.0:
-            raise StructureError(f"the damping of a mode must not be negative, got {self.damping.value!r}")
-        for point, value in self.shape.items():
             if not math.isfinite(value):
                 raise StructureError(
                     f'the shape of a mode at the point "{point}" must be a finite number, got {value!r}'
@@ -407,10 +405,12 @@ class Host:
         values = (index_of(mode.shape, own, "point", "points") for mode in self.modes)
         return dict(zip(self.coordinates, values, strict=True))
 
-    def known_to_within(self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0) -> Host:
+    def known_to_within(
+        self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0, at_least: bool = False
+    ) -> Host:
         """The host with values known to within parts of themselves, as Gaussian priors.
 
-        What is unknown or known to within already stays as it is. Errors of a shape do not vanish at a node, so its part is
+        What is unknown stays so. Errors of a shape do not vanish at a node, so its part is
         that of the largest value of the mode at the points; a value of exactly 0, as at a support or in a direction in which
         nothing moves, stays known.
 
@@ -420,6 +420,8 @@ class Host:
             Standard deviations as parts of each value; 0 leaves the values known.
         shape : float, optional
             Standard deviation of shapes as a part of the largest absolute value of the mode.
+        at_least : bool, optional
+            Whether standard deviations that are smaller are raised to these; by default those that there are stay.
 
         Returns
         -------
@@ -444,58 +446,20 @@ class Host:
                 raise StructureError(
                     f"the part to within which the {quantity} is known must not be negative, got {part!r}"
                 )
-        entries = {pair: _to_within(entry, damping, -math.inf) for pair, entry in self.entries.items()}
-        modes = tuple(_uncertain(mode, frequency, damping, shape) for mode in self.modes)
-        return replace(self, modes=modes, damping=entries)
-
-    def known_to_within_at_least(
-        self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0
-    ) -> Host:
-        """The host with standard deviations that are no less than parts of the values, as in `known_to_within`.
-
-        Parameters
-        ----------
-        frequency, damping : float, optional
-            Least standard deviations as parts of each value.
-        shape : float, optional
-            Least standard deviation of shapes as a part of the largest absolute value of the mode.
-
-        Returns
-        -------
-        Host
-            The host.
-
-        Raises
-        ------
-        StructureError
-            If a part is negative or not finite.
-
-        Examples
-        --------
-        >>> import linkwise as lw
-        >>> known = lw.Coefficient.number
-        >>> wing = lw.Host("wing", (lw.model.HostMode(lw.Coefficient.unknown(5.0, sigma=0.01), known(0.01), {"tip": 1.0}),))
-        >>> wing.known_to_within_at_least(frequency=0.01).modes[0].frequency.sigma
-        0.05
-        """
-        least = self.known_to_within(frequency=frequency, damping=damping, shape=shape)
-        parts = (frequency, damping, shape)
-        return replace(
-            least,
-            modes=tuple(
-                replace(
-                    mode,
-                    frequency=_at_least(mode.frequency, parts[0]),
-                    damping=_at_least(mode.damping, parts[1]),
-                    shape_sigma={
-                        point: max(sigma, parts[2] * max(map(abs, mode.shape.values())))
-                        for point, sigma in mode.shape_sigma.items()
-                    },
-                )
-                for mode in least.modes
-            ),
-            damping={pair: _at_least(entry, damping) for pair, entry in least.entries.items()},
-        )
+        modes = []
+        for mode in self.modes:
+            largest = shape * max(map(abs, mode.shape.values()))
+            sigma = {point: largest for point, value in mode.shape.items() if value and largest}
+            for point, own in mode.shape_sigma.items():
+                sigma[point] = max(own, largest) if at_least else own
+            of_frequency = _to_within(mode.frequency, frequency, at_least=at_least)
+            of_damping = _to_within(mode.damping, damping, at_least=at_least)
+            modes.append(replace(mode, frequency=of_frequency, damping=of_damping, shape_sigma=sigma))
+        entries = {
+            pair: _to_within(entry, damping, -math.inf, at_least=at_least)
+            for pair, entry in self.entries.items()
+        }
+        return replace(self, modes=tuple(modes), damping=entries)
 
     def as_in(self, link: Callable[[str], Link]) -> Host:
         """The host with frequencies and damping as links of a structure have them.
@@ -537,27 +501,13 @@ class Host:
         return masses, (*links, *damping_links(self.name, self.entries))
 
 
-def _uncertain(mode: HostMode, frequency: float, damping: float, shape: float) -> HostMode:
-    largest = shape * max(map(abs, mode.shape.values()))
-    sigma = {point: largest for point, value in mode.shape.items() if value} if largest > 0.0 else {}
-    return replace(
-        mode,
-        frequency=_to_within(mode.frequency, frequency),
-        damping=_to_within(mode.damping, damping),
-        shape_sigma={**sigma, **mode.shape_sigma},
-    )
-
-
-def _at_least(given: Coefficient, part: float) -> Coefficient:
-    if given.known or given.value is None:
+def _to_within(given: Coefficient, part: float, lower: float = 0.0, *, at_least: bool) -> Coefficient:
+    if not given.value or not part:
         return given
-    return replace(given, sigma=max(given.sigma, part * abs(given.value)))
-
-
-def _to_within(given: Coefficient, part: float, lower: float = 0.0) -> Coefficient:
-    if not given.known or not given.value or not part:
-        return given
-    return Coefficient.unknown(given.value, lower=lower, sigma=part * abs(given.value))
+    sigma = part * abs(given.value)
+    if given.known:
+        return Coefficient.unknown(given.value, lower=lower, sigma=sigma)
+    return replace(given, sigma=max(given.sigma, sigma)) if at_least else given
 
 
 def _refuse_clashes(

@@ -50,7 +50,7 @@ from linkwise.expression.dimensions import (
     infer,
 )
 from linkwise.expression.parser import Parsed
-from linkwise.expression.program import integral_from_zero
+from linkwise.expression.program import cached_program, integral_from_zero
 from linkwise.units import base_exponents
 
 VARIABLES = ("d", "v")
@@ -211,24 +211,6 @@ def unit_dimension(unit: str) -> Dimension:
         return Dimension(*base_exponents(unit))
     except LinkwiseError as error:
         raise StructureError(str(error)) from None
-
-
-@lru_cache(maxsize=1024)
-def rates_program(rates: tuple[Expression, ...], names: tuple[str, ...], wide: tuple[str, ...]) -> Program:
-    """The rates from d, v and `names`: states, then coefficients."""
-    return Program(rates, (*VARIABLES, *names), wide=wide)
-
-
-@lru_cache(maxsize=1024)
-def force_program(expression: Expression, names: tuple[str, ...]) -> Program:
-    """The force from d, v and `names`."""
-    return Program([expression], (*VARIABLES, *names), wide=VARIABLES)
-
-
-@lru_cache(maxsize=1024)
-def forces_program(expressions: tuple[Expression, ...]) -> Program:
-    """Several forces without coefficients, from d and v."""
-    return Program(expressions, VARIABLES)
 
 
 @lru_cache(maxsize=1024)
@@ -534,7 +516,9 @@ class Law:
         LawError
             If a coefficient or a state has no value.
         """
-        return force_program(self.expression, self._named)(d, v, *self._ordered(values))[0][()]
+        return cached_program((self.expression,), (*VARIABLES, *self._named), wide=VARIABLES)(
+            d, v, *self._ordered(values)
+        )[0][()]
 
     def state_rates(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[Floats, ...]:
         """Rate of each state in its unit per second.
@@ -557,7 +541,8 @@ class Law:
             If a coefficient or a state has no value.
         """
         rates = tuple(rate.expression for rate in self.rates)
-        return rates_program(rates, self._named, self.variables)(d, v, *self._ordered(values))
+        program = cached_program(rates, (*VARIABLES, *self._named), wide=self.variables)
+        return program(d, v, *self._ordered(values))
 
     def partials(
         self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike], *, by: Sequence[str] | None = None

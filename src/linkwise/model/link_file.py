@@ -58,6 +58,11 @@ def parse_toml(text: str, source: str, error: FileError) -> dict[str, Any]:
         raise error(message, _joined(source, position.rstrip(")"))) from None
 
 
+def toml_text(value: str | int) -> str:
+    """A number, or a text as TOML writes it, which for all but DEL is as JSON does."""
+    return msgspec.json.encode(value, enc_hook=str).decode().replace("\x7f", "\\u007f")
+
+
 def _if_another_file(source: str) -> str:
     """What to look at where a file is named as a record is, for a message."""
     if Path(source).suffix.lower() in ("", ".toml"):

@@ -19,7 +19,7 @@ from linkwise.errors import StructureError
 from linkwise.model.link import ANGLE
 from linkwise.model.matrix_files import FileMatrix
 from linkwise.model.matrix_files import read_matrices as matrices_of_file
-from linkwise.model.reduction import HostReduction, proportional_damping, reduce_matrices
+from linkwise.model.reduction import HostReduction, proportional_damping, real_square, reduce_matrices
 from linkwise.model.rotations import require_direction, row_weights, turns_throughout, with_units
 
 # in MAT and NPZ files, and those of Nastran; not KGG, which no boundary condition constrains
@@ -310,25 +310,7 @@ def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[st
             f"{problem}; choose from {', '.join(matrices) or 'none'}, as in {file}:NAME", source
         )
     chosen = matrices[str(name)]
-    if chosen.matrix.dtype.kind not in "fiu":
-        raise StructureError(f"{name} holds {chosen.matrix.dtype} values, not real numbers", source)
-    rows, columns = chosen.matrix.shape
-    if rows != columns:
-        raise StructureError(
-            f"{name} is not a square matrix of finite numbers: it has {rows} rows and {columns} columns",
-            source,
-        )
-    matrix = scipy.sparse.csc_array(chosen.matrix).astype(float)
-    if not np.isfinite(matrix.data).all():
-        entries = scipy.sparse.coo_array(matrix)
-        worst = int(np.flatnonzero(~np.isfinite(entries.data))[0])
-        row, column = (int(places[worst]) for places in entries.coords)
-        raise StructureError(
-            f"{name} is not a square matrix of finite numbers: row {row + 1} and column {column + 1} hold "
-            f"{entries.data[worst]}; write it again from the program that made it",
-            source,
-        )
-    return str(name), FileMatrix(matrix, chosen.names)
+    return str(name), FileMatrix(real_square(chosen.matrix, str(name), source), chosen.names)
 
 
 def _file_and_name(named: str) -> tuple[str, str | None]:

@@ -192,8 +192,10 @@ def reduce_matrices(
     """The same with `points` by the weights of rows, counted from 1, and `damping` as the ratio of every mode, factors of a
     matrix a M + b K, or a damping matrix (n, n).
     """
-    mass, stiffness = _real_square("mass", mass), _real_square("stiffness", stiffness)
-    of_damping = None if isinstance(damping, (int, float, tuple)) else _real_square("damping", damping)
+    mass, stiffness = real_square(mass, "the mass matrix"), real_square(stiffness, "the stiffness matrix")
+    of_damping = (
+        None if isinstance(damping, (int, float, tuple)) else real_square(damping, "the damping matrix")
+    )
     at_points = _checked(mass, stiffness, of_damping, points, keep)
     massless = int(np.count_nonzero(mass.diagonal() == 0.0))
     keep = min(keep, max(mass.shape[0] - massless - 1, 1))
@@ -246,18 +248,27 @@ def proportional_damping(
     return rayleigh if rayleigh is not None else modal_damping or None
 
 
-def _real_square(quantity: str, matrix: Matrix) -> scipy.sparse.csc_array:
+def real_square(matrix: Matrix, what: str, where: str = "") -> scipy.sparse.csc_array:
     """The matrix in double precision, by columns; StructureError unless it is square, of finite real numbers."""
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-        raise StructureError(f"the {quantity} matrix must be square, got the shape {matrix.shape}")
+        raise StructureError(f"{what} must be square, got the shape {matrix.shape}", where)
     if matrix.dtype.kind not in "fiu":
         raise StructureError(
-            f"the {quantity} matrix holds {matrix.dtype} values, not real numbers; damping is given by a matrix of its "
-            "own, modal_damping or rayleigh"
+            f"{what} holds {matrix.dtype} values, not real numbers; damping is given by a matrix of its own, "
+            "modal_damping or rayleigh",
+            where,
         )
     by_columns = scipy.sparse.csc_array(matrix, dtype=float)
-    if not np.isfinite(by_columns.data).all():
-        raise StructureError(f"the {quantity} matrix holds values that are not finite")
+    entries = scipy.sparse.coo_array(by_columns)
+    worst = np.flatnonzero(~np.isfinite(entries.data))[:1]
+    for row, column, entry in zip(
+        *(numbers[worst] for numbers in (*entries.coords, entries.data)), strict=True
+    ):
+        raise StructureError(
+            f"{what} holds {entry}, not a finite number, in row {row + 1} and column {column + 1}; write it again from the "
+            "program that made it",
+            where,
+        )
     return by_columns
 
 

@@ -311,7 +311,7 @@ class Structure(NotebookView):
         StructureError
             If there is no coefficient of this name.
         """
-        slot = self._slot(name)
+        slot = index_of(self._slots, name, "coefficient", "coefficients")
         return self._slots[self._leaders[name]].coefficient if name in self._leaders else slot.coefficient
 
     def unit_of(self, name: str) -> str:
@@ -332,14 +332,7 @@ class Structure(NotebookView):
         StructureError
             If there is no coefficient of this name.
         """
-        return self._slot(name).unit
-
-    def _slot(self, name: str) -> CoefficientSlot:
-        if name not in self._slots:
-            raise StructureError(
-                f'unknown coefficient "{name}"{near_miss(name, self._slots)}; choose from {quoted(self._slots)}'
-            )
-        return self._slots[name]
+        return index_of(self._slots, name, "coefficient", "coefficients").unit
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,13 +22,20 @@ from linkwise.model.host import Host
 from linkwise.model.host_file import HostTable, host_of
 from linkwise.model.law import as_link_states
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
-from linkwise.model.link_file import LinkTable, coefficient_of, decode, link_of, parse_toml, read_toml_text
+from linkwise.model.link_file import (
+    LinkTable,
+    coefficient_of,
+    decode,
+    link_of,
+    parse_toml,
+    read_toml_text,
+    toml_text,
+)
 from linkwise.model.rotations import is_inertia, rotations_of
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_ESCAPES = {'"': '\\"', "\\": "\\\\", "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
 
 
 class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -38,25 +44,21 @@ class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
     unit: str = ""
 
 
-class _StructureTable(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    mass: list[_MassTable] = []
-    link: list[LinkTable]
-    name: str = ""
-
-
-class _HostedTable(msgspec.Struct, forbid_unknown_fields=True):
+class _Table(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """A structure with hosts, which needs neither masses nor links."""
 
-    host: list[HostTable]
+    name: str = ""
+    host: list[HostTable] = []
     mass: list[_MassTable] = []
     link: list[LinkTable] = []
-    name: str = ""
 
 
-class _PartialTable(msgspec.Struct, forbid_unknown_fields=True):
+class _StructureTable(_Table, kw_only=True):
+    link: list[LinkTable]
+
+
+class _PartialTable(_Table, kw_only=True):
     mass: list[_MassTable]
-    link: list[LinkTable] = []
-    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -166,12 +168,8 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     """
     source = str(path)
     tables = parse_toml(read_toml_text(path, StructureError), source, StructureError)
-    if "host" in tables:
-        hosted = decode(tables, _HostedTable, source, "", StructureError)
-        hosts = _hosts(hosted, source)
-        return PartialStructure(*_masses_and_links(hosted, source, hosts), hosts)
-    table = decode(tables, _PartialTable, source, "", StructureError)
-    return PartialStructure(*_masses_and_links(table, source))
+    table = decode(tables, _Table if "host" in tables else _PartialTable, source, "", StructureError)
+    return PartialStructure(*_parts(table, source))
 
 
 def write_structure(structure: Structure, path: str | Path) -> None:
@@ -238,31 +236,20 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
     True
     """
     tables = parse_toml(text, source, StructureError)
-    hosts: tuple[Host, ...] = ()
-    table: _StructureTable | _HostedTable
-    if "host" in tables:
-        table = decode(tables, _HostedTable, source, "", StructureError)
-        hosts = _hosts(table, source)
-    else:
-        table = decode(tables, _StructureTable, source, "", StructureError)
-    masses, links = _masses_and_links(table, source, hosts)
+    table = decode(tables, _Table if "host" in tables else _StructureTable, source, "", StructureError)
+    parts = _parts(table, source)
     try:
-        return Structure(table.name, masses, links, hosts)
+        return Structure(table.name, *parts)
     except StructureError as error:
         raise StructureError(error.message, f"{source}, {error.where}" if error.where else source) from None
 
 
-def _hosts(table: _HostedTable, source: str) -> tuple[Host, ...]:
-    return tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
-
-
-def _masses_and_links(
-    table: _StructureTable | _HostedTable | _PartialTable, source: str, hosts: Collection[Host] = ()
-) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
+def _parts(table: _Table, source: str) -> tuple[tuple[Mass, ...], tuple[Link, ...], tuple[Host, ...]]:
+    hosts = tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
     masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
     rotations = rotations_of(hosts, masses)
     links = tuple(link_of(entry, index, source, rotations) for index, entry in enumerate(table.link))
-    return masses, links
+    return masses, links, hosts
 
 
 def format_structure(structure: Structure) -> str:
@@ -284,23 +271,25 @@ def format_structure(structure: Structure) -> str:
     >>> print(lw.model.format_structure(lw.bnes_chain(2)).splitlines()[0])
     name = "bistable chain of 2 masses"
     """
-    blocks = [f"name = {_string(structure.name)}\n"]
+    blocks = [f"name = {toml_text(structure.name)}\n"]
     blocks += [_host_text(host, structure) for host in structure.hosts]
     for mass in structure.masses:
         if mass.name in structure.modes:
             continue
-        unit = f"unit = {_string(mass.unit)}\n" if mass.unit != LENGTH else ""
-        blocks.append(f"[[mass]]\nname = {_string(mass.name)}\n{unit}mass = {_coefficient_text(mass.mass)}\n")
+        unit = f"unit = {toml_text(mass.unit)}\n" if mass.unit != LENGTH else ""
+        blocks.append(
+            f"[[mass]]\nname = {toml_text(mass.name)}\n{unit}mass = {_coefficient_text(mass.mass)}\n"
+        )
     for link in structure.links:
         if link.name in structure.modes:
             continue
         pairs = ", ".join(
             f"{_key(name)} = {_coefficient_text(value)}" for name, value in link.coefficients.items()
         )
-        ends = ", ".join(_string(end) for end in link.between)
+        ends = ", ".join(toml_text(end) for end in link.between)
         blocks.append(
-            f"[[link]]\nname = {_string(link.name)}\nbetween = [{ends}]\n"
-            f"law = {_string(link.law.text)}\n{_states_text(link)}coefficients = {{ {pairs} }}\n"
+            f"[[link]]\nname = {toml_text(link.name)}\nbetween = [{ends}]\n"
+            f"law = {toml_text(link.law.text)}\n{_states_text(link)}coefficients = {{ {pairs} }}\n"
         )
     return "\n".join(blocks)
 
@@ -326,7 +315,7 @@ def _host_text(host: Host, structure: Structure) -> str:
         f'{_key(point)} = "rad"' for point in host.modes[0].shape if point in host.modes[0].rotations
     )
     between += f"units = {{ {rotations} }}\n" if rotations else ""
-    return f"[[host]]\nname = {_string(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
+    return f"[[host]]\nname = {toml_text(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
 
 
 def _mass(entry: _MassTable, index: int, source: str) -> Mass:
@@ -342,19 +331,21 @@ def _states_text(link: Link) -> str:
     """The line of the states of a link; empty without memory."""
     entries = []
     for name, state in as_link_states(link.states).items():
-        fields = [f"rate = {_string(state.rate)}"]
+        fields = [f"rate = {toml_text(state.rate)}"]
         if state.initial != 0.0:
-            fields.append(f"initial = {_string('unknown') if state.initial is None else repr(state.initial)}")
+            fields.append(
+                f"initial = {toml_text('unknown') if state.initial is None else repr(state.initial)}"
+            )
         if state.unit:
-            fields.append(f"unit = {_string(state.unit)}")
-        text = _string(state.rate) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
+            fields.append(f"unit = {toml_text(state.unit)}")
+        text = toml_text(state.rate) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
         entries.append(f"{_key(name)} = {text}")
     return f"states = {{ {', '.join(entries)} }}\n" if entries else ""
 
 
 def _coefficient_text(coefficient: Coefficient) -> str:
     if coefficient.same_as is not None:
-        return _string(f"={coefficient.same_as}")
+        return toml_text(f"={coefficient.same_as}")
     if coefficient.known:
         return repr(coefficient.value)
     fields = {
@@ -368,14 +359,4 @@ def _coefficient_text(coefficient: Coefficient) -> str:
 
 
 def _key(name: str) -> str:
-    return name if _BARE_KEY.fullmatch(name) else _string(name)
-
-
-def _string(text: str) -> str:
-    """A TOML basic string: quotes, backslashes and control characters are escaped."""
-    escaped = "".join(
-        _ESCAPES.get(character)
-        or (f"\\u{ord(character):04X}" if ord(character) < 32 or ord(character) == 127 else character)
-        for character in text
-    )
-    return f'"{escaped}"'
+    return name if _BARE_KEY.fullmatch(name) else toml_text(name)

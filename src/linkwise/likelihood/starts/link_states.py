@@ -11,7 +11,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Bools, Floats
 from linkwise.expression import Number, Program, differentiate, symbols
-from linkwise.model.law import Law, rates_program
+from linkwise.expression.program import cached_program
+from linkwise.model.law import Law
 from linkwise.model.slider_corners import slider_parts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -276,9 +277,8 @@ class _Rates:
     """Rates (r, B, C) of states, like `like`, in arrays that all evaluations share: to be used where warnings are ignored."""
 
     def __init__(self, law: Law, values: Mapping[str, float | Floats], like: Floats) -> None:
-        program = rates_program(
-            tuple(rate.expression for rate in law.rates), (*law.states, *law.coefficients), law.variables
-        )
+        rates = tuple(rate.expression for rate in law.rates)
+        program = cached_program(rates, (*law.variables, *law.coefficients), wide=law.variables)
         self._d, self._v = np.empty((2, *like.shape[1:]))
         self._inside, self._rates = np.empty_like(like), np.empty_like(like)
         numbers = (np.asarray(values[name], dtype=np.float64) for name in law.coefficients)

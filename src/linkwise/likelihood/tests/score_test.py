@@ -26,6 +26,7 @@ from scipy.linalg.lapack import dtbtrs
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import CAUSE_KINDS
 from linkwise.expression import to_text
+from linkwise.expression.program import cached_program
 from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
@@ -45,7 +46,7 @@ from linkwise.likelihood.shooting.pieces import tested_in_pieces
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
-from linkwise.model.law import Law, forces_program
+from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.rotations import differ_in_unit
 from linkwise.model.structure import Structure
@@ -468,7 +469,7 @@ def _along(laws: Sequence[Law | MemoryForce], segments: Segments, motion: Floats
     step = segments.step * segments.flow_steps_per_tangent
     plain = tuple(law.expression for law in laws if isinstance(law, Law))
     if plain:
-        return forces_program(plain)(motion[:, 0], motion[:, 1])
+        return cached_program(plain, VARIABLES)(motion[:, 0], motion[:, 1])
     return [law.along(motion, step, segments.linked) for law in laws if isinstance(law, MemoryForce)]
 
 
