@@ -99,12 +99,10 @@ def _per_cell(name: str, given: PerCell, cells: int) -> list[float]:
     """`given` as one number for each cell."""
     try:
         numbers = np.asarray(given, dtype=float)
+        if numbers.shape not in ((), (cells,)):
+            raise ValueError
+        return list(np.broadcast_to(numbers, cells).tolist())
     except (TypeError, ValueError):
-        raise StructureError(f"expected a number or a sequence of numbers, got {given!r}", name) from None
-    if numbers.ndim == 0:
-        return [float(numbers)] * cells
-    if numbers.shape != (cells,):
         raise StructureError(
-            f"expected one number, or one for each of {cells} cells, got {numbers.size} numbers", name
-        )
-    return [float(number) for number in numbers]
+            f"expected one number, or one for each of {cells} cells, got {given!r}", name
+        ) from None

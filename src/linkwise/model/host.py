@@ -510,21 +510,6 @@ def _to_within(given: Coefficient, part: float, lower: float = 0.0, *, at_least:
     return replace(given, sigma=max(given.sigma, sigma)) if at_least else given
 
 
-def _refuse_clashes(
-    host: Host, masses: tuple[Mass, ...], links: tuple[Link, ...], of_modes: Collection[str]
-) -> None:
-    """Raise StructureError for a mass or a link, other than those `of_modes`, with the name of a mode or a point."""
-    named = [("mass", mass.name) for mass in masses] + [("link", link.name) for link in links]
-    for kind, name in named:
-        is_mode = name in host.coordinates
-        if name not in of_modes and (is_mode or (kind == "mass" and name in host.points)):
-            part = f"mode {host.coordinates.index(name) + 1}" if is_mode else "a point"
-            raise StructureError(
-                f'{part} of the host "{host.name}" has the same name, and names must be unique: rename the {kind} or the host',
-                f'{kind} "{name}"',
-            )
-
-
 def with_modes(
     masses: tuple[Mass, ...], links: tuple[Link, ...], hosts: tuple[Host, ...]
 ) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
@@ -535,8 +520,17 @@ def with_modes(
     of_modes = {link.name for link in links if link.between == (link.name, GROUND)}
     new_masses: list[Mass] = []
     new_links: list[Link] = []
+    named = [("mass", mass.name) for mass in masses] + [("link", link.name) for link in links]
     for host in hosts:
-        _refuse_clashes(host, masses, links, of_modes)
+        for kind, name in named:
+            is_mode = name in host.coordinates
+            if name not in of_modes and (is_mode or (kind == "mass" and name in host.points)):
+                part = f"mode {host.coordinates.index(name) + 1}" if is_mode else "a point"
+                raise StructureError(
+                    f'{part} of the host "{host.name}" has the same name, and names must be unique: rename the {kind} or '
+                    "the host",
+                    f'{kind} "{name}"',
+                )
         if set(host.coordinates) <= present:
             continue
         own_masses, own_links = host.parts()

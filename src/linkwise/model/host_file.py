@@ -27,7 +27,7 @@ import numpy as np
 from linkwise.errors import LinkwiseError, StructureError, located
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode, Pair, entries_of
-from linkwise.model.link_file import coefficient_of, decode, read_toml_text
+from linkwise.model.link_file import coefficient_of, decode, percentage, read_toml_text
 from linkwise.model.matrices import read_host_matrices
 from linkwise.model.rotations import turns_throughout, with_units
 from linkwise.units import to_si
@@ -149,24 +149,12 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
             raise StructureError(f"{key} belongs to matrices; modes are taken as they are", where)
     host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
     parts = {
-        quantity: part_of(getattr(entry, f"{quantity}_sigma"), f"{source}, {path}.{quantity}_sigma")
+        quantity: 0.01 * percentage(text, f"{source}, {path}.{quantity}_sigma")
         for quantity in ("frequency", "damping", "shape")
+        if (text := getattr(entry, f"{quantity}_sigma")) is not None
     }
     with located(where):
         return with_units(host, entry.units, entry.points).known_to_within(**parts)
-
-
-def part_of(text: str | None, where: str = "") -> float:
-    """A part such as "2 %" as a number; 0 for None. Raises StructureError with the place `where`."""
-    if text is None:
-        return 0.0
-    try:
-        number, percent, rest = text.partition("%")
-        if not percent or rest.strip():
-            raise ValueError
-        return 0.01 * float(number)
-    except ValueError:
-        raise StructureError(f'expected a percentage, such as "2 %", got {text!r}', where) from None
 
 
 def _of_modes(entry: HostTable, source: str, path: str) -> Host:
@@ -180,20 +168,15 @@ def _of_modes(entry: HostTable, source: str, path: str) -> Host:
         )
     if entry.damping and all(isinstance(row, list) for row in entry.damping):
         return _damped_by_matrix(entry.name, modes, entry.damping, where)
-    given = [
-        _damping_entry(table, source, f"{path}.damping[{number}]")
-        for number, table in enumerate(entry.damping or ())
-    ]
-    entries = dict(given)
+    entries: dict[Pair, Coefficient] = {}
+    for number, given in enumerate(entry.damping or ()):
+        place = f"{path}.damping[{number}]"
+        table = decode(given, _DampingTable, source, place, StructureError)
+        if table.modes in entries:
+            raise StructureError("the damping between two modes is given twice", where)
+        entries[table.modes] = coefficient_of(table.damping, "N s/m", source, f"{place}.damping")
     with located(where):
-        if len(entries) < len(given):
-            raise StructureError("the damping between two modes is given twice")
         return Host(entry.name, modes, damping=entries)
-
-
-def _damping_entry(given: object, source: str, path: str) -> tuple[Pair, Coefficient]:
-    table = decode(given, _DampingTable, source, path, StructureError)
-    return table.modes, coefficient_of(table.damping, "N s/m", source, f"{path}.damping")
 
 
 def _damped_by_matrix(name: str, modes: tuple[HostMode, ...], rows: list[Any], where: str) -> Host:

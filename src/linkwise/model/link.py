@@ -160,8 +160,6 @@ class Link:
         if self.between[0] == self.between[1]:
             raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
         self._check_coefficients(where)
-        for key, coefficient in coefficients.items():
-            expect(f"{where}: coefficient {key}", coefficient, Coefficient, float)
         ordered = {
             key: as_coefficient(coefficients[key], f"{where}, coefficient {key}")
             for key in self.law.coefficients

@@ -6,7 +6,6 @@ unit of a state ("43 nF" that of a voltage), they are read first.
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from collections.abc import Collection, Mapping
@@ -256,13 +255,14 @@ def coefficient_of(given: object, unit: str, source: str, path: str) -> Coeffici
     """The coefficient for a value of the file, in SI units `unit`."""
     try:
         if isinstance(given, dict):
-            table = decode(given, _UnknownTable, source, path, StructureError)
-            start = None if table.start is None else _si(table.start, unit)
-            lower = -math.inf if table.lower is None else _si(table.lower, unit)
-            upper = math.inf if table.upper is None else _si(table.upper, unit)
-            return Coefficient.unknown(
-                start, lower=lower, upper=upper, sigma=_sigma(table.sigma, start, unit)
-            )
+            decode(given, _UnknownTable, source, path, StructureError)
+            numbers = {key: _si(value, unit) for key, value in given.items() if key != "sigma"}
+            if (sigma := given.get("sigma")) is not None:
+                of_start = "start" in given and str(sigma).rstrip().endswith("%")
+                numbers["sigma"] = (
+                    0.01 * abs(numbers["start"]) * percentage(sigma) if of_start else _si(sigma, unit)
+                )
+            return Coefficient.unknown(**numbers)
         if isinstance(given, str):
             if given.strip() == "unknown":
                 return Coefficient.unknown()
@@ -279,20 +279,13 @@ def coefficient_of(given: object, unit: str, source: str, path: str) -> Coeffici
     )
 
 
-def _sigma(given: float | str | None, start: float | None, unit: str) -> float:
-    """A standard deviation in `unit`; a text such as "1 %" is a part of the start value."""
-    if given is None:
-        return math.inf
-    if isinstance(given, str) and given.rstrip().endswith("%") and start is not None:
-        return 0.01 * abs(start) * _percentage(given)
-    return _si(given, unit)
-
-
-def _percentage(given: str) -> float:
+def percentage(text: str, where: str = "") -> float:
+    """The number of a percentage such as "2 %". Raises StructureError with the place `where`."""
+    number, percent, rest = text.partition("%")
     try:
-        return float(given.rstrip().removesuffix("%"))
+        return float(number if percent and not rest.strip() else "")
     except ValueError:
-        raise StructureError(f'expected a percentage of the start, such as "1 %", got {given!r}') from None
+        raise StructureError(f'expected a percentage, such as "2 %", got {text!r}', where) from None
 
 
 def _si(given: float | str, unit: str) -> float:

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.mat_file import load_mat, sound_sparse
-from linkwise.registry import Registry, lazy_module
+from linkwise.registry import lazy_module
 
 nastran = lazy_module("pyyeti.nastran")  # of an extra
 _DIRECTIONS = {0: "", 1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
@@ -100,32 +99,6 @@ def both_triangles(
     )
 
 
-@dataclass(frozen=True)
-class MatrixFormat:
-    """A format of matrices: "module:function" of what gives every `FileMatrix` of a path by name, and the library it needs.
-
-    The library is one of the extra [nastran].
-    """
-
-    reader: str
-    library: str | None = None
-
-
-FORMATS: Registry[MatrixFormat] = Registry(
-    "suffix",
-    {
-        ".mat": MatrixFormat("linkwise.model.matrix_files:read_mat"),
-        ".npz": MatrixFormat("linkwise.model.matrix_files:read_npz"),
-        ".mtx": MatrixFormat("linkwise.model.matrix_files:read_mtx"),
-        ".pch": MatrixFormat("linkwise.model.matrix_files:read_dmig", library="pyyeti"),
-        ".dmig": MatrixFormat("linkwise.model.matrix_files:read_dmig", library="pyyeti"),
-        ".bdf": MatrixFormat("linkwise.model.matrix_files:read_dmig", library="pyyeti"),
-        ".op4": MatrixFormat("linkwise.model.matrix_files:read_op4", library="pyyeti"),
-    },
-)
-"""The formats by the suffix of their files."""
-
-
 def read_matrices(path: Path) -> Mapping[str, FileMatrix]:
     """Every matrix of a file by its name.
 
@@ -134,24 +107,23 @@ def read_matrices(path: Path) -> Mapping[str, FileMatrix]:
     if not path.is_file():
         raise StructureError("there is no such file", str(path))
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        *most, last = FORMATS
+    if suffix not in _READERS:
+        *most, last = _READERS
         raise StructureError(f"matrices are read from {', '.join(most)} and {last} files", str(path))
-    matrix_format = FORMATS[suffix]
-    if matrix_format.library is not None and find_spec(matrix_format.library) is None:
+    read = _READERS[suffix]
+    if read in _OF_NASTRAN and find_spec("pyyeti") is None:
         raise StructureError(
-            f"reading matrices from {suffix} files needs the library {matrix_format.library}: install linkwise[nastran]",
+            f"reading matrices from {suffix} files needs the library pyyeti: install linkwise[nastran]",
             str(path),
         )
     try:
         with warnings.catch_warnings(action="ignore"):
-            matrices: Mapping[str, FileMatrix] = resolve_name(matrix_format.reader)(path)
+            return read(path)
     except StructureError:
         raise
     except Exception as error:  # format libraries raise all kinds of errors on a damaged file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise StructureError(f"cannot be read as a {suffix} file: {reason[:200]}", str(path)) from None
-    return matrices
 
 
 def read_dmig(path: Path) -> dict[str, FileMatrix]:
@@ -289,3 +261,14 @@ def read_op4(path: Path) -> dict[str, FileMatrix]:
     return {
         name.upper(): FileMatrix(matrix) for name, matrix in nastran.op4.read(str(path), sparse=None).items()
     }
+
+
+_OF_NASTRAN = (read_dmig, read_op4)
+_READERS: dict[str, Callable[[Path], dict[str, FileMatrix]]] = {
+    ".mat": read_mat,
+    ".npz": read_npz,
+    ".mtx": read_mtx,
+    **dict.fromkeys((".pch", ".dmig", ".bdf"), read_dmig),
+    ".op4": read_op4,
+}
+"""What gives every matrix of a file by its name, by the suffix of the file."""

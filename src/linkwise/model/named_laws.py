@@ -332,15 +332,8 @@ NAMED_LAWS: Registry[NamedLaw] = Registry(
                 e="z*v/x0",
             ),
             bounds={
-                "x0": _POSITIVE,
-                "s": _SHARE,
-                "nu": _POSITIVE,
-                "eta": _POSITIVE,
-                "zs": _SHARE,
-                "p": _POSITIVE,
-                "psi": _POSITIVE,
-                "dpsi": _POSITIVE,
-                "lam": _POSITIVE,
+                **dict.fromkeys(("x0", "nu", "eta", "p", "psi", "dpsi", "lam"), _POSITIVE),
+                **dict.fromkeys(("s", "zs"), _SHARE),
             },
         ),
         "backlash-slip": NamedLaw(

@@ -137,7 +137,11 @@ def resolve_sharing(slots: Mapping[str, CoefficientSlot]) -> dict[str, str]:
                 circle = " = ".join([*chain[chain.index(leader) :], leader])
                 raise StructureError(f"circular sharing, {circle}: give one of them a number", name)
             chain.append(leader)
-        _check_units(name, slot.unit, chain[-1], slots[chain[-1]].unit)
+        unit, of_leader = slot.unit, slots[chain[-1]].unit
+        if unit != of_leader and _ANY_UNIT not in (unit, of_leader):
+            raise StructureError(
+                f'is in {unit or "1"} and cannot be equal to "{chain[-1]}" in {of_leader or "1"}', name
+            )
         leaders[name] = chain[-1]
     return leaders
 
@@ -165,13 +169,6 @@ def _parameter(unit: str, slot: CoefficientSlot, members: tuple[tuple[int, str],
     of_mass = any(index < 0 and key == MASS for index, key in members)
     lower = max(coefficient.lower, 0.0) if of_mass else coefficient.lower
     return Parameter(slot.name, unit, coefficient.value, lower, coefficient.upper, members, coefficient.sigma)
-
-
-def _check_units(name: str, unit: str, leader: str, leader_unit: str) -> None:
-    if unit != leader_unit and _ANY_UNIT not in (unit, leader_unit):
-        raise StructureError(
-            f'is in {unit or "1"} and cannot be equal to "{leader}" in {leader_unit or "1"}', name
-        )
 
 
 def chosen_names(selector: str, links: Mapping[str, int], slots: Mapping[str, CoefficientSlot]) -> list[str]:

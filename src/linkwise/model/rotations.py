@@ -105,21 +105,20 @@ def in_units_of_ends(links: tuple[Link, ...], rotations: Collection[str]) -> tup
     """
     if not rotations and not any(link.law.angular for link in links):
         return links
-    return tuple(_in_unit_of_ends(link, rotations) for link in links)
-
-
-def _in_unit_of_ends(link: Link, rotations: Collection[str]) -> Link:
-    turning = [end for end in link.between if end in rotations]
-    if differ_in_unit(link.between, rotations):
-        others = [end for end in link.between if end not in turning]
-        raise StructureError(
-            f'the end "{turning[0]}" turns, in rad, and "{others[0]}" moves in m: no law joins them; link two rotations, or a '
-            "rotation to the ground",
-            f'link "{link.name}"',
-        )
-    if link.law.angular == bool(turning):
-        return link
-    return replace(link, law=replace(link.law, angular=bool(turning)))
+    in_units = []
+    for link in links:
+        turning = [end for end in link.between if end in rotations]
+        if differ_in_unit(link.between, rotations):
+            other = next(end for end in link.between if end not in turning)
+            raise StructureError(
+                f'the end "{turning[0]}" turns, in rad, and "{other}" moves in m: no law joins them; link two rotations, or '
+                "a rotation to the ground",
+                f'link "{link.name}"',
+            )
+        angular = bool(turning)
+        same = link.law.angular == angular
+        in_units.append(link if same else replace(link, law=replace(link.law, angular=angular)))
+    return tuple(in_units)
 
 
 def differ_in_unit(ends: tuple[str, str], rotations: Collection[str]) -> bool:
