@@ -250,7 +250,7 @@ OPTIONS = [
     ({"channels": {"x:m2": 4}}, "x:m2 is mapped to column '4', which does not exist; the columns are time, x:m1, force:m1"),
     ({"channels": {"m2": 2}}, "in `channels`: 'm2' is not a channel: expected KIND:MASS"),
     ({"channels": {"x:m2": 2, "x:m2[mm]": 3}}, "channel x:m2: is mapped twice in `channels`"),
-    ({"rate": -1.0}, "rate must be positive, got -1.0 Hz"),
+    ({"rate": -1.0}, "rate must be between 1e-30 and 1e+30 Hz, got -1 Hz"),
     ({"resample": 0.0}, "rate must be positive, got 0.0 Hz"),
     ({"resample": 50.0}, "resampling to 50 Hz would alias content above 25 Hz, since the record has 100 Hz"),
     (

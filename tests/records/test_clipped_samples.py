@@ -55,7 +55,10 @@ def test_wrong_clipped_samples_are_refused(
 
 def test_clipped_samples_of_what_is_no_response_are_refused() -> None:
     record = marked()
-    with pytest.raises(lw.RecordError, match='"x:m7", which is not a channel; the channels are x:m1, x:m2'):
+    with pytest.raises(
+        lw.RecordError,
+        match=r"x:m7: is not in the record, and something is stated of it \(clipped samples\); the channels are x:m1, x:m2",
+    ):
         replace(record, clipped={"x:m7": record.clipped["x:m2"]})
     forced = replace(record, channels=parsed("x:m1", "force:m2"), clipped={}, noise={})
     with pytest.raises(lw.RecordError, match="force:m2 is an input"):

@@ -111,7 +111,9 @@ def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
 def test_a_record_refuses_what_is_stated_of_other_channels() -> None:
     record = lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None])
     known = lw.records.SensorUncertainty(offset=1e-4)
-    with pytest.raises(lw.RecordError, match="channel x:m2: errors are stated of a channel that is not in"):
+    with pytest.raises(
+        lw.RecordError, match="channel x:m2: is not in the record, and something is stated of it"
+    ):
         replace(record, uncertainty={"x:m2": known})
     with pytest.raises(lw.RecordError, match="sensors share a gain, not an offset or a delay"):
         replace(record, uncertainty={"common": known})

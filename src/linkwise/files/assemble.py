@@ -22,7 +22,7 @@ from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
 from linkwise.model.link_file import toml_text
-from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, check_rate, is_angular, si_unit
+from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, check_rate, is_angular, row_error, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.sensor_uncertainty import COMMON
@@ -332,10 +332,8 @@ def _statements(
 
 def _grid(table: Table, time: NDArray[Any] | None, rate: float | None, count: int) -> _Grid:
     """The stated even grid if there is no time column or it agrees; otherwise the times of the column."""
-    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise table.error(f"rate must be positive, got {rate!r} Hz", "rate")
     stated = table.rate if rate is None else rate
-    if stated is not None and np.isfinite(stated) and stated > 0.0:
+    if stated is not None and (rate is not None or 0.0 < stated < np.inf):
         check_rate(float(stated), table.file)
         even = _Grid.even(table.start if rate is None else 0.0, float(stated), count)
         if time is None or (len(time) == count and np.all(np.abs(time - even.time) <= JITTER / stated)):
@@ -354,14 +352,13 @@ def _refuse_overloads(table: Table, name: str, values: NDArray[Any]) -> None:
     """Raise RecordError for numbers that instruments write in place of a reading, in whatever unit."""
     overloads = np.flatnonzero((np.abs(values) > _OVERLOAD) & (np.abs(values) < _NO_NUMBER))
     if len(overloads):
-        row = int(overloads[0])
-        line = None if table.lines is None else int(table.lines[row])
-        where = "" if line else f" (sample {row})"
-        raise table.error(
-            f"the value is {values[row]:.3g}{where}, which instruments write for an overload or no reading; leave such cells "
-            "empty",
-            line=line,
-            channel=name,
+        raise row_error(
+            f"the value is {values[overloads[0]]:.3g}, which instruments write for an overload or no reading; leave such "
+            "cells empty",
+            int(overloads[0]),
+            table.file,
+            table.lines,
+            name,
         )
 
 

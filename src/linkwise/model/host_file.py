@@ -148,7 +148,7 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         if getattr(entry, key) is not None:
             raise StructureError(f"{key} belongs to matrices; modes are taken as they are", where)
     host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
-    parts = {
+    parts: dict[str, Any] = {
         quantity: 0.01 * percentage(text, f"{source}, {path}.{quantity}_sigma")
         for quantity in ("frequency", "damping", "shape")
         if (text := getattr(entry, f"{quantity}_sigma")) is not None

@@ -42,11 +42,7 @@ KINDS = {
     "state": Kind("state of a link", "?", of="state"),
 }
 """All kinds, and all that other modules know of them; a place is a mass, a point of a host or the base."""
-MOTIONS = tuple(
-    sorted(
-        (key for key, kind in KINDS.items() if kind.order is not None), key=lambda key: KINDS[key].order or 0
-    )
-)
+MOTIONS = tuple(key for key, kind in KINDS.items() if kind.order is not None)
 ANGULAR_UNITS = frozenset(kind.angular_unit for kind in KINDS.values() if kind.angular_unit)
 BASE = "base"
 FORCE = "force:"  # with which the names of applied forces begin
@@ -337,11 +333,7 @@ class ClippedSamples:
             Those of both.
         """
         missing = np.full(gap, np.nan)
-        pairs = zip(
-            (self.samples, self.readings, self.sides),
-            (others.samples, others.readings, others.sides),
-            strict=True,
-        )
+        pairs = ((getattr(self, name), getattr(others, name)) for name in ("samples", "readings", "sides"))
         return ClippedSamples(*(np.concatenate([first, missing, second]) for first, second in pairs))
 
 
@@ -415,17 +407,37 @@ FASTEST = 1e30  # Hz, and its inverse the slowest rate: accelerations of such re
 LARGEST = 1e100  # in any unit: products of four larger values are not finite
 
 
+def require_channel(name: str, channels: Sequence[Channel], stated: str, file: str | None = None) -> None:
+    """Raise RecordError where something that is `stated` is of none of the channels."""
+    if name not in channels:
+        raise RecordError(
+            f"is not in the record, and something is stated of it ({stated}); the channels are {', '.join(channels)}",
+            file,
+            channel=name,
+        )
+
+
+def row_error(
+    message: str,
+    row: int,
+    file: str | None,
+    lines: NDArray[np.int64] | None,
+    channel: str,
+    arguments: Sequence[str] = (),
+) -> RecordError:
+    """An error about one sample, with its line where the file has lines."""
+    line = None if lines is None else int(lines[row])
+    return RecordError(
+        message if line else f"{message} (sample {row})", file, line, channel, arguments=arguments
+    )
+
+
 def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) -> None:
     """Raise RecordError for clipped samples of a name that is not a response of these channels."""
-    inputs = {channel for channel in channels if channel.is_input}
     for name, samples in clipped.items():
-        if name not in channels:
-            raise RecordError(
-                f'clipped samples of "{name}", which is not a channel; the channels are {", ".join(channels)}'
-            )
         if not isinstance(samples, ClippedSamples):
             raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
-        if name in inputs:
+        if channels[channels.index(name)].is_input:
             raise RecordError(
                 f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
             )
@@ -439,11 +451,6 @@ def check_names(
     if repeated:
         raise RecordError("is listed twice", channel=repeated[0])
     for name, sigma in noise.items():
-        if name not in channels:
-            raise RecordError(
-                f"noise is given for a channel that is not in the record; the channels are {', '.join(channels)}",
-                channel=name,
-            )
         if not (np.isfinite(sigma) and sigma >= 0.0):
             raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)
 
@@ -462,8 +469,6 @@ def check_rate(rate: float, file: str | None = None) -> None:
 
 def check_values(start: float, rate: float, channels: Sequence[str], values: Floats) -> None:
     """Raise RecordError for an invalid start in s or rate in Hz, and for values that are not (N, C) or are infinite."""
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"rate must be positive and finite, got {rate!r} Hz")
     check_rate(rate)
     if not np.isfinite(start):
         raise RecordError(f"start must be finite, got {start!r} s")
@@ -496,11 +501,8 @@ def column_notes(
         return [f"{name}: integers were taken as values in {name.unit}; counts need a unit."]
     beyond = np.flatnonzero(np.abs(samples) > LARGEST)
     if len(beyond):
-        row = int(beyond[0])
-        line = None if lines is None else int(lines[row])
-        where = "" if line else f" (sample {row})"
-        message = f"the value is {_beyond(samples[row])}{where}; leave the cell of an overloaded sample empty"
-        raise RecordError(message, file, line, name)
+        message = f"the value is {_beyond(samples[beyond[0]])}; leave the cell of an overloaded sample empty"
+        raise row_error(message, int(beyond[0]), file, lines, name)
     missing = int(np.isnan(samples).sum())
     return [f"{name}: {missing} of {len(samples)} samples are missing."] if missing else []
 

@@ -14,11 +14,8 @@ import numpy as np
 
 from linkwise.arrays import Bools
 from linkwise.errors import RecordError, expect
-from linkwise.model.excitation import Sampled
-from linkwise.records.channel import OF_CHANNELS, ClippedSamples
+from linkwise.records.channel import OF_CHANNELS, ClippedSamples, interpolated
 from linkwise.records.record import Record
-
-_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 
 
 def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
@@ -59,7 +56,7 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
             )
         if np.isnan(samples).any():
             raise RecordError("samples are missing, and a delay cannot be taken out of gaps", channel=name)
-        signal = Sampled(0.0, record.rate, samples, band_limited=len(samples) > _BAND_LIMITED)
+        signal = interpolated(0.0, record.rate, samples)
         late = np.arange(len(record)) / record.rate + delay
         values[:, record.channels.index(name)] = signal.value(np.clip(late, 0.0, signal.end))
         first = max(first, int(np.ceil(-delay * record.rate)))
@@ -327,7 +324,7 @@ def continued(record: Record, other: Record) -> Record:
         clipped=_clipped_in_turn(record, other, gap),
         simulated=None,
         notes=(
-            *dict.fromkeys((*record.notes, *other.notes)),
+            *joined_notes((record, other)),
             f"{note}, after a gap of {gap} samples." if gap else f"{note}.",
         ),
     )
@@ -390,7 +387,7 @@ def _side_by_side(record: Record, added: Record) -> Record:
             for name, clipped in part.clipped.items()
         },
         simulated=None,
-        notes=tuple(dict.fromkeys((*record.notes, *added.notes))),
+        notes=joined_notes((record, added)),
     )
 
 

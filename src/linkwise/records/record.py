@@ -23,52 +23,13 @@ from linkwise.records.channel import (
     check_clipped,
     check_names,
     check_values,
+    require_channel,
 )
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, check_uncertainty
-from linkwise.records.timeline import (
-    check_complete,
-    check_factor,
-    check_interpolation,
-    lowpass_for,
-    rows_between,
-    sampled_columns,
-)
+from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, check_common
+from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns
 from linkwise.records.truth import SimulationTruth
 
 LARGEST_RATIO = 1000.0  # dB, either way: the powers of nothing that is measured are further apart
-
-
-def with_white_noise(
-    values: Floats,
-    channels: Sequence[str],
-    names: Sequence[str],
-    decibel: float,
-    seed: int,
-    earlier: Mapping[str, float],
-) -> tuple[Floats, dict[str, float]]:
-    """`values` (N, C) of `channels` with white Gaussian noise on those in `names`, and the standard deviation of each.
-
-    `decibel` is the signal-to-noise ratio in dB; missing samples (NaN) do not count in the power of the signal. The generator
-    of a channel depends on `seed` and its name only. `earlier` is the noise that is there already, which adds to the
-    deviations.
-    """
-    if not abs(decibel) <= LARGEST_RATIO:
-        raise RecordError(
-            f"decibel must be within {LARGEST_RATIO:g} of zero, got {decibel!r}; without noise, use the record as it is"
-        )
-    if seed < 0:
-        raise RecordError(f"seed must not be negative, got {seed}")
-    noisy, added = values.copy(), {}
-    for name in names:
-        samples = noisy[:, channels.index(name)]
-        sigma = 0.0
-        if not np.isnan(samples).all():
-            sigma = float(np.sqrt(np.nanmean(samples**2) * 10.0 ** (-decibel / 10.0)))
-        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
-        samples += sigma * generator.standard_normal(len(samples))
-        added[name] = float(np.hypot(sigma, earlier.get(name, 0.0)))
-    noisy.setflags(write=False)
-    return noisy, added
 
 
 def read_only(values: ArrayLike) -> Floats:
@@ -173,9 +134,13 @@ class Record(NotebookView):
             given = getattr(self, name).items()
             object.__setattr__(self, name, MappingProxyType({parsed.get(k, k): v for k, v in given}))
         object.__setattr__(self, "values", read_only(self.values))
+        for kind in ("noise", "uncertainty", "clipped"):
+            for name in getattr(self, kind):
+                if (kind, name) != ("uncertainty", COMMON):
+                    require_channel(name, self.channels, OF_CHANNELS[kind].label)
         check_names(self.channels, self.noise, self.interpolation)
         check_clipped(self.channels, self.clipped)
-        check_uncertainty(self.channels, self.uncertainty)
+        check_common(self.uncertainty.get(COMMON, SensorUncertainty()))
         check_values(self.start, self.rate, self.channels, self.values)
 
     @classmethod
@@ -425,7 +390,13 @@ class Record(NotebookView):
         RecordError
             If there are none, or a time is NaN.
         """
-        first, last = rows_between(earliest, latest, self.start, self.rate, len(self))
+        if np.isnan(earliest) or np.isnan(latest):
+            raise RecordError(
+                f"times must be numbers, got {earliest:g} and {latest:g} s", arguments=("earliest", "latest")
+            )
+        ends = (np.array([earliest, latest]) - self.start) * self.rate
+        lowest, highest = np.clip(ends, -1.0, len(self))
+        first, last = max(0, int(np.ceil(lowest - EDGE))), min(len(self), int(np.floor(highest + EDGE)) + 1)
         if last <= first:
             span = f"{self.start:g} to {self.start + self.duration:g} s"
             raise RecordError(
@@ -456,12 +427,11 @@ class Record(NotebookView):
             If `factor` is not a positive integer, samples are missing, a channel is held or linear between its samples, or the
             record is shorter than the filter.
         """
-        check_factor(factor)
+        if isinstance(factor, bool) or int(factor) != factor or factor < 1:
+            raise RecordError(f"factor must be a positive integer, got {factor!r}")
         if factor == 1:
             return self
-        check_complete(self.channels, self.missing)
-        check_interpolation(self.interpolation)
-        antialias = lowpass_for(int(factor), len(self))
+        antialias = lowpass_for(int(factor), self.channels, self.missing, self.interpolation)
         decimated = slice(antialias.half, len(self) - antialias.half, int(factor))
         return replace(
             self,
@@ -496,8 +466,23 @@ class Record(NotebookView):
         RecordError
             If `decibel` is not finite or its amount is above 1000, or `seed` is negative.
         """
+        if not abs(decibel) <= LARGEST_RATIO:
+            raise RecordError(
+                f"decibel must be within {LARGEST_RATIO:g} of zero, got {decibel!r}; without noise, use the record as it is"
+            )
+        if seed < 0:
+            raise RecordError(f"seed must not be negative, got {seed}")
         earlier = self.simulated.noise if self.simulated else {}
-        values, added = with_white_noise(self.values, self.channels, self.responses, decibel, seed, earlier)
+        values, added = self.values.copy(), {}
+        for name in self.responses:
+            samples = values[:, self.channels.index(name)]
+            sigma = 0.0
+            if not np.isnan(samples).all():
+                sigma = float(np.sqrt(np.nanmean(samples**2) * 10.0 ** (-decibel / 10.0)))
+            generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(name.encode())))
+            samples += sigma * generator.standard_normal(len(samples))
+            added[name] = float(np.hypot(sigma, earlier.get(name, 0.0)))
+        values.setflags(write=False)
         return replace(
             self,
             values=values,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import KINDS, Channel, si_unit, unit_behind
+from linkwise.records.channel import KINDS, Channel, require_channel, si_unit, unit_behind
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, size_in_unit
@@ -271,13 +271,7 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             notes.append(known.described(name, units.get(name, "")))
         if name == COMMON:
             continue
-        if name not in record.channels:
-            listed = ", ".join(record.channels)
-            raise RecordError(
-                f"is not in the record, and something is stated of it; the channels are {listed}",
-                file,
-                channel=name,
-            )
+        require_channel(name, record.channels, "errors of its sensor", file)
         gain, offset = statement.gain or StatedError(1.0), statement.offset or StatedError(0.0)
         if statement.noise is not None:
             noise[name] = statement.noise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isinf, isnan
 
@@ -73,26 +72,16 @@ class SensorUncertainty:
         str
             A sentence.
         """
-        known = [
-            (
-                f"its {name} is unknown"
-                if isinf(sigma)
-                else f"its {name} is known to {_size(sigma, name, channel, of_state)}"
-            )
-            for name, sigma in (("gain", self.gain), ("offset", self.offset), ("delay", self.delay))
-            if sigma
-        ]
+        known = []
+        for name in ("gain", "offset", "delay"):
+            sigma = getattr(self, name)
+            if isinf(sigma):
+                known.append(f"its {name} is unknown")
+            elif sigma:
+                plain = {"gain": f"{100.0 * sigma:.3g} %", "delay": f"{sigma:.3g} s"}.get(name)
+                size = plain or size_in_unit(sigma, Channel.parse(channel), of_state, digits=3)
+                known.append(f"its {name} is known to {size}")
         return f"{'The gain that all sensors share' if channel == COMMON else channel}: {', '.join(known)}."
-
-
-def _size(sigma: float, name: str, channel: str, of_state: str) -> str:
-    if name == "gain":
-        return f"{100.0 * sigma:.3g} %"
-    return (
-        f"{sigma:.3g} s"
-        if name == "delay"
-        else size_in_unit(sigma, Channel.parse(channel), of_state, digits=3)
-    )
 
 
 def size_in_unit(size: float, channel: Channel, of_state: str = "", *, digits: int = 6) -> str:
@@ -105,14 +94,7 @@ def size_in_unit(size: float, channel: Channel, of_state: str = "", *, digits: i
     return f"{size / factor_to_si(of_state, '?'):.{digits}g} {of_state}"
 
 
-def check_uncertainty(channels: tuple[str, ...], uncertainty: Mapping[str, SensorUncertainty]) -> None:
-    """Raise RecordError for what is stated of a channel that is not in the record, and for a delay of what has none."""
-    for name, known in uncertainty.items():
-        if name == COMMON:
-            if known.offset or known.delay:
-                raise RecordError("sensors share a gain, not an offset or a delay", channel=name)
-        elif name not in channels:
-            raise RecordError(
-                f"errors are stated of a channel that is not in the record; the channels are {', '.join(channels)}",
-                channel=name,
-            )
+def check_common(known: SensorUncertainty) -> None:
+    """Raise RecordError for anything but a gain that sensors share."""
+    if known.offset or known.delay:
+        raise RecordError("sensors share a gain, not an offset or a delay", channel=COMMON)

@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
-from linkwise.records.channel import BAND_LIMITED, Channel, check_rate, check_responses, column_notes
+from linkwise.records.channel import (
+    BAND_LIMITED,
+    Channel,
+    check_rate,
+    check_responses,
+    column_notes,
+    row_error,
+)
 
 MIN_SAMPLES = 32  # fewer do not hold one period of a vibration together with its noise
 JITTER = 1e-3  # of a step: deviation of a clock up to which samples count as even
@@ -49,7 +56,10 @@ class Timeline:
         column = _TimeColumn(times, file, lines)
         column.check_increasing()
         steps = np.diff(times)
-        step = _typical_step(steps)
+        median = float(
+            np.median(steps)
+        )  # of neighbours without a gap, averaged so that their rounding cancels
+        step = float(np.mean(steps[np.abs(steps - median) < 0.5 * median]))
         check_rate(float(1.0 / np.clip(step, 1e-300, 1e300)), file)
         multiples = np.maximum(np.rint(steps / step), 1.0)
         index = np.concatenate([[0], np.cumsum(multiples)]).astype(np.int64)
@@ -67,11 +77,6 @@ class Timeline:
         return cls(float(times[0]), rate, index, count, tuple(column.notes(index, rate)))
 
 
-def check_increasing(times: Floats, file: str | None, lines: NDArray[np.int64] | None) -> None:
-    """Raise RecordError for too few times (N,), and for times that are missing, repeated or decreasing."""
-    _TimeColumn(times, file, lines).check_increasing()
-
-
 @dataclass(frozen=True, eq=False)
 class _TimeColumn:
     """Times (N,) in s as read, and the line of each in its file."""
@@ -82,9 +87,7 @@ class _TimeColumn:
 
     def error(self, row: int, message: str, *arguments: str) -> RecordError:
         """An error about one row; `arguments` are those of `read_record` that would resolve it."""
-        line = None if self.lines is None else int(self.lines[row])
-        message = message if line else f"{message} (sample {row})"
-        return RecordError(message, self.file, line, "time", arguments=arguments)
+        return row_error(message, row, self.file, self.lines, "time", arguments)
 
     def check_increasing(self) -> None:
         """Raise RecordError for too few times, and for times that are missing, repeated or decreasing."""
@@ -157,26 +160,6 @@ class _TimeColumn:
         return notes
 
 
-def rows_between(earliest: float, latest: float, start: float, rate: float, count: int) -> tuple[int, int]:
-    """First and past-the-end row of the times in s from `earliest` to `latest` among `count` at `start` + k/`rate`.
-
-    Raises RecordError for a time that is NaN.
-    """
-    if np.isnan(earliest) or np.isnan(latest):
-        raise RecordError(
-            f"times must be numbers, got {earliest:g} and {latest:g} s", arguments=("earliest", "latest")
-        )
-    ends = np.clip(np.array([earliest - start, latest - start]) * rate, -1.0, count)
-    return max(0, int(np.ceil(ends[0] - EDGE))), min(count, int(np.floor(ends[1] + EDGE)) + 1)
-
-
-def _typical_step(steps: Floats) -> float:
-    """The step in s between neighbours without a gap, averaged over all of them so that their rounding cancels."""
-    median = float(np.median(steps))
-    single = steps[np.abs(steps - median) < 0.5 * median]
-    return float(np.mean(single))
-
-
 def _resolution(times: Floats, step: float) -> float:
     """The rounding of the column in s: the printed decimal, or single or double precision."""
     largest = float(np.max(np.abs(times)))
@@ -201,17 +184,14 @@ def _roundest_rate(times: Floats, index: NDArray[np.int64], step: float, resolut
     the resolution over the length of the record: some 1e-4, which a stiffness shows in many of its standard errors.
     """
     band = max(resolution, float(np.ptp(times - index * step))) + 2.0 * float(np.spacing(np.abs(times).max()))
-    candidates = [value for digits in range(1, 16) for value in _rounded(step, digits)]
-    for rate in candidates:
+    rounded = (
+        (float(f"{1.0 / step:.{n}e}"), 1.0 / float(f"{step:.{n}e}")) for n in range(15)
+    )  # the rate, and the step
+    for rate in (rate for rates in rounded for rate in rates):
         ends = abs(times[-1] - times[0] - index[-1] / rate)  # the quicker to see of the many that differ
         if ends <= band and np.ptp(times - index / rate) <= band:
             return _exact_neighbour(times, index, rate)
     return _exact_neighbour(times, index, 1.0 / step)
-
-
-def _rounded(step: float, digits: int) -> tuple[float, float]:
-    """The rate and the step, each rounded to `digits` significant digits, both as rates in Hz."""
-    return float(f"{1.0 / step:.{digits - 1}e}"), 1.0 / float(f"{step:.{digits - 1}e}")
 
 
 def _exact_neighbour(times: Floats, index: NDArray[np.int64], rate: float) -> float:
@@ -314,25 +294,14 @@ def _between_the_bands(channels: Sequence[str], values: Floats, rate: float, fac
     )
 
 
-def check_interpolation(interpolation: Mapping[str, str]) -> None:
-    """Refuse channels that are not band-limited between samples: a filter of the samples is not a filter of the signal."""
-    for name, kind in interpolation.items():
-        if kind != BAND_LIMITED:
-            raise RecordError(
-                f"is stated as {kind} between its samples, which samples at a lower rate cannot show; keep the rate of the "
-                "record, or record the force or motion itself and not its set value",
-                channel=name,
-            )
+def lowpass_for(
+    factor: int, channels: Sequence[str], missing: Bools, interpolation: Mapping[str, str]
+) -> Lowpass:
+    """The filter for a record with `missing` (N, C) samples.
 
-
-def check_factor(factor: float) -> None:
-    """Raise RecordError unless `factor` is a positive integer."""
-    if isinstance(factor, bool) or int(factor) != factor or factor < 1:
-        raise RecordError(f"factor must be a positive integer, got {factor!r}")
-
-
-def check_complete(channels: Sequence[str], missing: Bools) -> None:
-    """Raise RecordError where one of the `channels` has `missing` (N, C) samples."""
+    Raises RecordError where there are any, where the filter is longer than the record, and for channels that are not
+    band-limited between samples: a filter of the samples is not a filter of the signal.
+    """
     if missing.any():
         raise RecordError(
             "samples are missing, and the anti-alias filter cannot bridge a gap; select a complete piece with "
@@ -340,14 +309,17 @@ def check_complete(channels: Sequence[str], missing: Bools) -> None:
             channel=channels[int(np.argmax(missing.any(axis=0)))],
             arguments=("earliest", "latest"),
         )
-
-
-def lowpass_for(factor: int, samples: int) -> Lowpass:
-    """The filter for a record of so many samples. Raises RecordError where it is longer than the record."""
+    for name, kind in interpolation.items():
+        if kind != BAND_LIMITED:
+            raise RecordError(
+                f"is stated as {kind} between its samples, which samples at a lower rate cannot show; keep the rate of the "
+                "record, or record the force or motion itself and not its set value",
+                channel=name,
+            )
     antialias = lowpass(factor)
-    if samples < antialias.length:
+    if len(missing) < antialias.length:
         raise RecordError(
-            f"{samples} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
+            f"{len(missing)} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
         )
     return antialias
 
@@ -386,7 +358,7 @@ def resample_evenly(
     above `FINEST` times it, and for any above that of even times.
     """
     times = np.asarray(time, dtype=np.float64)
-    check_increasing(times, file, lines)
+    _TimeColumn(times, file, lines).check_increasing()
     mean = (len(times) - 1) / (times[-1] - times[0])
     if not (np.isfinite(rate) and rate > 0.0):
         raise RecordError(f"rate must be positive, got {rate!r} Hz", file, arguments=("resample",))

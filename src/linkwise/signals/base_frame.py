@@ -25,13 +25,11 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Structure
-from linkwise.records.channel import MOTIONS, Channel, require_complete
+from linkwise.records.channel import MOTIONS, Channel, interpolated, require_complete
 from linkwise.records.record import Record
 
 _SPLINE = 7  # order of the spline that is integrated
-_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 
 
 class RelativeRecord(Record):
@@ -258,7 +256,7 @@ class _BaseMotion:
         values = self.record.channel(name)
         require_complete(name, values, self.record.start, self.record.rate)
         for _ in range(order - known[-1]):
-            signal = Sampled(0.0, self.record.rate, values, band_limited=len(values) > _BAND_LIMITED)
+            signal = interpolated(0.0, self.record.rate, values)
             values = signal.derivative(np.arange(len(values)) / self.record.rate)
         return values
 
